@@ -17,7 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.load import load_policy
-from socialiq.policies.sb3.load import EpsilonGreedy
+from socialiq.policies.sb3_load import EpsilonGreedy
 
 N_FEATURES, N_ACTIONS = 70, 3  # of the intersection
 OPERATORS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}

@@ -12,12 +12,11 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from socialiq.audit.looks.spending import spend
-from socialiq.audit.seeds.commitment import LARGEST_SEED, Commitment, Draw, draw, reveal
-from socialiq.audit.seeds.nonce import Nonce
+from socialiq.audit.looks.look import spend
+from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, draw, reveal
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.regret import regret_test
-from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.intervals import wilson

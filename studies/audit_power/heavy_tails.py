@@ -14,8 +14,7 @@ from jaxtyping import Float
 from scipy.stats import norm
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
-from socialiq.audit.verdict.declared_loss import exceeds, loss_bounds
-from socialiq.audit.verdict.regrets import Regrets
+from socialiq.audit.verdict.bounds import Regrets, exceeds, loss_bounds
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Row
 

@@ -10,11 +10,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from socialiq.audit.profile.profile import Floor
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.calibration import calibrate
-from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.decision import Decision, floor_tests
 from socialiq.audit.verdict.regret import RegretTest, regret_test
-from socialiq.audit.verdict.regrets import Regrets
-from socialiq.audit.verdict.safety_floor import floor_tests
 from socialiq.audit.verdict.verdict import join_tests
 from socialiq.social.angle import estimate_angle
 from socialiq.statistics.hotelling import confidence_ellipse

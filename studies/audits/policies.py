@@ -19,7 +19,6 @@ from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.policies.native import save_table
 from socialiq.worlds.registry import make
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 from socialiq_lab.gridworld_runs import Ground, grid_of, seen, train_runs, with_clock
@@ -87,7 +86,7 @@ def exact_in_gridworld(folder: Path) -> None:
     ground = Ground.of(GRIDWORLD)
     for mode, angle in MODES.items():
         policy = TabularPolicy(ground.table.world, expert_policy(ground.table, angle))
-        save_table(folder / f"exact_{mode}.safetensors", policy)
+        policy.save(folder / f"exact_{mode}.safetensors")
 
 
 def trained_in_gridworld(

@@ -46,7 +46,7 @@ def scripts() -> Path:
     Raises:
         UserError: In an installed package, which has no benchmarks.
     """
-    folder = Path(socialiq.__file__).parents[2] / "benchmarks" / "peers"
+    folder = Path(socialiq.__file__).parents[4] / "benchmarks" / "peers"
     if not folder.is_dir():
         raise UserError(
             "the peers' scripts come with the sources, not the package: "

@@ -1,209 +1,178 @@
-"""The 7x7 study (thesis 6.2, Figs 6.2-6.4): baseline and three targets from one mixed data set."""
+"""Exact tables, summary and figures of the 7x7 study beside the policies' metrics."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.expert_demonstrations import (
-    MODES,
-    trajectory_datasets,
-    transition_datasets,
-)
-from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.iq_learn import presets
-from socialiq.nn.q_policy import QPolicy
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.evaluation.exact import action_table, evaluate_exactly
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.plotting.ring import Mark, ring
+from socialiq.plotting.style import COLORS, MARKS, figure, plain
 from socialiq.types import Row
-from socialiq_lab.gridworld_runs import Ground, grid_of, pooled, rows_of, train_runs
+from socialiq.worlds.tabular_policy import expert_policy
+from socialiq_lab.declared import State
 from socialiq_lab.results import Results
-from socialiq_lab.study import Context, Findings, StageCallback, Study, View
-from studies.grid.evaluate import attainable_rows, distances, expert_rows, heatmaps
-from studies.grid.figures import THESIS_ANGLES, draw_figures
+from socialiq_lab.study import View
 
 KEYS = ("method", "mixture", "target_kind", "strength", "target_angle", "readout")
+THESIS_ANGLES = {"baseline": 152.0, "egoistic": -42.0, "prosocial": 39.0, "altruistic": 152.0}
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results."""
-
-    seeds: tuple[int, ...] = (10, 11, 12, 13, 14, 15, 16, 17, 18, 19)
-    """Training seeds, each with its own data set. 0 to 9 were used in development."""
-    episodes_each: int = 60
-    """Episodes of each expert in the equal-trajectories mixture."""
-    transitions_each: int = 600
-    """Transitions of each expert in the equal-transitions mixture."""
-    target_kinds: tuple[str, ...] = ("running", "to_go", "trajectory", "instantaneous")
-    """Target kinds that are compared; the figures show the first."""
-    strengths: tuple[float, ...] = (2.0, 1.0)
-    """λ of the comparison; the first makes the figures."""
-    updates: int = presets.GRID.updates
-    """Gradient steps."""
-    comparisons: bool = True
-    """Whether to train the comparisons too: the equal-transitions mixture, and clones."""
-
-
-def compute_tables(config: Config, context: Context) -> Findings:
-    """Train baseline, targets and clones, and evaluate them exactly."""
-    ground = Ground.of("crossing7")
-    trajectories = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
-    data = {"equal_trajectories": trajectories}
-    rows, headline = _main_rows(ground, config, trajectories, context.on_stage)
-    if config.comparisons:
-        data["equal_transitions"] = transition_datasets(
-            ground.table, config.seeds, config.transitions_each
-        )
-        rows += _comparison_rows(ground, config, data, context.on_stage)
-    experts = expert_rows(ground)
-    tables = {
-        "experts": experts,
-        "policies": rows,
-        "pooled": pooled(rows, KEYS),
-        "heatmaps": heatmaps(ground, headline),
-        "distances": distances(ground, headline),
-        "attainable": attainable_rows(ground),
-        "data": _data_rows(data),
-    }
-    return Findings(tables, _summary(tables, config))
-
-
-def _main_rows(
-    ground: Ground, config: Config, datasets: list[Demonstrations], on_stage: StageCallback
-) -> tuple[list[Row], dict[str, list[QPolicy]]]:
-    """Train baseline and targets of every variant; return rows, and the figures' policies."""
-    label = {"mixture": "equal_trajectories"}
-    rows, baseline = _train_baseline(ground, config, datasets, label, on_stage)
-    headline = {"baseline": baseline}
-    for kind in config.target_kinds:
-        more, policies = _train_targets(ground, config, datasets, label, kind, on_stage)
-        rows += more
-        if kind == config.target_kinds[0]:
-            headline |= policies
-    return rows, headline
-
-
-def _train_baseline(
-    ground: Ground,
-    config: Config,
-    datasets: list[Demonstrations],
-    label: Row,
-    on_stage: StageCallback,
-) -> tuple[list[Row], list[QPolicy]]:
-    """Train IQ-Learn without a social prior; a row for each target angle has the regret there."""
-    static = dataclasses.replace(presets.baseline(presets.GRID), updates=config.updates)
-    runs = grid_of([0.0], [0.0], config.seeds, presets.TABLE_C1_NUMBERS)
-    report = on_stage(f"7x7 baseline, {label['mixture'].replace('_', ' ')}")
-    trained = train_runs(ground, static, runs, datasets, report)
-    policies = [trained.policy(run) for run in range(len(runs))]
-    rows: list[Row] = []
-    for angle in MODES.values():
-        described = _label("baseline", label, "none", 0.0, angle)
-        rows += rows_of(ground, policies, angle, described, config.seeds)
-    return rows, policies
-
-
-def _train_targets(
-    ground: Ground,
-    config: Config,
-    datasets: list[Demonstrations],
-    label: Row,
-    kind: str,
-    on_stage: StageCallback,
-) -> tuple[list[Row], dict[str, list[QPolicy]]]:
-    """Train the targets at every strength in one program; return the first strength's policies."""
-    static = dataclasses.replace(presets.GRID, target_kind=kind, updates=config.updates)
-    angles = list(MODES.values())
-    runs = grid_of(angles, config.strengths, config.seeds, presets.TABLE_C1_NUMBERS)
-    report = on_stage(f"7x7 targets, {kind}, {label['mixture'].replace('_', ' ')}")
-    trained = train_runs(ground, static, runs, datasets, report)
-    rows: list[Row] = []
-    headline: dict[str, list[QPolicy]] = {}
-    run = 0
+def expert_rows(state: State) -> list[Row]:
+    """Return the experts (stationary, γ 0.99), each with the optimum of policies with a clock."""
+    ground = state.ground
+    reachable = ground.table.mdp.reachable()
+    rows = []
     for mode, angle in MODES.items():
-        for strength in config.strengths:
-            policies = [trained.policy(run + i) for i in range(len(config.seeds))]
-            run += len(config.seeds)
-            headline.setdefault(mode, policies)
-            described = _label("reward_regularized", label, kind, strength, angle)
-            rows += rows_of(ground, policies, angle, described, config.seeds)
-    return rows, headline
-
-
-def _comparison_rows(
-    ground: Ground, config: Config, data: dict[str, list[Demonstrations]], on_stage: StageCallback
-) -> list[Row]:
-    """Train the figures' variant on the other mixture, and clone both mixtures."""
-    label = {"mixture": "equal_transitions"}
-    rows, _ = _train_baseline(ground, config, data["equal_transitions"], label, on_stage)
-    kind = config.target_kinds[0]
-    rows += _train_targets(ground, config, data["equal_transitions"], label, kind, on_stage)[0]
-    static = bc.StaticConfig(updates=config.updates)
-    runs = [bc.Hyperparameters(seed=seed, dataset=i) for i, seed in enumerate(config.seeds)]
-    for mixture, datasets in data.items():
-        callbacks = Callbacks(on_report=on_stage(f"7x7 clones, {mixture.replace('_', ' ')}"))
-        cloned = bc.BehaviourCloning.train_on(static, runs, datasets, callbacks)
-        policies = [cloned.policy(run) for run in range(len(runs))]
-        for angle in MODES.values():
-            described = _label("behaviour_cloning", {"mixture": mixture}, "none", 0.0, angle)
-            rows += rows_of(ground, policies, angle, described, config.seeds)
+        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, angle)[reachable])
+        best = ground.optimum.attainable.optimum(angle)
+        rows.append(
+            {"mode": mode, "target_angle": angle}
+            | metrics._asdict()
+            | {"regret": ground.optimum.regret(metrics, angle), "optimum_value": best.value}
+        )
     return rows
 
 
-def _label(method: str, label: Row, kind: str, strength: float, angle: float) -> Row:
-    return {
-        "method": method,
-        **label,
-        "target_kind": kind,
-        "strength": strength,
-        "target_angle": angle,
+def _action_tables(state: State) -> dict[str, np.ndarray]:
+    """Return action tables by name: experts, and the figures' policies averaged over seeds."""
+    ground, config = state.ground, state.config
+    reachable = ground.table.mdp.reachable()
+    tables = {
+        f"expert {mode}": expert_policy(ground.table, angle)[reachable]
+        for mode, angle in MODES.items()
     }
+    first = ("reward_regularized", config.target_kinds[0], config.strengths[0])
+    for name, angle in {"baseline": 0.0, **MODES}.items():
+        labels = ("baseline", "none", 0.0) if name == "baseline" else first
+        policies = [
+            learned.policy
+            for learned in state.policies
+            if (learned.label["method"], learned.label["target_kind"], learned.label["strength"])
+            == labels
+            and learned.label["mixture"] == "equal_trajectories"
+            and learned.label["target_angle"] == angle
+        ]
+        each = [action_table(policy, ground.part, "greedy") for policy in policies]
+        tables[name] = np.mean(each, axis=0)
+    return tables
 
 
-def _data_rows(data: dict[str, list[Demonstrations]]) -> list[Row]:
+def _visits(state: State, table: np.ndarray) -> np.ndarray:
+    part = state.ground.part
+    return horizon_evaluation(part.mdp, table, part.world.horizon).visits.sum(axis=1)
+
+
+def heatmap_rows(state: State) -> list[Row]:
+    """Return P(STOP) in the cell before the conflict by the vehicles' positions (Figs 6.3, 6.4).
+
+    `weighted` averages over states by the policy's visits and is empty where it has none;
+    `unweighted` averages over all reachable states, also those that don't occur.
+    """
+    states = state.ground.part.states
+    decision = states[:, 0] == 2
+    rows = []
+    for name, table in _action_tables(state).items():
+        visits = _visits(state, table)
+        for y_1 in range(-1, 7):
+            for y_2 in range(-1, 7):
+                chosen = decision & (states[:, 2] == y_1) & (states[:, 4] == y_2)
+                if not chosen.any():
+                    continue
+                weight = float(visits[chosen].sum())
+                stop = table[chosen, 0]
+                rows.append(
+                    {
+                        "policy": name,
+                        "y_1": y_1,
+                        "y_2": y_2,
+                        "visits": weight,
+                        "weighted": float(visits[chosen] @ stop) / weight if weight > 1e-9 else "",
+                        "unweighted": float(stop.mean()),
+                    }
+                )
+    return rows
+
+
+def distance_rows(state: State) -> list[Row]:
+    """Return P(STOP) before the conflict by the distance of the nearest approaching vehicle."""
+    states = state.ground.part.states
+    decision = states[:, 0] == 2
+    gaps = np.where((states[:, [2, 4]] >= 0) & (states[:, [2, 4]] < 3), 3 - states[:, [2, 4]], 9)
+    nearest = gaps.min(axis=1)
+    rows = []
+    for name, table in _action_tables(state).items():
+        visits = _visits(state, table)
+        for distance in (1, 2, 3, 9):
+            chosen = decision & (nearest == distance)
+            weight = float(visits[chosen].sum())
+            stops = float(visits[chosen] @ table[chosen, 0])
+            rows.append(
+                {
+                    "policy": name,
+                    "distance": distance if distance < 9 else "none approaching",
+                    "visits": weight,
+                    "stops": stops / weight if weight > 1e-9 else "",
+                }
+            )
+    return rows
+
+
+def attainable_rows(state: State) -> list[Row]:
+    """Return the optimum of each angle and the radius of mixtures."""
+    attainable = state.ground.optimum.attainable
+    rows = []
+    for angle in range(0, 91, 5):
+        best = attainable.optimum(float(angle))
+        rows.append(
+            {
+                "angle": angle,
+                "optimum_r_env": best.point.env,
+                "optimum_r_social": best.point.social,
+                "optimum_value": best.value,
+                "radius": attainable.radius(float(angle)),
+            }
+        )
+    return rows
+
+
+def data_rows(state: State) -> list[Row]:
+    """Return what each data set holds of each expert."""
     return [
         {
-            "mixture": mixture,
+            "mixture": f"equal_{kind.partition(' ')[0]}",
             "dataset": number,
             "mode": mode,
             "episodes": episodes,
             "transitions": transitions,
-            "share_of_transitions": transitions / table.n_transitions,
+            "share_of_transitions": transitions / data.n_transitions,
         }
-        for mixture, tables in data.items()
-        for number, table in enumerate(tables)
-        for mode, (episodes, transitions) in table.counts().items()
+        for kind, datasets in state.data.items()
+        for number, data in enumerate(datasets)
+        for mode, (episodes, transitions) in data.counts().items()
     ]
 
 
-def _summary(tables: dict[str, list[Row]], config: Config) -> dict[str, Any]:
-    """Pooled metrics of the figures' policies by name and action selection, and the experts'."""
+def summary(state: State) -> dict[str, Any]:
+    """Return pooled metrics of the figures' policies and the experts, by name."""
+    config = state.config
     chosen: dict[str, dict] = {}
     names = {angle: mode for mode, angle in MODES.items()}
-    for row in tables["pooled"]:
+    first = ("reward_regularized", config.target_kinds[0], config.strengths[0])
+    for row in state.tables["pooled"]:
+        values = {key: row[key] for key in row if key not in KEYS}
         if row["mixture"] != "equal_trajectories":
             continue
         if row["method"] == "baseline":
-            name = f"baseline_{row['readout']}"
-            entry = chosen.setdefault(name, {key: row[key] for key in row if key not in KEYS})
+            entry = chosen.setdefault(f"baseline_{row['readout']}", values)
             entry[f"regret_at_{row['target_angle']:g}"] = row["regret"]
-        elif (row["method"], row["target_kind"], row["strength"]) == (
-            "reward_regularized",
-            config.target_kinds[0],
-            config.strengths[0],
-        ):
-            name = f"{names[row['target_angle']]}_{row['readout']}"
-            chosen[name] = {key: row[key] for key in row if key not in KEYS}
-    experts = {row["mode"]: row for row in tables["experts"]}
-    return {"policies": chosen, "experts": experts}
-
-
-def view(results: Results) -> Sequence[View]:
-    """Return the policies of the figures beside the thesis' and the optimum's angles."""
-    return [View(comparison(results), "angle in degrees; greedy, means over seeds, exact")]
+        elif (row["method"], row["target_kind"], row["strength"]) == first:
+            chosen[f"{names[row['target_angle']]}_{row['readout']}"] = values
+    return {"policies": chosen, "experts": {row["mode"]: row for row in state.tables["experts"]}}
 
 
 def comparison(results: Results) -> list[Row]:
@@ -227,10 +196,49 @@ def comparison(results: Results) -> list[Row]:
     return rows
 
 
-STUDY = Study(
-    name="grid",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view,
-)
+def view(results: Results) -> list[View]:
+    """Return the policies of the figures with the thesis' and the optimum's angles."""
+    return [View(comparison(results), "angle in degrees; greedy, means over seeds, exact")]
+
+
+def ring_figure(results: Results) -> dict[str, Figure]:
+    """Draw Fig 6.2: the empirical angle of each policy, the thesis' as an open mark outside."""
+    entries = {name: results.summary["policies"][f"{name}_greedy"] for name in COLORS}
+    marks = []
+    for name, entry in entries.items():
+        thesis = THESIS_ANGLES[name]
+        label = f"{name}: {entry['angle']:.1f}° (thesis {thesis:.0f}°)"
+        marks.append(Mark(name, entry["angle"], label, thesis))
+    seeds = entries["baseline"]["seeds"]
+    title = f"7x7: empirical angle, greedy, {seeds} seeds (open marks: thesis)"
+    return {"fig_6_2_ring": ring(marks, title)}
+
+
+def tradeoff_figure(results: Results) -> dict[str, Figure]:
+    """Draw the rewards of the trained policies and the exact optima."""
+    drawn = figure(6.8, 5.2)
+    axes = drawn.add_subplot()
+    plain(axes)
+    best = results.tables["attainable"]
+    optima = [[row[name] for row in best] for name in ("optimum_r_env", "optimum_r_social")]
+    axes.plot(*optima, ".-", color="#bbbbbb", label="optima for 0° to 90°, exact", zorder=1)
+    for name, color in COLORS.items():
+        for readout, face in (("greedy", color), ("soft", "white")):
+            entry = results.summary["policies"][f"{name}_{readout}"]
+            axes.plot(
+                [entry["r_env"]],
+                [entry["r_social"]],
+                linestyle="none",
+                marker=MARKS[name],
+                markersize=13 if name == "baseline" else 9,
+                markerfacecolor=face,
+                markeredgecolor=color,
+                label=f"{name}, {readout}",
+            )
+    axes.axhline(0, color="#999999", linewidth=0.8)
+    axes.axvline(0, color="#999999", linewidth=0.8)
+    axes.set_xlabel("mean total r_env (own progress)")
+    axes.set_ylabel("mean total r_social (effect on others)")
+    axes.legend(frameon=False, fontsize=8, loc="upper right")
+    axes.set_title("7x7: one mixed data set, four policies, and the exact front", fontsize=10)
+    return {"tradeoff": drawn}

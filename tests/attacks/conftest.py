@@ -10,7 +10,6 @@ import pytest
 
 from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
 from socialiq.cli.main import main
-from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -28,7 +27,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     world = tabulate(make_grid("crossing7"))
     for name, angle in {"egoist": 0.0, "altruist": 90.0}.items():
         policy = TabularPolicy(world.world, expert_policy(world, angle, "stochastic"))
-        save_table(folder / f"{name}.safetensors", policy)
+        policy.save(folder / f"{name}.safetensors")
     new = ["profile", "new", "--world", "crossing7", "--angle", "0", "--margin", "2"]
     assert main([*new, "--out", str(folder / "profile.toml")]) == 0
     text = (folder / "profile.toml").read_text()

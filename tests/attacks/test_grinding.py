@@ -12,15 +12,14 @@ import json
 import jaxtyping
 import pytest
 
-from socialiq.audit.evidence.drive_grid import drive_grid, fates
+from socialiq.audit.evidence.drive import drive_grid, fates
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
-from socialiq.audit.seeds.commitment import Commitment, draw
+from socialiq.audit.seeds import Commitment, draw
 from socialiq.cli.main import main
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -41,7 +40,7 @@ class Owner:
             for angle in (60.0, 0.0)
         )
         self.folder, self.file = folder, folder / "policy.safetensors"
-        save_table(self.file, self.policy)
+        self.policy.save(self.file)
         self.sha256 = hashlib.sha256(self.file.read_bytes()).hexdigest()
         exact = evaluate_exactly(whole, self.policy.probabilities)
         self.margin = 0.99 * Optimum(whole).regret(exact, 0.0)
@@ -101,7 +100,7 @@ def third(owner, seed, tmp_path_factory):
 def drawing(owner, seed, out):
     """An audit for which the system's entropy happens to give a seed."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("socialiq.audit.seeds.commitment.secrets.randbelow", lambda _: seed)
+        patch.setattr("socialiq.audit.seeds.secrets.randbelow", lambda _: seed)
         return owner.audit(out)
 
 

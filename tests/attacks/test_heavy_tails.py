@@ -13,8 +13,8 @@ import pytest
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import decide_on, judge
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending

@@ -74,14 +74,13 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
 
 def audited_expert(world: str, folder: Path) -> Hashes:
     """Audit a table of actions, which is an expert of a gridworld."""
-    from socialiq.policies.native import save_table
     from socialiq.worlds.enumerate import tabulate
     from socialiq.worlds.registry import make_grid
     from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
     table = tabulate(make_grid(world))
     path = folder / "expert.safetensors"
-    save_table(path, TabularPolicy(table.world, expert_policy(table, 45.0)))
+    TabularPolicy(table.world, expert_policy(table, 45.0)).save(path)
     more = ("--shift",) if world == "crossing7" else ()
     return audited(world, path.name, more, folder)
 

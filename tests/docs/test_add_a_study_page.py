@@ -11,21 +11,44 @@ from socialiq.cli.main import main
 PAGE = (Path(__file__).parents[2] / "docs" / "add-a-study.md").read_text()
 
 
-@pytest.mark.slow
-def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    study = re.search(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    console = re.search(r"^```console\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    assert study and console
-    assert study[1].count("\n") < 60
-    Path("optima.py").write_text(study[1])
-    commands = [shlex.split(line) for line in console[1].splitlines()]
-    assert len(commands) == 3
-    printed, solved = [], []
-    for program, *words in commands:
+def block(language, number=0):
+    """Return a block of code of the page."""
+    blocks = re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    return blocks[number]
+
+
+def outputs_of(commands, capsys):
+    """Run the commands of a block; return what each printed."""
+    printed = []
+    for program, *words in map(shlex.split, commands.splitlines()):
         assert program == "socialiq"
         assert main(words) == 0, capsys.readouterr().err
         printed.append(capsys.readouterr().out)
+    return printed
+
+
+@pytest.mark.slow
+def test_the_declared_study_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("discounts").mkdir()
+    Path("discounts/STUDY.toml").write_text(block("toml"))
+    first, again, other, settings = outputs_of(block("console"), capsys)
+    assert "regret at 0 degrees" in first and again == first
+    assert len(Path("found/policies.csv").read_text().splitlines()) == 1 + 2 * 2
+    assert [line.split(",")[:2] for line in Path("other/pooled.csv").read_text().splitlines()][
+        1:
+    ] == [["1.0", "greedy"], ["1.0", "soft"], ["2.0", "greedy"], ["2.0", "soft"]]
+    assert other != first and "strengths" in settings and "0.3,3" in settings
+    assert Path("found/regret.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_the_study_with_jobs_resumes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("optima.py").write_text(block("python"))
+    printed, solved = [], []
+    for command in block("console", 1).splitlines():
+        printed += outputs_of(command, capsys)
         solved.append({p.parent.name: p.stat().st_mtime_ns for p in Path().rglob("job.json")})
     assert "largest mean total" in printed[0] and printed[1] == printed[0]
     assert set(solved[1]) == {"0", "45", "90"} and set(solved[2]) == {"0", "45", "90", "30"}

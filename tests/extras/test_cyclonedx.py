@@ -5,7 +5,7 @@ import json
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.worlds.intersection import atlas
 
 pytest.importorskip("cyclonedx", reason="extra `bom` is not installed")

@@ -26,9 +26,8 @@ from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import CHOICES
-from socialiq.policies.export_torch import as_torch_module, state_dict, to_safetensors
+from socialiq.policies.export import as_torch_module, state_dict, to_onnx, to_safetensors
 from socialiq.policies.load import load_policy
-from socialiq.policies.onnx.export import to_onnx
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.policies import isolation
+from socialiq.policies.isolation import DISK, isolation_of
 from socialiq.policies.load import load_policy
-from socialiq.policies.process import isolation
-from socialiq.policies.process.isolation import DISK, isolation_of
-from socialiq.policies.process.load import GIB, Limits
+from socialiq.policies.process import GIB, Limits
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)
 REQUIRED = {"limits": Limits(start=30.0, step=10.0)}
@@ -176,7 +176,7 @@ def test_nothing_that_it_starts_survives(tmp_path):
 PARENT = """
 import sys, time
 from socialiq.policies.load import load_policy
-from socialiq.policies.process.isolation import isolation_of
+from socialiq.policies.isolation import isolation_of
 load_policy("process:" + sys.argv[1], 2, 3, isolation=isolation_of("required"))
 print("loaded", flush=True)
 time.sleep(600)

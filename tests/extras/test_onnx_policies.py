@@ -17,7 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.policies.load import load_policy
-from socialiq.policies.onnx.load import ROWS
+from socialiq.policies.onnx_load import ROWS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 

@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
-from studies.recorded_junction.planted import rules
-from studies.recorded_junction.work import HUMAN, WORLD, Config, Made, make_world
+from studies.recorded_junction_practice.planted import rules
+from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world
 
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
 from socialiq.audit.evidence.outcomes import Reference

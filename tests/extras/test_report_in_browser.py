@@ -9,7 +9,6 @@ from tests.extras.browsers import needs_browser
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
-from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -54,7 +53,7 @@ def at_intersection(tmp_path_factory):
 def table(folder):
     world = tabulate(make_grid("crossing5"))
     path = folder / ("a_policy_with_a_long_name_" * 4 + ".safetensors")
-    save_table(path, TabularPolicy(world.world, expert_policy(world, 0.0)))
+    TabularPolicy(world.world, expert_policy(world, 0.0)).save(path)
     return str(path)
 
 

@@ -126,7 +126,7 @@ def test_other_extractors_and_activations_are_refused(tmp_path):
 
 
 def test_files_of_other_torch_formats_are_refused(tmp_path):
-    from socialiq.policies.sb3.state_dict import read_state_dict
+    from socialiq.policies.sb3_tensors import read_state_dict
 
     tensors = {"w": torch.ones(3)}
     for number, saving in enumerate(

@@ -19,7 +19,6 @@ from socialiq.audit.report.signature import PAYLOAD_TYPE, faults_of_signature, s
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.policies.model_signature import fault_of_model, path_of_signature, sign_model
-from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -113,7 +112,7 @@ def test_other_keys_are_refused_in_one_line(tmp_path):
 def test_report_and_policy_are_signed_and_verified_together(tmp_path, capsys):
     world = tabulate(make_grid("crossing7"))
     policy = tmp_path / "policy.safetensors"
-    save_table(policy, TabularPolicy(world.world, expert_policy(world, 0.0, "stochastic")))
+    TabularPolicy(world.world, expert_policy(world, 0.0, "stochastic")).save(policy)
     new = ["profile", "new", "--world", "crossing7", "--angle", "0", "--margin", "2"]
     assert main([*new, "--out", str(tmp_path / "p.toml")]) == 0
     audit = ["audit", str(policy), "--profile", str(tmp_path / "p.toml"), "--episodes", "40"]

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
-from socialiq.cli.commands import COMMANDS, OF_A_STUDY, command_class
+from socialiq.cli.commands import COMMANDS, command_class
 
 POLICY, DATA, PROFILE = "{ok}/policy.safetensors", "{ok}/steps.safetensors", "{ok}/profile.toml"
 RECORDING, DIAL, OUT = "{ok}/recording.safetensors", "{ok}/dial.safetensors", "{out}/new"
@@ -88,8 +88,14 @@ LONG = (
 TRAINING = ("train", "train-dial", "improve-dial")
 """Commands that take seconds: calls that may do their work are left to a long run."""
 
-STUDIES = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world", "theory", "audit-power")
-"""Studies whose options are tried too."""
+SETTINGS = (
+    ("worlds", "episodes"),
+    ("grid", "updates"),
+    ("lambda-sweep", "strengths"),
+    ("intersection-dial", "structure.hidden"),
+    ("theory", "random_worlds"),
+)
+"""Studies, and a setting of each that is a number."""
 
 WRITTEN = ("out", "work", "tensorboard", "log")
 """Options of paths that are written, not read."""
@@ -254,9 +260,9 @@ def bad_calls(long: bool = False) -> list[Call]:
         for one in _of_command(name, name.split(), BASES[name]):
             if one.refused or long or name not in TRAINING:
                 found.setdefault(one)
-    for study in STUDIES:
-        for one in _of_command("reproduce", ["reproduce"], [study, "--out", OUT]):
-            found.setdefault(one)
+    for study, setting in SETTINGS:
+        for word in ("", "=", "no_such=1", *(f"{setting}{end}" for end in ("", "=x", "=[", "=1e"))):
+            found.setdefault(Call(("reproduce", study, "--out", OUT, "--set", word), True))
     for words in NO_COMMANDS:
         found.setdefault(Call(words, True))
     return list(found)
@@ -283,8 +289,6 @@ NO_COMMANDS: tuple[tuple[str, ...], ...] = (
 
 def _of_command(name: str, start: list[str], base: list[str]) -> Iterator[Call]:
     kind = command_class(name)
-    if name in OF_A_STUDY:
-        kind = kind.specific(base)
     known = list(options(kind))
     for option in known:
         if option.positional:

@@ -21,8 +21,7 @@ from socialiq.audit.report.signature import (
     read_public_key,
 )
 from socialiq.audit.report.verify import faults, read_report
-from socialiq.audit.seeds.beacon import read_round
-from socialiq.audit.seeds.nonce import read_nonce
+from socialiq.audit.seeds import read_nonce, read_round
 from socialiq.datasets.minari_read import read_minari
 from socialiq.datasets.step_files import read_steps
 from socialiq.datasets.trajectories import read_trajectories
@@ -31,8 +30,8 @@ from socialiq.errors import UserError
 from socialiq.learners import checkpoint
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.policies import process
 from socialiq.policies.load import load_policy
-from socialiq.policies.process import load as process
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.storage import load_arrays, read_json
 from socialiq.worlds.registry import make_grid

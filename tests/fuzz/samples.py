@@ -30,7 +30,6 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
-from socialiq.policies.native import save_table
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import packaged_results
 from socialiq.worlds.context_policy import ContextPolicy
@@ -119,7 +118,7 @@ def make_samples(folder: Path) -> None:
     for ending in endings:
         call("data", "to-arrays", data, "--out", folder / f"steps.{ending}")
     _policies(folder, grid.n_features, grid.n_actions)
-    save_table(folder / "table.safetensors", TabularPolicy(grid, expert_policy(table, 0.0)))
+    TabularPolicy(grid, expert_policy(table, 0.0)).save(folder / "table.safetensors")
     new = ["profile", "new", "--world", WORLD, "--angle", "0", "--owner", "x"]
     call(*new, "--out", folder / "profile.toml")
     policy, profile = folder / "policy.safetensors", folder / "profile.toml"

@@ -7,13 +7,6 @@ discrete, of runs whose decisions are not close calls.
 
 import numpy as np
 import pytest
-from studies import (
-    intersection_world,
-    lambda_sweep,
-    off_policy,
-    poc,
-    worlds,
-)
 from studies.audits import policies as audited
 from studies.audits import study as audits
 from studies.classic_control import runs as control_runs
@@ -26,11 +19,14 @@ from studies.compare_priors.config import (
     Run,
 )
 from studies.compare_priors.gridworlds import ROWS, GridRun, run_method
-from studies.grid import study as grid
 from studies.intersection_offline import tables as offline
 from studies.intersection_offline.config import Config as OfflineConfig
+from studies.intersection_world import study as intersection_world
+from studies.off_policy import study as off_policy
+from studies.poc import study as poc
 from studies.theory import cases
 from studies.theory import small_strength as lines
+from studies.worlds import study as worlds
 
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
@@ -52,6 +48,7 @@ from socialiq_lab.intersection.demonstration_sets import (
 )
 from socialiq_lab.intersection.driving import BATCH, Evaluation
 from socialiq_lab.intersection.episodes import LAST
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
 
@@ -104,10 +101,10 @@ def test_the_theory_predicts_and_finds_the_same(committed):
 
 @pytest.mark.slow
 def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
-    config = grid.Config(
+    config = find("grid").Config(
         seeds=(10, 11), target_kinds=("running",), strengths=(1.0,), comparisons=False
     )
-    again = run(grid.STUDY, config)
+    again = run(find("grid"), config)
     wanted = {
         (row["method"], row["target_angle"], row["seed"]): row
         for row in committed["grid"].tables["policies"]
@@ -157,10 +154,10 @@ def test_off_policy_estimates_are_equal(committed):
 
 @pytest.mark.slow
 def test_the_ends_of_the_sweep_are_equal(committed):
-    config = lambda_sweep.Config(
+    config = find("lambda-sweep").Config(
         seeds=(10,), strengths=(0.0, 5.0), target_kinds=("instantaneous",), checkpoint_every=3000
     )
-    again = run(lambda_sweep.STUDY, config)
+    again = run(find("lambda-sweep"), config)
     theirs = {
         (row["target_kind"], row["strength"]): row
         for row in committed["lambda-sweep"].tables["final"]

@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from studies.poc import Config
+from studies.poc.study import Config
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError

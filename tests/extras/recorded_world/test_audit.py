@@ -16,7 +16,7 @@ from socialiq.audit.evidence.drive_junction import (
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.audit.evidence.trivial import UniformPolicy
 from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.scenario import scenario_sha256, world_of
+from socialiq.audit.profile.profile import scenario_sha256, world_of
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork

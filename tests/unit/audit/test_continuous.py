@@ -9,7 +9,7 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.scenario import interface_of, world_of
+from socialiq.audit.profile.profile import interface_of, world_of
 from socialiq.cli.main import main
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.policies.interface import Interface

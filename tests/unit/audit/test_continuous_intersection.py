@@ -7,8 +7,8 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.audit.profile.largest_loss import possible_loss
-from socialiq.audit.profile.scenario import world_of
+from socialiq.audit.profile.profile import world_of
+from socialiq.audit.profile.template import possible_loss
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.nn.actor import Actor

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.conduct import audit_policy
-from socialiq.audit.evidence.context_table import PATH, read_contexts, write_contexts
+from socialiq.audit.evidence.table import CONTEXTS, read_contexts, write_contexts
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
@@ -61,7 +61,7 @@ def test_a_constant_angle_that_declares_the_rule_fails(profile: Path, tmp_path: 
     assert approaching["low"] > 0.2 and otherwise["loss"] == pytest.approx(0.0, abs=1e-9)
     kept = [one["angle"] for one in approaching["by_angle"] if one["compatible"]]
     assert 45.0 in kept and 75.0 not in kept
-    losses = tmp_path / "out" / PATH
+    losses = tmp_path / "out" / CONTEXTS
     changed = losses.read_text().replace("\n0,0,", "\n0,0,1", 1)
     files = {
         one.relative_to(tmp_path / "out").as_posix(): one.read_bytes()
@@ -70,7 +70,7 @@ def test_a_constant_angle_that_declares_the_rule_fails(profile: Path, tmp_path: 
     }
     report = read_report(tmp_path / "out" / "report.json")
     kept_files = {name: one for name, one in files.items() if "MANIFEST" not in name}
-    for name, one in sealed({**kept_files, PATH: changed.encode()}, report).items():
+    for name, one in sealed({**kept_files, CONTEXTS: changed.encode()}, report).items():
         (tmp_path / "out" / name).write_bytes(one)
     assert any("contexts" in one for one in faults(tmp_path / "out"))
 

@@ -1,5 +1,5 @@
 from socialiq.audit.evidence.collect import RULES
-from socialiq.audit.names import names_of, plain_name
+from socialiq.audit.report.words import names_of, plain_name
 from socialiq.audit.resolve_policy import GAPS
 
 MODES = ("egoistic", "prosocial", "altruistic")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from socialiq.audit.request import Request, command_of
 from socialiq.audit.resolve_policy import Trust
-from socialiq.policies.process.load import GIB, Limits
+from socialiq.policies.process import GIB, Limits
 
 
 def test_the_command_names_what_was_not_usual():

@@ -14,9 +14,8 @@ from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.policies.interface import Interface
+from socialiq.policies.interface import Interface, Record
 from socialiq.policies.load import load_policy
-from socialiq.policies.record import Record
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make

@@ -13,7 +13,6 @@ from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
 from socialiq.audit.verdict.verdict import judge
 from socialiq.cli.main import main
-from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -23,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 def table(path, angle):
     world = tabulate(make_grid("crossing7"))
-    save_table(path, TabularPolicy(world.world, expert_policy(world, angle, "stochastic")))
+    TabularPolicy(world.world, expert_policy(world, angle, "stochastic")).save(path)
     return path
 
 

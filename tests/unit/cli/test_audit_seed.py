@@ -5,8 +5,7 @@ import json
 import pytest
 
 from socialiq.audit.looks.log import read
-from socialiq.audit.seeds.beacon import round_after, time_of
-from socialiq.audit.seeds.nonce import read_nonce
+from socialiq.audit.seeds import read_nonce, round_after, time_of
 from socialiq.cli import audit_seed
 from socialiq.cli.main import main
 

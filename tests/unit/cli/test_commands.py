@@ -149,7 +149,7 @@ def test_committed_results_are_shown_from_their_folder_or_the_one_above(capsys):
 
 def test_reproduce_intersection_world_in_small(tmp_path, capsys):
     out = tmp_path / "results"
-    command = ["reproduce", "intersection-world", "--episodes", "8", "--seeds", "5"]
+    command = ["reproduce", "intersection-world", "--set", "episodes=8", "--seeds", "5"]
     found = json_of(capsys, *command, "--out", str(out))
     assert found["config"]["episodes"] == 8
     go = found["outcomes"]["highway_env"]["go"]

@@ -8,14 +8,14 @@ import pytest
 from socialiq.cli.main import main
 from socialiq_lab import results as store
 
-SMALL = "--angles 0 90 --development-angles 0 --strengths 1 --development-seeds 0 --updates 5"
+SMALL = "angles=0,90 development_angles=0 strengths=1 development_seeds=0 updates=5"
 
 
 @pytest.fixture(name="folder", scope="module")
 def compared(tmp_path_factory):
     """A comparison of clones in the 5x5 world."""
     out = tmp_path_factory.mktemp("compare") / "found"
-    call = ["compare", "priors", "--worlds", "crossing5", "--methods", "clone", "cql"]
+    call = ["compare", "priors", "--set", "worlds=crossing5", "methods=clone,cql"]
     assert main([*call, *SMALL.split(), "--seeds", "20", "--out", str(out)]) == 0
     return out
 
@@ -50,13 +50,16 @@ def test_results_as_json(folder, capsys):
     ("arguments", "mend"),
     [
         (["learners"], "choose one of priors, methods"),
-        (["methods", "--methods", "gale"], "choose one of clone, clone_of_mode"),
+        (["methods", "--set", "methods=gale"], "choose one of clone, clone_of_mode"),
         (["methods", "--seeds", "100"], "a seed of development can't be a seed of the table"),
-        (["priors", "--worlds", "crossing9"], "choose one of crossing5, crossing7, intersection"),
-        (["priors", "--methods", "gail"], "choose one of none, thesis, running"),
+        (
+            ["priors", "--set", "worlds=crossing9"],
+            "choose one of crossing5, crossing7, intersection",
+        ),
+        (["priors", "--set", "methods=gail"], "choose one of none, thesis, running"),
         (["priors", "--seeds", "0"], "a seed of development can't be a seed of the table"),
         (["priors", "--from", "nowhere"], "is not a results folder"),
-        (["priors", "--worlds", "crossing5", "--out", "file/x"], "file exists already"),
+        (["priors", "--set", "worlds=crossing5", "--out", "file/x"], "file exists already"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(arguments, mend, capsys, tmp_path, monkeypatch):

@@ -64,7 +64,7 @@ CALLS = [
     "audit {ok}/policy.safetensors --profile {ok}/profile.toml --episodes 20 --no-log --out OUT",
     "audit {ok}/policy.safetensors --profile {ok}/profile.toml --episodes 20 --out OUT",
     "audit nonce --out OUT",
-    pytest.param("reproduce worlds --episodes 2 --out OUT", marks=pytest.mark.slow),
+    pytest.param("reproduce worlds --set episodes=2 --out OUT", marks=pytest.mark.slow),
 ]
 
 

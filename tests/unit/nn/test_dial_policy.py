@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.nn.dial_network import DialNetwork, hats, knots_between
-from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy, hats, knots_between
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays

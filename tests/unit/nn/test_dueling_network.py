@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.learners.iq_learn.losses import soft_value
-from socialiq.nn.dueling_network import DuelingNetwork
+from socialiq.nn.q_network import DuelingNetwork
 from socialiq.nn.q_policy import QPolicy
 
 TEMPERATURE = 0.3

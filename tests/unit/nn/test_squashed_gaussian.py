@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.nn import squashed_gaussian
+from socialiq.nn import actor
 
 CASES = [(0.0, 0.0), (0.7, -1.0), (-1.5, 0.5), (0.2, -2.5)]
 
@@ -12,7 +12,7 @@ CASES = [(0.0, 0.0), (0.7, -1.0), (-1.5, 0.5), (0.2, -2.5)]
 def test_the_density_integrates_to_one(mean: float, log_std: float) -> None:
     u = np.linspace(-12.0, 12.0, 60_001, dtype=np.float32)[:, None]
     given = jnp.full(1, mean), jnp.full(1, log_std)
-    logs = np.asarray(jax.vmap(lambda one: squashed_gaussian.log_density_before(one, *given))(u))
+    logs = np.asarray(jax.vmap(lambda one: actor.log_density_before(one, *given))(u))
     action = np.tanh(u[:, 0].astype(np.float64))
     assert np.trapezoid(np.exp(logs), action) == pytest.approx(1.0, abs=2e-4)
 
@@ -21,27 +21,24 @@ def test_of_two_numbers_it_is_the_product() -> None:
     mean, log_std = jnp.array([0.3, -0.2]), jnp.array([-0.5, 0.1])
     action = jnp.array([0.4, -0.9])
     apart = [
-        squashed_gaussian.log_density(action[i : i + 1], mean[i : i + 1], log_std[i : i + 1])
-        for i in range(2)
+        actor.log_density(action[i : i + 1], mean[i : i + 1], log_std[i : i + 1]) for i in range(2)
     ]
-    together = squashed_gaussian.log_density(action, mean, log_std)
+    together = actor.log_density(action, mean, log_std)
     assert together == pytest.approx(float(sum(apart)), rel=1e-5)
 
 
 def test_a_drawn_action_has_the_density_that_comes_with_it() -> None:
     mean, log_std, noise = jnp.array([0.3]), jnp.array([-0.7]), jnp.array([0.8])
-    action, log_density = squashed_gaussian.draw(noise, mean, log_std)
-    assert log_density == pytest.approx(
-        float(squashed_gaussian.log_density(action, mean, log_std)), rel=1e-4
-    )
+    action, log_density = actor.draw(noise, mean, log_std)
+    assert log_density == pytest.approx(float(actor.log_density(action, mean, log_std)), rel=1e-4)
 
 
 def test_far_from_zero_the_slope_of_tanh_keeps_its_digits() -> None:
     u = jnp.array([30.0, -30.0])
-    np.testing.assert_allclose(squashed_gaussian.squash_log_slope(u), np.log(4.0) - 60.0, rtol=1e-6)
+    np.testing.assert_allclose(actor.squash_log_slope(u), np.log(4.0) - 60.0, rtol=1e-6)
 
 
 def test_actions_at_the_bounds_have_a_finite_density() -> None:
     ends = jnp.array([1.0, -1.0])
-    found = squashed_gaussian.log_density(ends, jnp.zeros(2), jnp.zeros(2))
+    found = actor.log_density(ends, jnp.zeros(2), jnp.zeros(2))
     assert np.isfinite(float(found))

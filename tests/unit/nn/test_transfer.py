@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.transfer import transferred
+from socialiq.nn.dial_network import DialNetwork, transferred
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
 

@@ -3,7 +3,7 @@
 import json
 import uuid
 
-from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+from socialiq.policies.card import Metric, bill_of_materials
 
 
 def made(**more):

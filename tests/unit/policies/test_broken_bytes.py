@@ -8,10 +8,9 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.policies.interface import Interface
-from socialiq.policies.onnx.fields import check_fields
-from socialiq.policies.sb3.archive import Archive
-from socialiq.policies.sb3.load import read_sb3
-from socialiq.policies.sb3.state_dict import read_state_dict
+from socialiq.policies.onnx_load import check_fields
+from socialiq.policies.sb3_load import read_sb3
+from socialiq.policies.sb3_tensors import Archive, read_state_dict
 
 TRIALS = 400
 

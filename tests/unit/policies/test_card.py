@@ -183,7 +183,7 @@ def test_what_cannot_be_exported_is_one_line(tmp_path, capsys, monkeypatch):
     assert main(["export", str(plain), "--format", "onnx", "--out", str(out)]) == 2
     assert "pip install 'socialiq[onnx]'" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "torch", None)
-    from socialiq.policies.export_torch import as_torch_module
+    from socialiq.policies.export import as_torch_module
 
     with pytest.raises(UserError, match=r"pip install 'socialiq\[torch\]'"):
         as_torch_module(policy())

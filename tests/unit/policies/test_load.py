@@ -8,7 +8,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
-from socialiq.policies import record as content
+from socialiq.policies import interface as content
 from socialiq.policies.load import load_policy
 from socialiq.types import Policy
 

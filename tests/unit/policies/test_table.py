@@ -3,7 +3,6 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.policies.load import load_policy
-from socialiq.policies.native import save_table
 from socialiq.storage import save_arrays
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy
@@ -19,7 +18,7 @@ def chances():
 
 def test_table_is_the_one_that_was_saved(tmp_path):
     policy = TabularPolicy(WORLD, chances())
-    sha256 = save_table(tmp_path / "t.safetensors", policy)
+    sha256 = policy.save(tmp_path / "t.safetensors")
     loaded = load_policy(str(tmp_path / "t.safetensors"), *SIZES)
     states = np.asarray(WORLD.states()).astype(np.float32)
     np.testing.assert_array_equal(loaded.policy.predict(states)[0], policy.predict(states)[0])

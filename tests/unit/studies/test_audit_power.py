@@ -7,9 +7,9 @@ from studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, gri
 from studies.audit_power.population import Truth, draw_evidence
 from studies.audit_power.power import CASES, FLOOR, MARGIN, coverage_rows, verdict_rows
 
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.regret import regret_test
-from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 
 

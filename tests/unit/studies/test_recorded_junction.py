@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from studies.recorded_junction.planted import Rule, blocked
-from studies.recorded_junction.work import Config
+from studies.recorded_junction_practice.planted import Rule, blocked
+from studies.recorded_junction_practice.work import Config
 
 from socialiq.errors import UserError
 

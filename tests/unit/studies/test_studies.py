@@ -13,81 +13,26 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 from socialiq_lab import results as store
 from socialiq_lab.gridworld_runs import Ground, with_clock
-from socialiq_lab.registry import STUDIES, find
+from socialiq_lab.registry import STUDIES, find, study_and_declaration
+from socialiq_lab.settings import changed
 from socialiq_lab.study import run, save
 from socialiq_lab.tables import matching
 
-TINY = {
-    "worlds": {"episodes": 20},
-    "poc": {"seeds": (0,), "updates": 20, "readings": False},
-    "grid": {
-        "seeds": (0, 1),
-        "updates": 20,
-        "episodes_each": 3,
-        "transitions_each": 30,
-        "target_kinds": ("running",),
-        "strengths": (2.0,),
-    },
-    "lambda-sweep": {
-        "seeds": (0, 1),
-        "updates": 20,
-        "checkpoint_every": 10,
-        "episodes_each": 3,
-        "strengths": (0.0, 5.0),
-        "target_kinds": ("instantaneous",),
-    },
-    "alternatives": {"seeds": (0,), "updates": 10, "episodes_each": 3, "strengths": (1.0,)},
-    "penalties": {"seeds": (0,), "updates": 10, "episodes_each": 3, "strengths": (1.0,)},
-    "theory": {
-        "seeds": (0,),
-        "updates": 20,
-        "episodes_each": 3,
-        "angles": (0.0,),
-        "random_worlds": 1,
-        "target_kinds": ("instantaneous",),
-        "units": (0.2, 0.8),
-        "lengths": (0.0, 1.0),
-    },
-    "dial": {
-        "seeds": (0,),
-        "updates": 20,
-        "episodes_each": 3,
-        "runs": ("offline",),
-        "budgets": (0.5,),
-        "budget_seeds": (0,),
-        "wanted": (0.0, 45.0, 90.0),
-        "rollouts": 5,
-    },
-    "off-policy": {
-        "worlds": ("crossing5",),
-        "seeds": (0,),
-        "episodes_each": 10,
-        "explored": (0.0, 0.3),
-        "angles": (0.0, 45.0),
-        "resamples": 20,
-    },
-    "audits": {
-        "episodes": 20,
-        "updates": 20,
-        "dial_updates": 20,
-        "dial_angles": (0.0, 90.0),
-        "worlds": ("crossing7",),
-    },
-    "audit-power": {"episodes": 60, "replications": 4, "resamples": 100, "owners": 2},
-    "classic-control": {
-        "seeds": (0,),
-        "tasks": ("CartPole",),
-        "protocols": ("rows",),
-        "trajectories": (1,),
-        "methods": ("iq_learn", "cloning"),
-        "published": (),
-        "variants": ("online: endings worth 0",),
-        "sets": 2,
-        "episodes": 2,
-        "updates": 20,
-    },
-}
-
+TINY = (
+    "worlds",
+    "poc",
+    "grid",
+    "lambda-sweep",
+    "alternatives",
+    "penalties",
+    "theory",
+    "dial",
+    "off-policy",
+    "audits",
+    "audit-power",
+    "classic-control",
+)
+"""Studies that run in one process."""
 
 QUICK = ("audit-power",)
 PARAMS = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in TINY]
@@ -95,8 +40,8 @@ PARAMS = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) fo
 
 @pytest.fixture(scope="module", params=PARAMS)
 def study(request):
-    found = find(request.param)
-    return found, run(found, found.Config(**TINY[request.param]))
+    found, content = study_and_declaration(request.param)
+    return found, run(found, changed(found.Config(), content["tiny"]))
 
 
 def test_the_first_dial_lies_beside_its_results(study, tmp_path):
@@ -265,7 +210,7 @@ def test_the_packaged_results_are_shown_by_every_study(name, capsys, tmp_path, m
 
 def test_a_study_is_imported_when_it_is_asked_for():
     code = (
-        "import sys; from socialiq.cli.main import parse; parse(['reproduce', 'poc']);"
+        "import sys; from socialiq_lab.registry import find; find('poc');"
         "print(*(m for m in sys.modules if m.startswith('studies.')))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -273,7 +218,7 @@ def test_a_study_is_imported_when_it_is_asked_for():
 
 
 def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
-    with pytest.raises(UserError, match="choose one of worlds, poc"):
+    with pytest.raises(UserError, match="choose one of alternatives, angle-trait"):
         find("fig7")
     with pytest.raises(UserError, match=r"roads has retired: docs/studies/history.md"):
         find("roads")
@@ -301,6 +246,6 @@ def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
     ],
 )
 def test_a_run_settles_where_it_stays(near, settled):
-    from studies.lambda_sweep import _settled
+    from studies.lambda_sweep.study import settled as first_settled
 
-    assert _settled([10, 20, 30], near) == settled
+    assert first_settled([10, 20, 30], near) == settled

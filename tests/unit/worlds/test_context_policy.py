@@ -10,7 +10,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.load import load_policy
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import load_arrays, save_arrays
-from socialiq.worlds.context_policy import KIND, ContextPolicy, load_driver
+from socialiq.worlds.context_policy import ContextPolicy, load_driver
 
 STATES = np.array([[2, 1, 1, 0, -1, 0], [0, 0, 4, 2, -1, 0], [3, 0, 0, 2, 1, 2]], np.float32)
 WHEN = {"angle": 75, "approaching": {"at_least": 1}}
@@ -44,7 +44,7 @@ def test_its_file_holds_dial_and_rule(dial: DialPolicy, tmp_path: Path) -> None:
     assert loaded.rule == RULE
     np.testing.assert_array_equal(loaded.q_values(seen_by(dial)), policy.q_values(seen_by(dial)))
     record = load_policy(str(path), dial.n_features, 3).record
-    assert record.kind == KIND and record.soft
+    assert record.kind == ContextPolicy.KIND and record.soft
     assert record.details["rule"] == RULE.as_json()
 
 
@@ -62,10 +62,10 @@ def test_an_angle_beyond_the_dial_or_another_world_is_refused(dial: DialPolicy) 
 def test_a_damaged_rule_in_a_file_is_refused(dial: DialPolicy, tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     ContextPolicy.of(dial, RULE).save(path)
-    arrays, header = load_arrays(path, KIND, 1)
+    arrays, header = load_arrays(path, ContextPolicy.KIND, 1)
     for rule in (None, {}, RULE.as_json() | {"default": "a"}, {"format": 1, "world": "crossing7"}):
         changed = {key: one for key, one in header.items() if key not in ("kind", "version")}
         changed = {key: one for key, one in changed.items() if key != "sha256"}
-        save_arrays(path, KIND, 1, arrays, changed | {"rule": rule})
+        save_arrays(path, ContextPolicy.KIND, 1, arrays, changed | {"rule": rule})
         with pytest.raises(UserError, match=r"rule|default"):
             ContextPolicy.load(path)

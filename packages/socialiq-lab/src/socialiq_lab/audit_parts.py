@@ -10,17 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.audit.collection import Collection
 from socialiq.audit.evidence.collect import SIDE_BY_SIDE
 from socialiq.audit.evidence.consistency import Consistency, joined
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.reader import load
-from socialiq.audit.request import Request
+from socialiq.audit.request import Collection, Request
 from socialiq.audit.resolve_policy import Trust, resolve_policy
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
-from socialiq.policies.process.isolation import IsolationMode
-from socialiq.policies.process.load import Limits
+from socialiq.policies.isolation import IsolationMode
+from socialiq.policies.process import Limits
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.to_json import to_json
 from socialiq.types import RewardPair

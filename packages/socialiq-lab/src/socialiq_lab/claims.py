@@ -48,7 +48,7 @@ _COMMANDS = {
     "penalties": "socialiq reproduce penalties",
     "theory": "pytest tests/identities",
     "intersection-world": "socialiq reproduce intersection-world",
-    "intersection": "socialiq reproduce intersection --parts main",
+    "intersection": "socialiq reproduce intersection --set parts=main",
     "compare-priors": "socialiq compare priors",
     "audits": "socialiq reproduce audits",
     "none": "",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import one_of
 from socialiq.evaluation.exact import (
     READOUTS,
     Optimum,
@@ -18,14 +19,18 @@ from socialiq.evaluation.exact import (
     evaluate_exactly,
     exact_monitor,
 )
+from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.budget import Regret
 from socialiq.learners.dial.train import dial_of
+from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
+from socialiq.learners.state import History
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
@@ -33,6 +38,7 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import make_grid
+from socialiq_lab.settings import changed
 from socialiq_lab.tables import groups
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
@@ -80,6 +86,7 @@ def train_runs(
     on_report: Callable[[Report], None] | None,
     chunk: int = 500,
     monitor: Monitor | None = None,
+    prior: Callable[..., Any] | None = None,
 ) -> Trained:
     """Train in the ground's world and record the monitor's values after every chunk.
 
@@ -89,7 +96,79 @@ def train_runs(
         monitor = exact_monitor(ground.part, [one.temperature for one in hyperparameters])
     callbacks = Callbacks(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if static.online else None
-    return train(static, hyperparameters, datasets, simulator, callbacks, chunk)
+    return train(static, hyperparameters, datasets, simulator, callbacks, chunk, prior=prior)
+
+
+def axes(declared: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
+    """Return the values of each axis of a grid of runs; "modes" are the experts' angles."""
+    return {
+        name: list(MODES.values()) if values == "modes" else values
+        for name, values in declared.items()
+    }
+
+
+def learner_of(variant: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return static configuration and hyperparameters of a declared training.
+
+    Args:
+        variant: Its `learner` ("iq_learn" or "behaviour_cloning"), `preset`, `regularized` and
+            `static`, the last with fields of the static configuration.
+    """
+    learner = variant.get("learner", "iq_learn")
+    one_of("learner", learner, ("iq_learn", "behaviour_cloning"))
+    if learner == "behaviour_cloning":
+        static, numbers = behaviour_cloning.StaticConfig(), behaviour_cloning.Hyperparameters()
+    else:
+        one_of("preset", variant["preset"], tuple(presets.PRESETS))
+        static, numbers = presets.PRESETS[variant["preset"]]
+        static = static if variant.get("regularized", True) else presets.baseline(static)
+    return changed(static, variant.get("static", {})), numbers
+
+
+def train_variant(
+    ground: Ground,
+    static: Any,
+    runs: Sequence[Any],
+    datasets: Sequence[Demonstrations],
+    on_report: Callable[[Report], None] | None,
+    chunk: int | None = None,
+    prior: Callable[..., Any] | None = None,
+) -> Trained:
+    """Train the runs of a declared training in one program.
+
+    Args:
+        ground: The world.
+        static: Static configuration of IQ-Learn or of behaviour cloning.
+        runs: Hyperparameters.
+        datasets: Data sets of the runs.
+        on_report: Shows the progress.
+        chunk: Number of updates between two exact evaluations; None for no evaluation.
+        prior: Penalty of the user's own in place of the quadratic one.
+    """
+    if isinstance(static, behaviour_cloning.StaticConfig):
+        callbacks = Callbacks(on_report=on_report)
+        return behaviour_cloning.BehaviourCloning.train_on(static, runs, datasets, callbacks)
+    monitor = None
+    if chunk is not None:
+        monitor = exact_monitor(ground.part, [run.temperature for run in runs])
+    return train_runs(ground, static, runs, datasets, on_report, chunk or 500, monitor, prior)
+
+
+def checkpoint_rows(history: History, runs: Sequence[Any], labels: Sequence[Row]) -> list[Row]:
+    """Return a row for each checkpoint, run and action selection, with the exact metrics."""
+    arrays = {
+        (readout, name): history.array(f"{readout}_{name}")
+        for readout in READOUTS
+        for name in Metrics._fields
+    }
+    return [
+        label
+        | {"readout": readout, "seed": run.seed, "updates": updates}
+        | {name: float(arrays[readout, name][place, number]) for name in Metrics._fields}
+        for number, (run, label) in enumerate(zip(runs, labels, strict=True))
+        for readout in READOUTS
+        for place, updates in enumerate(history.updates)
+    ]
 
 
 def evaluate(ground: Ground, policy: QPolicy, readout: Readout) -> Metrics:
@@ -112,6 +191,16 @@ def rows_of(
     return rows
 
 
+def with_regret(ground: Ground, rows: Sequence[Row], angle: float) -> list[Row]:
+    """Add the regret at an angle in degrees to rows with exact metrics."""
+    return [row | {"regret": ground.optimum.regret(metrics_of(row), angle)} for row in rows]
+
+
+def metrics_of(row: Row) -> Metrics:
+    """Return the metrics of a row."""
+    return Metrics(*(row[name] for name in Metrics._fields))
+
+
 def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """Return means over seeds of rows with equal `keys`; the angle is that of the mean totals.
 
@@ -119,7 +208,7 @@ def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """
     means = []
     for values, group in groups(rows, *keys).items():
-        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
+        metrics = mean_of([metrics_of(row) for row in group])
         angles = [row["angle"] for row in group]
         means.append(
             dict(zip(keys, values, strict=True))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from socialiq.errors import one_of
 from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.types import Row
 
@@ -22,6 +23,80 @@ def groups(rows: Sequence[Row], *keys: str) -> dict[tuple, list[Row]]:
 def matching(rows: Sequence[Row], **wanted: Any) -> list[Row]:
     """Return the rows that have these values."""
     return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def where(rows: Sequence[Row], conditions: Mapping[str, Any]) -> list[Row]:
+    """Return the rows that meet every condition: a column's value, or a list of its values."""
+    allowed = {
+        name: list(value) if isinstance(value, list | tuple) else [value]
+        for name, value in conditions.items()
+    }
+    return [row for row in rows if all(row[name] in values for name, values in allowed.items())]
+
+
+def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], ground: Any) -> Any:
+    """Return the rows of a `[[table]]` of a STUDY.toml, which follow from another table.
+
+    Its operations are taken in this order: `from`, `where`, `regret_at` (an angle in degrees), and
+    one of `pool` (means over seeds by these columns), `mean` (means of numeric columns by these
+    columns) and `paired` (tests of a difference over seeds, see `paired_table`).
+
+    Raises:
+        UserError: If there is no such table.
+    """
+    from socialiq_lab import gridworld_runs
+
+    one_of("table", specification["from"], tuple(tables))
+    rows = where(tables[specification["from"]], specification.get("where", {}))
+    if "regret_at" in specification:
+        rows = gridworld_runs.with_regret(ground, rows, specification["regret_at"])
+    if "pool" in specification:
+        return gridworld_runs.pooled(rows, specification["pool"])
+    if "mean" in specification:
+        keys = specification["mean"]
+        return [
+            dict(zip(keys, values, strict=True)) | numeric_means(group)
+            for values, group in groups(rows, *keys).items()
+        ]
+    if "paired" in specification:
+        return paired_table(rows, **specification["paired"])
+    return rows
+
+
+def paired_table(
+    rows: Sequence[Row],
+    by: str,
+    reference: str,
+    columns: Sequence[str],
+    within: Sequence[str] = (),
+    seed: str = "seed",
+) -> list[Row]:
+    """Test each group against a reference group, paired by training seed, with Holm's adjustment.
+
+    Args:
+        rows: A row for each group and seed.
+        by: Column that names the groups.
+        reference: Group that the others are compared with.
+        columns: Columns that are compared.
+        within: Columns whose values are compared separately.
+        seed: Column of the pairing.
+
+    Returns:
+        A row for each comparison, adjusted over all of them.
+    """
+    tests = []
+    for values, comparable in groups(rows, *within).items():
+        by_group = groups(comparable, by)
+        first = {row[seed]: row for row in by_group[reference,]}
+        for (name,), others in by_group.items():
+            pairs = [(first[row[seed]], row) for row in others if row[seed] in first]
+            if name == reference or len(pairs) < 2:
+                continue
+            for metric in columns:
+                label = dict(zip(within, values, strict=True)) | {by: name, "metric": metric}
+                differences = [row[metric] for _, row in pairs], [row[metric] for row, _ in pairs]
+                tests.append(paired_row(label, *differences))
+    return with_holm(tests)
 
 
 def column(rows: Sequence[Row], name: str) -> list[Any]:

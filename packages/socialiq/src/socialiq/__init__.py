@@ -34,24 +34,18 @@ if TYPE_CHECKING:
     from socialiq.worlds.environment import make_environment
     from socialiq.worlds.registry import make
     from socialiq.worlds.wrapper import RewardPairWrapper, Transition
-    from socialiq_lab.jobs import Job
-    from socialiq_lab.study import Findings, Study, View
 
 __all__ = [
     "Demonstrations",
     "Ending",
-    "Findings",
     "Hyperparameters",
-    "Job",
     "Margin",
     "QPolicy",
     "RewardPair",
     "RewardPairWrapper",
     "StaticConfig",
-    "Study",
     "Transition",
     "UserError",
-    "View",
     "acting_in",
     "attainable_set",
     "audit_policy",
@@ -76,10 +70,6 @@ __all__ = [
 _PLACES = {
     "Demonstrations": "demonstrations.dataset",
     "Ending": "types",
-    "Findings": "experiments.study",
-    "Job": "experiments.jobs",
-    "Study": "experiments.study",
-    "View": "experiments.study",
     "Margin": "audit.profile.profile",
     "Hyperparameters": "learners.iq_learn.config",
     "QPolicy": "nn.q_policy",

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 import socialiq.audit.evidence.collect as collecting
-from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.collect import (
+    NO_CROSSING,
+    collect_evidence,
+    gridworld_strata,
+    intersection_strata,
+)
 from socialiq.audit.evidence.outcomes import MOST_EPISODES, Reference, episode_seeds
-from socialiq.audit.evidence.strata import NO_CROSSING, gridworld_strata, intersection_strata
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending

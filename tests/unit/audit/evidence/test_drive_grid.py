@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.drive_grid import drive_grid, exact_optima, fates
+from socialiq.audit.evidence.drive import drive_grid, exact_optima, fates
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending

@@ -6,7 +6,7 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.audit.evidence.replay import GRID_PER_SECOND, PER_SECOND, replayer
-from socialiq.audit.profile.scenario import world_of
+from socialiq.audit.profile.profile import world_of
 from socialiq.types import RewardPair
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.policies import policy as rule

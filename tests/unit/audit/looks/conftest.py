@@ -1,7 +1,7 @@
 import pytest
 
 from socialiq.audit.looks.look import Plan
-from socialiq.audit.seeds.commitment import Commitment
+from socialiq.audit.seeds import Commitment
 
 
 @pytest.fixture(name="plan", scope="session")

@@ -5,13 +5,11 @@ import json
 
 import pytest
 
+from socialiq.audit import seeds
 from socialiq.audit.looks import look as room
 from socialiq.audit.looks.log import COMMITMENT, RESULT, SEED, read
 from socialiq.audit.looks.look import commit, of_beacon, of_nonce, open_look, record
-from socialiq.audit.seeds import beacon
-from socialiq.audit.seeds.beacon import Round
-from socialiq.audit.seeds.commitment import reveal
-from socialiq.audit.seeds.nonce import Nonce
+from socialiq.audit.seeds import Nonce, Round, reveal
 from socialiq.errors import UserError
 
 NONCE = Nonce("5a" * 32)
@@ -116,7 +114,7 @@ def test_a_round_is_named_before_it_is_published(tmp_path, plan, monkeypatch):
 
 
 def test_a_round_that_was_published_before_the_commitment_is_refused(tmp_path, plan):
-    source = {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": 1000}
+    source = {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": 1000}
     commit(tmp_path, plan(), source)  # now, years after
     with pytest.raises(UserError, match="made after round 1000 was published"):
         open_look(tmp_path, plan(), Round(1000, "aa" * 48))

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from socialiq.audit.looks.spending import SMALLEST_ERROR, check_spendable, spend
+from socialiq.audit.looks.look import SMALLEST_ERROR, check_spendable, spend
 from socialiq.errors import UserError
 
 

@@ -9,9 +9,8 @@ from socialiq.audit.evidence.drive import drive_environment
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile import environment
 from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.profile import Margin
+from socialiq.audit.profile.profile import Margin, identity, world_of
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.profile.scenario import identity, world_of
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.content import limits
 from socialiq.errors import UserError

@@ -2,7 +2,7 @@
 
 import pytest
 
-from socialiq.audit.profile.scenario import (
+from socialiq.audit.profile.profile import (
     reward_sha256,
     reward_specification,
     scenario_sha256,

@@ -7,8 +7,8 @@ from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import selected, traces_of
-from socialiq.audit.seeds.commitment import Commitment, draw
-from socialiq.audit.verdict.judged import judged
+from socialiq.audit.seeds import Commitment, draw
+from socialiq.audit.verdict.results import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.to_json import to_json
 

@@ -1,6 +1,6 @@
 import pytest
 
-from socialiq.audit.report.angle_picture import angles, regret_at
+from socialiq.audit.report.pictures import angles, regret_at
 from socialiq.audit.report.views import compatible
 from socialiq.audit.report.views import html as page
 

@@ -2,13 +2,12 @@ import numpy as np
 import pytest
 
 from socialiq.audit.looks.look import Look
-from socialiq.audit.report.caveats import caveats, caveats_of_loss, caveats_of_replay
-from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
-from socialiq.audit.seeds.nonce import Nonce
+from socialiq.audit.report.words import caveats, caveats_of_loss, caveats_of_replay
+from socialiq.audit.seeds import Commitment, Draw, Nonce, draw, reveal
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.discrimination import Discrimination, OtherDriver
 from socialiq.audit.verdict.regret import regret_test
-from socialiq.audit.verdict.regrets import Regrets
+from socialiq.audit.verdict.results import Discrimination, OtherDriver
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)
 STRICT = Discrimination(1, 2, False, (OtherDriver("set_egoistic", False, Decision.PASS),))

@@ -15,7 +15,7 @@ from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check
 from socialiq.audit.report.content import content
 from socialiq.audit.report.verify import fault_of, read_report
-from socialiq.audit.seeds.commitment import LARGEST_SEED
+from socialiq.audit.seeds import LARGEST_SEED
 from socialiq.audit.verdict.calibration import Status
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import MEASURES

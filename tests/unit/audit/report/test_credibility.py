@@ -4,7 +4,7 @@ import copy
 
 import pytest
 
-from socialiq.audit.report.credibility import CONFORMANCE, credibility
+from socialiq.audit.report.documents import CONFORMANCE, credibility
 from socialiq.audit.report.folder import views_of
 
 SUBJECTS = [

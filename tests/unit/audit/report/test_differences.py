@@ -4,7 +4,7 @@ import copy
 
 import pytest
 
-from socialiq.audit.report.differences import differences
+from socialiq.audit.report.recompute import differences
 
 
 def test_places_are_named_and_claims_of_the_auditor_may_differ(plain):

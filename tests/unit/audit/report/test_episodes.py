@@ -5,7 +5,7 @@ import io
 import pytest
 from PIL import Image
 
-from socialiq.audit.profile.scenario import world_of
+from socialiq.audit.profile.profile import world_of
 from socialiq.audit.report.episodes import check_filmed, films_of
 from socialiq.errors import UserError
 from socialiq.worlds.intersection.options import Options

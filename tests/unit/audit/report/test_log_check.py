@@ -7,10 +7,10 @@ import pytest
 
 from socialiq.audit.looks.log import RESULT, locked
 from socialiq.audit.looks.look import Plan, open_look, record
-from socialiq.audit.report import log_check
-from socialiq.audit.report.log_check import faults_by_log
+from socialiq.audit.report import verify
 from socialiq.audit.report.seeds import seeds_of
-from socialiq.audit.seeds.commitment import Commitment
+from socialiq.audit.report.verify import faults_by_log
+from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError
 from socialiq.to_json import to_json
 
@@ -47,7 +47,7 @@ class Place:
 
 @pytest.fixture
 def place(tmp_path, declared, monkeypatch):
-    monkeypatch.setattr(log_check, "read_report", lambda path: json.loads(path.read_text()))
+    monkeypatch.setattr(verify, "read_report", lambda path: json.loads(path.read_text()))
     return Place(tmp_path, declared("crossing7", 0.0))
 
 

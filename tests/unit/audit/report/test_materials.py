@@ -2,8 +2,8 @@
 
 import json
 
+from socialiq.audit.report.documents import materials
 from socialiq.audit.report.folder import views_of
-from socialiq.audit.report.materials import materials
 
 
 def test_it_has_the_policy_and_the_results_of_its_audit(plain):

@@ -39,7 +39,7 @@ def test_every_number_of_the_report_is_recomputed(files, read):
         inner = at(wrong, above)
         inner[last] += 1
     fresh = recomputed(files, read)
-    from socialiq.audit.report.differences import differences
+    from socialiq.audit.report.recompute import differences
 
     found = set(differences(wrong, json.loads(json.dumps(fresh)), frozenset(), 1e-9))
     assert not {text(one) for one in places} - found

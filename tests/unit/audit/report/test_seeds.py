@@ -4,12 +4,9 @@ import dataclasses
 
 import pytest
 
-from socialiq.audit.looks.look import Look, Opened
-from socialiq.audit.looks.spending import spend
+from socialiq.audit.looks.look import Look, Opened, spend
 from socialiq.audit.report.seeds import faults_of_seeds, opened_of, seeds_of
-from socialiq.audit.seeds.beacon import Round
-from socialiq.audit.seeds.commitment import Commitment, draw, reveal
-from socialiq.audit.seeds.nonce import Nonce
+from socialiq.audit.seeds import Commitment, Nonce, Round, draw, reveal
 from socialiq.to_json import to_json
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)

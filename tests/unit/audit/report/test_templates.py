@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from socialiq.audit.report.claims_tree import claims, mermaid
+from socialiq.audit.report.documents import claims, mermaid
 from socialiq.audit.report.folder import views_of
 
 BLANK = "**[ blank ]**"

@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from socialiq.audit.names import names_of
 from socialiq.audit.report.pictures import front
 from socialiq.audit.report.views import arcs, degrees, markdown, meaning, number, others, percent
 from socialiq.audit.report.views import html as page
+from socialiq.audit.report.words import names_of
 
 VOID = {"meta", "link", "br", "img", "input"}
 

@@ -5,8 +5,7 @@ import hashlib
 import json
 import re
 
-from socialiq.audit.report.views import html
-from socialiq.audit.report.watch import replays
+from socialiq.audit.report.views import html, replays
 from socialiq.page.webassembly.layout import layout
 from socialiq.to_json import to_json
 from socialiq.worlds.intersection.options import Options

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from socialiq.audit.seeds import beacon
-from socialiq.audit.seeds.beacon import Round, read_round, round_after, time_of
+from socialiq.audit import seeds
+from socialiq.audit.seeds import Round, read_round, round_after, time_of
 from socialiq.errors import UserError
 
 SIGNATURE = (
@@ -23,7 +23,7 @@ def signatures_are_not_checked(monkeypatch):
 
 
 def test_the_chain_is_named_by_the_hash_of_its_parameters():
-    assert beacon.chain_sha256() == beacon.CHAIN
+    assert seeds.chain_sha256() == seeds.CHAIN
 
 
 def test_the_randomness_of_a_published_round():
@@ -39,11 +39,11 @@ def test_the_first_round_after_a_time(number):
     assert round_after(time_of(1) - datetime.timedelta(days=1)) == 1
 
 
-@pytest.mark.parametrize("number", [0, -1, beacon.LARGEST_ROUND + 1])
+@pytest.mark.parametrize("number", [0, -1, seeds.LARGEST_ROUND + 1])
 def test_rounds_out_of_range_are_refused(number):
     with pytest.raises(UserError, match="a beacon's round must be from 1 to"):
         time_of(number)
-    assert time_of(beacon.LARGEST_ROUND).year == 9628
+    assert time_of(seeds.LARGEST_ROUND).year == 9628
 
 
 def test_a_round_is_read_with_or_without_its_randomness(tmp_path, signed):

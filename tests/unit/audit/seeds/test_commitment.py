@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from socialiq.audit.seeds.commitment import LARGEST_SEED, Commitment, draw
+from socialiq.audit.seeds import LARGEST_SEED, Commitment, draw
 from socialiq.errors import UserError
 
 POLICY, PROFILE = "ab" * 32, "cd" * 32

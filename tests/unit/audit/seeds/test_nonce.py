@@ -7,7 +7,7 @@ import stat
 
 import pytest
 
-from socialiq.audit.seeds.nonce import Nonce, read_nonce, write_nonce
+from socialiq.audit.seeds import Nonce, read_nonce, write_nonce
 from socialiq.errors import UserError
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from socialiq.audit.verdict.bounds import Regrets, exceeds, loss_bounds, needed_with
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.declared_loss import exceeds, loss_bounds, needed_with
 from socialiq.audit.verdict.regret import regret_test
-from socialiq.audit.verdict.regrets import Regrets
 from socialiq.types import RewardPair
 
 EPISODES = 400

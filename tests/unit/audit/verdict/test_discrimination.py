@@ -5,7 +5,7 @@ from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.discrimination import discriminate, finding_of
+from socialiq.audit.verdict.results import discriminate, finding_of
 from socialiq.audit.verdict.verdict import judge
 
 OPEN = Floor(1.0, 1.0, 0.0, 1.0)

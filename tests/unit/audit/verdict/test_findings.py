@@ -5,7 +5,7 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.findings import Finding, conclude
+from socialiq.audit.verdict.results import Finding, conclude
 from socialiq.audit.verdict.verdict import judge
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
-from socialiq.audit.verdict.judged import judged
+from socialiq.audit.verdict.results import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.audit.verdict.verdict import judge
 

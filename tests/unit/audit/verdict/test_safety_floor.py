@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import binom, binomtest
 
 from socialiq.audit.profile.profile import Floor
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.safety_floor import floor_tests
+from socialiq.audit.verdict.decision import Decision, floor_tests
 from socialiq.statistics.intervals import clopper_pearson, wilson
 from socialiq.types import Ending
 

@@ -24,7 +24,7 @@ def test_the_soft_value_of_any_other_policy_is_smaller() -> None:
     other = Actor.initialise(jax.random.key(5), 3, (8,), 2)
     many = soft.draw_actions(ACTOR, SEEN, jax.random.key(2), 4000)
     mean, log_std = jax.vmap(other)(SEEN)
-    from socialiq.nn.squashed_gaussian import log_density
+    from socialiq.nn.actor import log_density
 
     rows = jax.vmap(jax.vmap(log_density), in_axes=(0, None, None))
     q = 0.5 * rows(many.action, mean, log_std)  # the other policy is Boltzmann's, log Z = 0

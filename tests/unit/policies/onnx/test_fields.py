@@ -3,7 +3,7 @@ import time
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.onnx.fields import MOST_FIELDS, check_fields
+from socialiq.policies.onnx_load import MOST_FIELDS, check_fields
 
 
 def varint(value):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.policies.onnx.graph import (
+from socialiq.policies.onnx_graph import (
     MOST_DIMENSION,
     MOST_PER_ROW,
     OPERATORS,

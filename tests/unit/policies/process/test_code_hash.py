@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.process import code_hash
-from socialiq.policies.process.code_hash import files_named_by, hash_files
+from socialiq.policies import code as code_hash
+from socialiq.policies.code import files_named_by, hash_files
 
 
 def test_a_command_names_its_program_files_folders_and_options(tmp_path):

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.process import isolation
-from socialiq.policies.process.code_hash import CodeHash
-from socialiq.policies.process.isolation import NONE, isolation_of, sandboxed
+from socialiq.policies import isolation
+from socialiq.policies.isolation import NONE, CodeHash, isolation_of, sandboxed
 
 
 def fake(folder, text):

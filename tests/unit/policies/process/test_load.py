@@ -13,7 +13,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.policies.load import load_policy
-from socialiq.policies.process.load import GIB, Limits, limits_of
+from socialiq.policies.process import GIB, Limits, limits_of
 
 QUICK = Limits(start=20.0, step=1.0)
 OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.policies.isolation import NOT_ASKED
 from socialiq.policies.load import load_policy
-from socialiq.policies.process.isolation import NOT_ASKED
 
 CODE = """
 import dataclasses

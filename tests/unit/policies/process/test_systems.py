@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.policies import child
 from socialiq.policies.load import load_policy
-from socialiq.policies.process import child
-from socialiq.policies.process.load import GIB, Limits
+from socialiq.policies.process import GIB, Limits
 
-GUARD = Path(child.__file__).with_name("guard.py")
+LAUNCHERS = Path(child.__file__).with_name("launchers.py")
 ANSWERS = """
 import json, sys
 json.loads(input())
@@ -31,8 +31,9 @@ def without(*modules):
 
 
 def test_the_package_imports_without_them():
-    rooms = ("policies.load", "policies.process.load", "cli.data", "cli.recorded", "cli.collect")
-    program = without("fcntl", "resource") + "; ".join(f"import socialiq.{room}" for room in rooms)
+    rooms = ("policies.load", "policies.process", "cli.data", "cli.collect")
+    modules = [*(f"socialiq.{room}" for room in rooms), "socialiq_recordings.cli.files"]
+    program = without("fcntl", "resource") + "; ".join(f"import {module}" for module in modules)
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True
     )
@@ -60,8 +61,9 @@ def test_a_system_without_process_groups_is_refused(monkeypatch):
 def test_the_guard_without_resource(memory, status):
     program = (
         f"{without('resource')}import os, runpy; lifeline, _ = os.pipe(); "
-        f"sys.argv = ['guard', str(lifeline), '{memory}', sys.executable, '-c', 'exit(7)']; "
-        f"runpy.run_path({str(GUARD)!r}, run_name='__main__')"
+        f"sys.argv = ['launchers', 'guard', str(lifeline), '{memory}']; "
+        f"sys.argv += [sys.executable, '-c', 'exit(7)']; "
+        f"runpy.run_path({str(LAUNCHERS)!r}, run_name='__main__')"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, start_new_session=True

@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.sb3.archive import MOST_MEMBERS, Archive
+from socialiq.policies.sb3_tensors import MOST_MEMBERS, Archive
 
 
 def refused(content, match):

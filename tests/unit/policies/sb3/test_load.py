@@ -8,7 +8,7 @@ from scipy.special import softmax
 from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
-from socialiq.policies.sb3.load import EpsilonGreedy, read_sb3
+from socialiq.policies.sb3_load import EpsilonGreedy, read_sb3
 
 WORLD = Interface(6, 3)
 BOX = {":type:": "<class 'gymnasium.spaces.box.Box'>", "dtype": "float32", "_shape": [2, 3]}

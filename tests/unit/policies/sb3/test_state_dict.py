@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.sb3.state_dict import MOST_OPCODES, read_state_dict
+from socialiq.policies.sb3_tensors import MOST_OPCODES, read_state_dict
 
 ARRAYS = {
     "w": np.arange(6, dtype=np.float32).reshape(2, 3),

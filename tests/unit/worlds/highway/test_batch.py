@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from socialiq.audit.profile.scenario import world_of as world_of_profile
+from socialiq.audit.profile.profile import world_of as world_of_profile
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import SCENE_IDS

@@ -67,7 +67,7 @@ def load(name: str) -> ModuleType:
     Raises:
         UserError: In an installed package, which has no benchmarks.
     """
-    path = Path(socialiq.__file__).parents[2] / "benchmarks" / f"{name}.py"
+    path = Path(socialiq.__file__).parents[4] / "benchmarks" / f"{name}.py"
     if not path.is_file():
         raise UserError("benchmarks come with the sources, not the package: run in a checkout")
     spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", path)

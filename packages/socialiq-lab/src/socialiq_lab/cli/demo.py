@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from studies.grid import study as grid
 
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_json, print_table
@@ -22,6 +21,7 @@ from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import results as store
 from socialiq_lab import study as experiment
 from socialiq_lab.intersection.rows import outcome_row
+from socialiq_lab.registry import find
 
 FILMED = "prosocial"
 DRIVEN = ("baseline", "egoistic", FILMED, "altruistic", "expert_egoistic", "set_egoistic")
@@ -68,13 +68,14 @@ class Demo:
         """Run the small grid study, print the table, name the next pages."""
         check_seeds(self.seeds)
         store.check_target(self.out, replace=True)
-        config = grid.Config(
+        study = find("grid")
+        config = study.Config(
             seeds=self.seeds, target_kinds=("running",), strengths=(2.0,), comparisons=False
         )
         with Display() as display:
-            results = experiment.run(grid.STUDY, config, display.stage)
-        experiment.save(grid.STUDY, results, self.out, replace=True)
-        rows = grid.comparison(results)
+            results = experiment.run(study, config, display.stage)
+        experiment.save(study, results, self.out, replace=True)
+        rows = study.view(results)[0].rows
         driven = self.drive()
         if self.json:
             print_json({"table": rows, "intersection": driven, "out": str(self.out)})

@@ -12,8 +12,7 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.play import record
 from socialiq.nn.actor_policy import ActorPolicy
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch

@@ -10,7 +10,7 @@ from typing import Any
 
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.learners.dqn import config as dqn
-from socialiq.nn.actor_policy import KIND, ActorPolicy
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import load_values
 from socialiq.storage import kind_of, read_json
 from socialiq.to_json import rounded
@@ -122,7 +122,7 @@ def atlas_entries(
         source, file = work / job / policy, f"{name}.safetensors"
         found[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
         record = read_json(work / job / RECORD)
-        load = ActorPolicy.load if kind_of(source) == KIND else load_values
+        load = ActorPolicy.load if kind_of(source) == ActorPolicy.KIND else load_values
         entries[name] = {
             "file": file,
             "sha256": load(source).sha256,

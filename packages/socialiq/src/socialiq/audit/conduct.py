@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from socialiq.audit.collection import Collection
 from socialiq.audit.evidence.consistency import joined
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
 from socialiq.audit.looks.log import Subject
@@ -21,17 +20,14 @@ from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import Traces, check_filmed, films_of, selected, traces_of
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.request import Request, command_of
+from socialiq.audit.request import Collection, Request, command_of
 from socialiq.audit.resolve_policy import References, Trust, resolve_policy
-from socialiq.audit.seeds.beacon import Round
-from socialiq.audit.seeds.commitment import Commitment
-from socialiq.audit.seeds.nonce import Nonce
-from socialiq.audit.verdict.dependence import dependence
-from socialiq.audit.verdict.judged import judged
+from socialiq.audit.seeds import Commitment, Nonce, Round
+from socialiq.audit.verdict.results import dependence, judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
-from socialiq.policies.process.isolation import IsolationMode
-from socialiq.policies.record import Record
+from socialiq.policies.interface import Record
+from socialiq.policies.isolation import IsolationMode
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,44 +131,46 @@ def conduct(
     request.check()
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
     profile = load(request.profile)
-    found = _gather(request, profile, print_line, repeated, collect)
-    drawn, look = found.opened
-    consistency = joined([one.consistency for one in (found.complete, *found.elsewhere)])
+    gathered = _gather(request, profile, print_line, repeated, collect)
+    draw, look = gathered.opened
+    consistency = joined(
+        [evidence.consistency for evidence in (gathered.complete, *gathered.elsewhere)]
+    )
     verdict, discrimination, shifts = judged(
         profile,
-        found.complete,
-        found.references.itself,
-        drawn.derived("resampling"),
-        found.traffic,
-        found.elsewhere,
+        gathered.complete,
+        gathered.references.itself,
+        draw.derived("resampling"),
+        gathered.traffic,
+        gathered.elsewhere,
         error=None if look is None else look.error,
         findings=dependence(consistency),
     )
     report = content(
         Audited(
             profile=profile,
-            policy=found.policy.as_json(),
+            policy=gathered.policy.as_json(),
             deterministic=not request.soft,
-            drawn=drawn,
+            drawn=draw,
             look=look,
-            records=found.references.records,
+            records=gathered.references.records,
             reference_files=list(request.references),
-            left_out=found.references.itself,
+            left_out=gathered.references.itself,
             consistency=consistency,
-            evidence=found.complete,
-            elsewhere=found.elsewhere,
+            evidence=gathered.complete,
+            elsewhere=gathered.elsewhere,
             verdict=verdict,
             discrimination=discrimination,
             shifts=shifts,
-            films=found.films,
-            traces=found.traces,
-            command=command_of(request, drawn.seed),
+            films=gathered.films,
+            traces=gathered.traces,
+            command=command_of(request, draw.seed),
             started=started,
             seconds=round(time.monotonic() - clock, 3),
         )
     )
-    evidence = (found.complete, *found.elsewhere)
-    return Conducted(report, evidence, profile, found.films, request.log, look)
+    evidence = (gathered.complete, *gathered.elsewhere)
+    return Conducted(report, evidence, profile, gathered.films, request.log, look)
 
 
 def _gather(
@@ -183,32 +181,37 @@ def _gather(
     collect: Callable[[Collection], Evidence],
 ) -> _Gathered:
     """Load the policy, commit, learn the seed, and run all drivers."""
-    given, world = request.given(), profile.world(request.trust.allow_code)
+    seed, world = request.given(), profile.world(request.trust.allow_code)
     if request.films:
         check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
         policy = closing.enter_context(loaded).record
-        declared, *others = (
-            Collection.of(request, profile, number, place, loaded, closing)
-            for number, place in ((None, world), *enumerate(one.world for one in traffic))
+        declared, *shifted = (
+            Collection.of(request, profile, number, scenario, loaded, closing)
+            for number, scenario in (
+                (None, world),
+                *enumerate(variant.world for variant in traffic),
+            )
         )
         if request.in_parts:
             declared.check_parts()
         plan = plan_of(request, profile, policy.sha256, declared.references)
-        opened = repeated or _open(request, plan, given, print_line)
-        drawn = opened.drawn
-        if drawn.commitment != plan.commitment:
+        opened = repeated or _open(request, plan, seed, print_line)
+        draw = opened.drawn
+        if draw.commitment != plan.commitment:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"
             )
 
         def collected(collection: Collection, purpose: str) -> Evidence:
-            return collect(collection.on(episode_seeds(drawn.derived(purpose), request.episodes)))
+            return collect(collection.on(episode_seeds(draw.derived(purpose), request.episodes)))
 
         complete = collected(declared, "episodes")
-        elsewhere = [collected(one, f"shift {number}") for number, one in enumerate(others)]
+        elsewhere = [
+            collected(collection, f"shift {number}") for number, collection in enumerate(shifted)
+        ]
         episodes = selected(complete, profile.angle)
         films = films_of(world, loaded.policy, episodes) if request.films else {}
         traces = traces_of(world, loaded.policy, episodes, not request.soft)
@@ -223,19 +226,19 @@ def plan_of(request: Request, profile: Profile, policy_sha256: str, references: 
         profile,
         request.episodes,
         request.soft,
-        tuple(one["sha256"] for one in references.records.values()),
+        tuple(driver["sha256"] for driver in references.records.values()),
     )
 
 
 def _open(
     request: Request,
     plan: Plan,
-    given: int | Nonce | Round | None,
+    seed: int | Nonce | Round | None,
     print_line: Callable[[str], None],
 ) -> Opened:
     """Commit, learn the seed, and print both."""
     print_line(f"committed to policy and declaration: {plan.commitment.sha256}")
-    opened = open_look(request.log, plan, given)
+    opened = open_look(request.log, plan, seed)
     if opened.look is not None:
         print_line(f"look {opened.look.number} of {opened.look.log}")
     print_line(f"seed {opened.drawn.seed}, from {opened.drawn.source}")

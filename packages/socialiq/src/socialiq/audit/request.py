@@ -1,18 +1,38 @@
-"""Request of an audit, and the command that repeats it."""
+"""Request of an audit, the command that repeats it, and the evidence that it collects."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import shlex
 from pathlib import Path
+from typing import NamedTuple
 
-from socialiq.audit.evidence.outcomes import check_episodes
-from socialiq.audit.resolve_policy import Trust, is_code
-from socialiq.audit.seeds.beacon import Round, read_round
-from socialiq.audit.seeds.commitment import check_seed
-from socialiq.audit.seeds.nonce import Nonce, read_nonce
+import numpy as np
+from jaxtyping import Int64
+
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.consistency import Recorder
+from socialiq.audit.evidence.drive import ByRule
+from socialiq.audit.evidence.outcomes import Evidence, check_episodes
+from socialiq.audit.profile.junction import Junction
+from socialiq.audit.profile.profile import Profile, World
+from socialiq.audit.resolve_policy import (
+    References,
+    Trust,
+    is_code,
+    reference_dial,
+    resolve_policy,
+    resolve_references,
+)
+from socialiq.audit.seeds import Nonce, Round, check_seed, read_nonce, read_round
 from socialiq.errors import UserError
-from socialiq.policies.process.load import GIB, Limits
+from socialiq.evaluation.simulate import SoftPolicy
+from socialiq.policies.interface import Loaded
+from socialiq.policies.process import GIB, Limits
+from socialiq.worlds.context_policy import ContextPolicy
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.world import Intersection
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +87,7 @@ class Request:
             raise UserError("--files is of a process or Python: leave it out")
         if self.threads < 1:
             raise UserError(f"threads must be at least 1, got {self.threads}")
-        if sum(one is not None for one in (self.seed, self.nonce, self.beacon)) > 1:
+        if sum(origin is not None for origin in (self.seed, self.nonce, self.beacon)) > 1:
             raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
 
     def given(self) -> int | Nonce | Round | None:
@@ -85,12 +105,12 @@ def command_of(request: Request, seed: int) -> str:
     """Return the command that repeats an audit, without its output folder."""
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
-    words += [word for one in request.references for word in ("--reference", one)]
+    words += [word for reference in request.references for word in ("--reference", reference)]
     words += ["--films"] if request.films else []
     words += ["--shift"] if request.shift else []
     words += ["--soft"] if request.soft else []
     words += ["--allow-code"] if request.trust.allow_code else []
-    words += [word for one in request.trust.files for word in ("--files", one)]
+    words += [word for file in request.trust.files for word in ("--files", file)]
     if request.trust.isolation != "auto":
         words += ["--isolation", request.trust.isolation]
     limits, usual = request.trust.limits, Limits()
@@ -99,3 +119,100 @@ def command_of(request: Request, seed: int) -> str:
     if limits.memory != usual.memory:
         words += ["--memory-gib", f"{limits.memory / GIB:g}"]
     return shlex.join(words)
+
+
+class Collection(NamedTuple):
+    """Evidence that is to be collected.
+
+    Attributes:
+        request: Request of the audit.
+        profile: The declaration.
+        traffic: Number of a traffic of `other_traffic`, or None for the declared one.
+        world: World of the episodes.
+        loaded: The policy.
+        references: Drivers to compare with.
+        seeds: Seeds of the episodes.
+        by_rule: The declared rule of the angle; None without one.
+    """
+
+    request: Request
+    profile: Profile
+    traffic: int | None
+    world: World
+    loaded: Loaded
+    references: References
+    seeds: Int64[np.ndarray, " episode"]
+    by_rule: ByRule | None = None
+
+    @staticmethod
+    def of(
+        request: Request,
+        profile: Profile,
+        traffic: int | None,
+        world: World,
+        loaded: Loaded,
+        closing: contextlib.ExitStack,
+    ) -> Collection:
+        """Resolve the references in the world of the episodes; there are no episodes yet.
+
+        Processes of references end with `closing`.
+        """
+        references = resolve_references(world, request.references, loaded.record, request.trust)
+        closing.callback(references.close)
+        none, by_rule = np.zeros(0, np.int64), None
+        if profile.rule is not None:
+            if loaded.record.kind == "dial":
+                raise UserError(
+                    "a dial has one angle here: write its policy with `socialiq turn --angle-rule`"
+                )
+            if request.soft:
+                raise UserError("a declared rule is tested with best actions: leave out --soft")
+            dial = None if isinstance(world, GridWorld) else reference_dial(request.references)
+            by_rule = ByRule(profile.rule, dial)
+            if dial is not None:
+                ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
+        return Collection(request, profile, traffic, world, loaded, references, none, by_rule)
+
+    def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
+        """Return the collection on episodes of these seeds."""
+        return self._replace(seeds=seeds)
+
+    def check_parts(self) -> None:
+        """Refuse a stochastic policy whose draws depend on the order of all episodes.
+
+        Raises:
+            UserError: If parts of the episodes would give other evidence than all at once.
+        """
+        draws_by_seed = isinstance(self.world, Intersection | Junction) and isinstance(
+            self.loaded.policy, SoftPolicy
+        )
+        if self.by_rule is not None:
+            raise UserError("a declared rule is tested in one process: leave out --processes")
+        if self.request.soft and not draws_by_seed:
+            raise UserError(
+                "this policy draws its actions in order: leave out --soft, or --processes"
+            )
+
+    def collect(self, side_by_side: int | None = None) -> Evidence:
+        """Run all drivers in this process; ask a policy that is code again what it was asked.
+
+        Policies that are data run by this package's code, and drawn actions differ by design.
+        """
+        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
+        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
+        evidence = collect_evidence(
+            self.world,
+            policy,
+            self.seeds,
+            self.references.drivers,
+            deterministic=not request.soft,
+            threads=request.threads,
+            side_by_side=side_by_side,
+            by_rule=self.by_rule,
+        )
+        if isinstance(policy, Recorder):
+            angle = self.profile.angle
+            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
+                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
+        self.loaded.check_unchanged()
+        return evidence

@@ -14,17 +14,16 @@ from socialiq.audit.evidence.collect import RULES
 from socialiq.audit.evidence.drive_junction import rules_at_junction
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.scenario import World, interface_of
+from socialiq.audit.profile.profile import World, interface_of
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.foreign import one_line
-from socialiq.nn.actor_policy import DIAL_KIND, ActorDial
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.policies.interface import Interface
+from socialiq.policies.interface import Interface, Loaded, Record
+from socialiq.policies.isolation import IsolationMode, isolation_of
 from socialiq.policies.load import KINDS, load_policy
-from socialiq.policies.process.isolation import IsolationMode, isolation_of
-from socialiq.policies.process.load import Limits
-from socialiq.policies.record import Loaded, Record
+from socialiq.policies.process import Limits
 from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of
 from socialiq.worlds.grid_world import GridWorld
@@ -84,17 +83,17 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     """
     if spec.startswith(ATLAS):
         path = _shipped_file(spec.removeprefix(ATLAS), world)
-        found = _file(str(path), world, angle, trust)
-        return dataclasses.replace(found, record=dataclasses.replace(found.record, source=spec))
+        loaded = _file(str(path), world, angle, trust)
+        return dataclasses.replace(loaded, record=dataclasses.replace(loaded.record, source=spec))
     if spec in policies.NAMES and isinstance(world, Intersection):
         return rule_of(spec, world)
     if ":" not in spec and not Path(spec).exists():
         if Path(spec).suffix in SUFFIXES:
             raise UserError(f"no such file: {one_line(spec)}")
-        named = list(KINDS)
+        choices = list(KINDS)
         if isinstance(world, Intersection):
-            named += ["atlas:NAME", f"a rule-based driver ({', '.join(policies.NAMES)})"]
-        raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(named)}")
+            choices += ["atlas:NAME", f"a rule-based driver ({', '.join(policies.NAMES)})"]
+        raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(choices)}")
     return _file(spec, world, angle, trust)
 
 
@@ -115,38 +114,38 @@ class References(NamedTuple):
 
 
 def resolve_references(
-    world: World, named: Sequence[str | Path], policy: Record, trust: Trust
+    world: World, specs: Sequence[str | Path], policy: Record, trust: Trust
 ) -> References:
     """Load the drivers to compare with.
 
     Args:
         world: World of the episodes.
-        named: The user's references: files, of which a dial gives one for every 15 degrees from 0
+        specs: The user's references: files, of which a dial gives one for every 15 degrees from 0
             to 90, or "python:MODULE:ATTRIBUTE".
         policy: Record of the policy under audit.
         trust: Permissions of Python modules.
     """
-    found = _shipped(world) if isinstance(world, Intersection) else []
+    drivers = _shipped(world) if isinstance(world, Intersection) else []
     rules = RULES if isinstance(world, Intersection) else ()
     if isinstance(world, Junction):
-        rules = tuple(one.name for one in rules_at_junction(world.n_actions))
+        rules = tuple(rule.name for rule in rules_at_junction(world.n_actions))
     with contextlib.ExitStack() as started:
-        for spec in named:
-            found += _named(str(spec), world, trust, started)
+        for spec in specs:
+            drivers += _named(str(spec), world, trust, started)
         close = started.pop_all().close
-    records = {one.name: record for one, record in found}
+    records = {driver.name: record for driver, record in drivers}
     audited, names = policy.as_json(), (*rules, *records)
     itself = [name for name in names if is_itself(name, records.get(name), audited)]
-    return References([one for one, _ in found], records, itself, close)
+    return References([driver for driver, _ in drivers], records, itself, close)
 
 
-def reference_dial(named: Sequence[str | Path]) -> DialPolicy:
+def reference_dial(specs: Sequence[str | Path]) -> DialPolicy:
     """Return the one dial among the user's references, with which a declared rule is tested.
 
     Raises:
         UserError: If there is none, or more than one.
     """
-    dials = [Path(one) for one in named if kind_of(Path(one)) == "dial"]
+    dials = [Path(spec) for spec in specs if kind_of(Path(spec)) == "dial"]
     if len(dials) != 1:
         raise UserError(
             "a declared rule is tested against one dial at the intersection: add "
@@ -173,19 +172,19 @@ def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[st
 
 def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
     """Return gap rules, and the experts of the atlas if they are installed and fit the world."""
-    found, shipped = [], atlas.names(_studies(world))
+    drivers, shipped = [], atlas.names(_studies(world))
     better = "expert" if world.options.continuous else "set"
     for name in GAPS:
-        one = rule_of(name, world)
-        found.append((Reference(name, one.policy), one.record.as_json()))
+        loaded = rule_of(name, world)
+        drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
     for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
         name = f"{family}_{mode}"
         if name in shipped and _fits(name, world):
-            one = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
+            loaded = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
             # The calibration curve is of one family, the better one.
             on_curve = angle if family == better else None
-            found.append((Reference(name, one.policy, on_curve), one.record.as_json()))
-    return found
+            drivers.append((Reference(name, loaded.policy, on_curve), loaded.record.as_json()))
+    return drivers
 
 
 def _shipped_file(name: str, world: World) -> Path:
@@ -200,18 +199,18 @@ def _studies(world: World) -> tuple[str, ...]:
 
 
 def _fits(name: str, world: World) -> bool:
-    wanted = interface_of(world)
-    if not wanted.action_size:
+    interface = interface_of(world)
+    if not interface.action_size:
         policy = atlas.load(name)
-        return Interface(policy.n_features, policy.n_actions) == wanted
+        return Interface(policy.n_features, policy.n_actions) == interface
     actor = atlas.load_continuous(name)
-    clocked = actor.n_features - wanted.n_features in (0, 1)
-    return clocked and actor.action_size == wanted.action_size
+    clocked = actor.n_features - interface.n_features in (0, 1)
+    return clocked and actor.action_size == interface.action_size
 
 
 _DIALS: dict[str, Callable[[Path], DialPolicy | ActorDial]] = {
-    "dial": DialPolicy.load,
-    DIAL_KIND: ActorDial.load,
+    DialPolicy.KIND: DialPolicy.load,
+    ActorDial.KIND: ActorDial.load,
 }
 """Readers of dials by the kind of file."""
 
@@ -220,8 +219,8 @@ def _named(
     spec: str, world: World, trust: Trust, started: contextlib.ExitStack
 ) -> list[tuple[Reference, dict[str, Any]]]:
     if spec.startswith("python:"):
-        one = started.enter_context(_file(spec, world, 0.0, trust))
-        return [(Reference(spec.rpartition(":")[2], one.policy), one.record.as_json())]
+        loaded = started.enter_context(_file(spec, world, 0.0, trust))
+        return [(Reference(spec.rpartition(":")[2], loaded.policy), loaded.record.as_json())]
     path = Path(spec)
     if ":" in spec:
         raise UserError(
@@ -230,19 +229,19 @@ def _named(
         )
     kind = kind_of(path)
     if kind not in _DIALS:
-        one = _file(str(path), world, 0.0, Trust())
-        return [(Reference(one_line(path.stem), one.policy), one.record.as_json())]
-    dial, found = _DIALS[kind](path), []
+        loaded = _file(str(path), world, 0.0, Trust())
+        return [(Reference(one_line(path.stem), loaded.policy), loaded.record.as_json())]
+    dial, drivers = _DIALS[kind](path), []
     for step in range(7):
         angle = EVERY * step
         if dial.low <= angle <= dial.high:
-            one = _file(str(path), world, angle, Trust())
+            loaded = _file(str(path), world, angle, Trust())
             name = f"{one_line(path.stem)} at {angle:g}"
             # One file, several drivers: the hash covers the angle too.
-            sha256 = hashlib.sha256(f"{one.record.sha256}@{angle:g}".encode()).hexdigest()
-            record = {**one.record.as_json(), "sha256": sha256}
-            found.append((Reference(name, one.policy, angle), record))
-    return found
+            sha256 = hashlib.sha256(f"{loaded.record.sha256}@{angle:g}".encode()).hexdigest()
+            record = {**loaded.record.as_json(), "sha256": sha256}
+            drivers.append((Reference(name, loaded.policy, angle), record))
+    return drivers
 
 
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
@@ -251,13 +250,17 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     The time is that of a world of this package or a recorded junction; other environments have
     none (`evidence.drive`, `evidence.drive_junction`, `evaluation.play`).
     """
-    found = interface_of(world)
-    more: dict[str, Any] = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
-    more["action_size"] = found.action_size
+    interface = interface_of(world)
+    keywords: dict[str, Any] = {
+        "angle": angle,
+        "allow_code": trust.allow_code,
+        "limits": trust.limits,
+    }
+    keywords["action_size"] = interface.action_size
     if is_code(spec):
-        more |= {"isolation": isolation_of(trust.isolation), "files": trust.files}
-    more["clock"] = isinstance(world, GridWorld | Intersection | Junction)
-    return load_policy(spec, found.n_features, found.n_actions, **more)
+        keywords |= {"isolation": isolation_of(trust.isolation), "files": trust.files}
+    keywords["clock"] = isinstance(world, GridWorld | Intersection | Junction)
+    return load_policy(spec, interface.n_features, interface.n_actions, **keywords)
 
 
 def rule_of(name: str, world: Intersection, seed: int = 0) -> Loaded:

@@ -126,8 +126,8 @@ def _show(done: Conducted, folder: Path) -> None:
     report = done.report
     verdict = report["verdict"]
     sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
-    for one in report["caveats"]:
-        sys.stdout.write(f"Note: {one['text']}\n")
+    for caveat in report["caveats"]:
+        sys.stdout.write(f"Note: {caveat['text']}\n")
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
     print_table(
@@ -160,13 +160,13 @@ def _tests(report: Mapping[str, Any]) -> list[dict[str, str]]:
         | measured
         | {"asked for": f"at most {number(regret['margin'])}"}
     ]
-    for one in report["tests"]["competence"]:
-        if is_known(report, one["name"]):
-            shares = {name: percent(one[name]) for name in ("share", "low", "high")}
+    for test in report["tests"]["competence"]:
+        if is_known(report, test["name"]):
+            shares = {name: percent(test[name]) for name in ("share", "low", "high")}
             rows.append(
-                {"test": _EVENTS[one["name"]], "result": outcome(one["decision"])}
+                {"test": _EVENTS[test["name"]], "result": outcome(test["decision"])}
                 | {"estimate": shares.pop("share")}
                 | shares
-                | {"asked for": f"{one['side']} {percent(one['limit'])}"}
+                | {"asked for": f"{test['side']} {percent(test['limit'])}"}
             )
     return rows

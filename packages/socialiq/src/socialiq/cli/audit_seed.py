@@ -15,8 +15,7 @@ from socialiq.audit.conduct import commit_to
 from socialiq.audit.looks.log import now
 from socialiq.audit.looks.look import of_beacon, of_nonce
 from socialiq.audit.request import Request
-from socialiq.audit.seeds.beacon import address_of, round_after, time_of
-from socialiq.audit.seeds.nonce import write_nonce
+from socialiq.audit.seeds import address_of, round_after, time_of, write_nonce
 from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import print_json, say
 from socialiq.errors import UserError

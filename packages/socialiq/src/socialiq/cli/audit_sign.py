@@ -42,13 +42,13 @@ class Sign:
     def run(self) -> int:
         """Check the folder, sign, write `statement.dsse.json`, and the policy's signature."""
         key = read_private_key(self.key)
-        found = check_folder(self.folder)
-        for line in found.faults:
+        findings = check_folder(self.folder)
+        for line in findings.faults:
             complain(line)
-        for name in found.not_checked:
+        for name in findings.not_checked:
             complain(f"{name} is not checked: sign with the version of socialiq that wrote it")
-        if found.faults or found.not_checked:
-            return 1 if found.faults else 3
+        if findings.faults or findings.not_checked:
+            return 1 if findings.faults else 3
         files, written = content_of(self.folder), [self.folder / SIGNATURES]
         model = None if self.policy is None else self._of_policy(self.policy)
         envelope = signed(files[STATEMENT], key, files.get(SIGNATURES))

@@ -14,13 +14,12 @@ import tyro
 
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.auditor_claims import OF_A_LOG
-from socialiq.audit.report.differences import differences
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, tables_of
-from socialiq.audit.report.log_check import faults_by_log
+from socialiq.audit.report.recompute import differences
 from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.signature import faults_of_signature, key_id, read_public_key
-from socialiq.audit.report.verify import check_folder, content_of, read_report
+from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
+from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.code_options import CodeOptions
@@ -69,12 +68,12 @@ class Verify:
         """Check, optionally rerun, and print what was checked and what differs."""
         if not self.rerun:
             signed = () if self.key is None else ("policy",)
-            unused = tuple(one for one in _OF_RERUN if one not in signed)
+            unused = tuple(option for option in _OF_RERUN if option not in signed)
             refuse_unused(self, unused, "--rerun")
-            refuse_unused(self.code, [one.name for one in fields(self.code)], "--rerun")
+            refuse_unused(self.code, [field.name for field in fields(self.code)], "--rerun")
         key = None if self.key is None else read_public_key(self.key)
-        found = check_folder(self.folder)
-        faults, checked = found.faults, list(found.checked)
+        findings = check_folder(self.folder)
+        faults, checked = findings.faults, list(findings.checked)
         if key is not None and not faults:
             faults = faults_of_signature(content_of(self.folder), key)
             checked.append(f"signature by the key {key_id(key)}")
@@ -87,17 +86,17 @@ class Verify:
         if self.rerun and not faults:
             faults = self._again()
             checked.append("episodes, run again")
-        status = 1 if faults else 3 if found.not_checked else 0
+        status = 1 if faults else 3 if findings.not_checked else 0
         claims = [] if faults else self._claims()
         if self.json:
             row = {"folder": str(self.folder), "rerun": self.rerun, "faults": faults}
-            row |= {"not_checked": found.not_checked, "checked": [] if faults else checked}
+            row |= {"not_checked": findings.not_checked, "checked": [] if faults else checked}
             print_json(row | {"claims": claims})
             return status
         for line in _shortened(faults):
             complain(line)
         if not faults:
-            self._show(found.not_checked, checked, claims)
+            self._show(findings.not_checked, checked, claims)
         return status
 
     def _show(self, unknown: list[str], checked: list[str], claims: list[str]) -> None:
@@ -141,7 +140,7 @@ class Verify:
     def _claims(self) -> list[str]:
         """Return the auditor's claims that nothing has confirmed."""
         claims = read_report(self.folder / REPORT)["claims_of_auditor"]
-        return [one for one in claims if one != OF_A_LOG or self.log is None]
+        return [claim for claim in claims if claim != OF_A_LOG or self.log is None]
 
     def _again(self) -> list[str]:
         files = content_of(self.folder)
@@ -149,14 +148,16 @@ class Verify:
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
         self._check_world(files[PROFILE])
-        with tempfile.TemporaryDirectory() as place:
-            profile = Path(place) / PROFILE
+        with tempfile.TemporaryDirectory() as folder:
+            profile = Path(folder) / PROFILE
             profile.write_bytes(files[PROFILE])
             done = conduct(self._request(report, profile), say, opened_of(report))
         fresh = json.loads(json.dumps(done.report))
         tables = tables_of(done.evidence)
-        found = [name for name in tables if files.get(name) != tables[name]]
-        return [f"{one} differs in the rerun" for one in [*found, *differences(report, fresh)]]
+        differing = [name for name in tables if files.get(name) != tables[name]]
+        return [
+            f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]
+        ]
 
     def _source(self, report: dict[str, Any]) -> str:
         """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""
@@ -167,9 +168,9 @@ class Verify:
 
     def _references(self, report: dict[str, Any]) -> tuple[str, ...]:
         """Return the user's references, by the same rule."""
-        for one in () if self.reference else report["reference_files"]:
-            if one.startswith(_RUNS):
-                raise _asks_to_run(one, "--reference")
+        for reference in () if self.reference else report["reference_files"]:
+            if reference.startswith(_RUNS):
+                raise _asks_to_run(reference, "--reference")
         return tuple(self.reference or report["reference_files"])
 
     def _check_world(self, profile: bytes) -> None:
@@ -198,8 +199,8 @@ _MOST_LINES = 12
 
 def _shortened(lines: list[str]) -> list[str]:
     """Return the first lines, and how many more there are."""
-    more = len(lines) - _MOST_LINES
-    return [*lines[:_MOST_LINES], f"and {more} more"] if more > 0 else lines
+    remaining = len(lines) - _MOST_LINES
+    return [*lines[:_MOST_LINES], f"and {remaining} more"] if remaining > 0 else lines
 
 
 _OF_RERUN = (

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import tyro
 
 from socialiq.audit.resolve_policy import Trust
-from socialiq.policies.process.isolation import IsolationMode
-from socialiq.policies.process.load import limits_of
+from socialiq.policies.isolation import IsolationMode
+from socialiq.policies.process import limits_of
 
 
 @dataclass(frozen=True)

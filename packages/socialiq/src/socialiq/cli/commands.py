@@ -56,9 +56,6 @@ COMMANDS = _installed()
 GROUPS = {"profile": "declarations for an audit", "data": "data sets and recorded traffic"}
 """First words that need a second one, and the subject of their commands."""
 
-OF_A_STUDY = ("reproduce", "compare")
-"""Commands with options that depend on the study that is named."""
-
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
     "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "

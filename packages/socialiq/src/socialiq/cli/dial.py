@@ -16,7 +16,7 @@ from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_di
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
 from socialiq.learners.config import check_seed
-from socialiq.nn.actor_policy import DIAL_KIND, ActorDial
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.social.angle import angle_difference, angle_of
@@ -87,7 +87,7 @@ class Dial:
 
     def discrete(self) -> tuple[list[Row], Row]:
         """Return rows and summary of a dial of discrete actions; write the calibrated one."""
-        if kind_of(self.policy) == DIAL_KIND:
+        if kind_of(self.policy) == ActorDial.KIND:
             known = ", ".join(CONTINUOUS)
             raise UserError(f"{self.policy} has continuous actions: choose one of {known}")
         dial = DialPolicy.load(self.policy)

@@ -8,13 +8,11 @@ from typing import Any
 from socialiq.audit.resolve_policy import rule_of
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.nn import actor_policy
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.value_policy import ValuePolicy
-from socialiq.policies.interface import Interface
+from socialiq.nn.q_policy import ValuePolicy
+from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import load_policy
-from socialiq.policies.record import Loaded
 from socialiq.storage import kind_of
 from socialiq.types import Policy
 from socialiq.worlds import CONTINUOUS
@@ -100,7 +98,7 @@ def driver_on(
             given.
     """
     path = Path(name)
-    dial = path.is_file() and kind_of(path) in ("dial", actor_policy.DIAL_KIND)
+    dial = path.is_file() and kind_of(path) in (DialPolicy.KIND, ActorDial.KIND)
     if angle is not None and not dial:
         raise UserError(f"--angle is of a dial, which {one_line(name)} is not: leave it out")
     if isinstance(world, Intersection) and not dial:

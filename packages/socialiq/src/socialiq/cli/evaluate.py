@@ -25,7 +25,7 @@ from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.learners.config import check_seed
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import ValuePolicy
 from socialiq.social.angle import check_angle
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.worlds import CONTINUOUS

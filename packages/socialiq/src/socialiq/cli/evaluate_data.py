@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.off_policy.estimate import Estimate, Evaluator, OffPolicy
 from socialiq.evaluation.off_policy.logged import Chances, Logged
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.load import load_policy
 from socialiq.storage import kind_of
 from socialiq.types import Policy, Row

@@ -20,8 +20,8 @@ from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env
 from socialiq.evaluation.simulate import SoftPolicy
+from socialiq.policies.interface import Loaded
 from socialiq.policies.load import load_policy
-from socialiq.policies.record import Loaded
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
 from socialiq.worlds import CONTINUOUS_IDS, IDS, SCENE_IDS

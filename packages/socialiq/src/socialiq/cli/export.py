@@ -12,27 +12,18 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.nn.actor_policy import DIAL_KIND, ActorDial, ActorPolicy
-from socialiq.nn.actor_policy import KIND as ACTOR_KIND
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.ensemble import KIND, EnsemblePolicy, load_values
+from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.policies.card import card_materials, model_card
-from socialiq.policies.export_torch import to_safetensors
-from socialiq.policies.native import (
-    read_actor,
-    read_context,
-    read_dial,
-    read_ensemble,
-    read_policy,
-)
-from socialiq.policies.onnx.export import to_onnx
+from socialiq.policies.export import to_onnx, to_safetensors
+from socialiq.policies.load import read_native
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
-from socialiq.worlds.context_policy import KIND as CONTEXT_KIND
 from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.intersection import atlas
 
@@ -87,19 +78,13 @@ class Export:
             names = ", ".join(atlas.names())
             raise UserError(f"no policy '{one_line(self.policy)}': name a file, or one of {names}")
         kind = kind_of(path)
-        if kind in ("dial", DIAL_KIND):
+        if kind in (DialPolicy.KIND, ActorDial.KIND):
             if self.angle is None:
                 raise UserError(f"{path} is a dial: add --angle")
-            read = read_dial if kind == "dial" else read_actor
-            return read(path, self.angle, None)[0], {}
+            return read_native(path, None, self.angle)[0], {}
         self._check_no_angle()
-        if kind == CONTEXT_KIND:
-            return read_context(path, None)[0], {}
-        if kind == ACTOR_KIND:
-            actor, _ = read_actor(path, None, None)
-            return actor, _run_of(path, actor)
-        policy, _ = (read_ensemble if kind_of(path) == KIND else read_policy)(path, None)
-        return policy, _run_of(path, policy)
+        policy, _ = read_native(path, None)
+        return policy, {} if kind == ContextPolicy.KIND else _run_of(path, policy)
 
     def _check_no_angle(self) -> None:
         if self.angle is not None:
@@ -190,7 +175,7 @@ class Turn:
 
     def turned(self) -> tuple[QPolicy | ActorPolicy | ContextPolicy, Row]:
         """Return the policy, and what the dial was turned to."""
-        continuous = kind_of(self.dial) == DIAL_KIND
+        continuous = kind_of(self.dial) == ActorDial.KIND
         if self.angle_rule is not None:
             if continuous:
                 raise UserError(

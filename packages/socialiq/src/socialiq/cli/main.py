@@ -16,7 +16,6 @@ from socialiq.cli.commands import (
     COMMANDS,
     DESCRIPTION,
     GROUPS,
-    OF_A_STUDY,
     command_class,
     every_command,
     help_page,
@@ -102,14 +101,10 @@ def parse(arguments: list[str] | None) -> Any:
 def _command(name: str, words: list[str]) -> Any:
     """Parse a command's options; a mistyped one is refused before anything else is imported."""
     program, known = f"socialiq {name}", options_of(name)
-    study_command = command_class(name) if name in OF_A_STUDY else None
-    if study_command:
-        known = study_command.declared_options(words)
     unknown = unknown_option(program, words, known) if known else None
     if unknown:
         raise unknown
-    kind = study_command.specific(words) if study_command else command_class(name)
-    return _options_of(kind, program, words)
+    return _options_of(command_class(name), program, words)
 
 
 def _options_of(kind: Any, program: str, words: list[str], description: str | None = None) -> Any:

@@ -34,9 +34,9 @@ class Page:
         from socialiq.page.write import FILE, write_page
 
         refuse_existing(self.out / FILE)
-        shown = None
+        dial = None
         if self.dial:
             refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())
-            shown = own_dial(self.dial)
-        say(f"open {write_page(new_folder(self.out), shown)}")
+            dial = own_dial(self.dial)
+        say(f"open {write_page(new_folder(self.out), dial)}")
         return 0

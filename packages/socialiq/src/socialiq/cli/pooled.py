@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.nn.actor_policy import KIND, ActorPolicy
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.card import trained_angle
 from socialiq.social.angle import angle_of
 from socialiq.storage import kind_of
@@ -61,4 +61,4 @@ def _named(name: str) -> ValuePolicy | ActorPolicy:
     if name in atlas.names(atlas.CONTINUOUS_STUDIES):
         return atlas.load_continuous(name)
     path = Path(name)
-    return ActorPolicy.load(path) if kind_of(path) == KIND else load_driver(path)
+    return ActorPolicy.load(path) if kind_of(path) == ActorPolicy.KIND else load_driver(path)

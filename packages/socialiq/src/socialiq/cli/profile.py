@@ -10,11 +10,10 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.profile import Profile as Declaration
 from socialiq.audit.profile.reader import load
-from socialiq.audit.profile.template import declare
+from socialiq.audit.profile.template import declare, possible_loss
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import load_rule
@@ -138,6 +137,6 @@ def _facts(declared: Declaration) -> dict[str, str | float | None]:
 
 
 def _show(path: Path, declared: Declaration) -> None:
-    facts = {name: "none" if one is None else one for name, one in _facts(declared).items()}
+    facts = {name: "none" if value is None else value for name, value in _facts(declared).items()}
     rows = [{"declared": name, "value": value} for name, value in facts.items()]
     print_table(rows, str(path))

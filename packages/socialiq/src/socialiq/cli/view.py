@@ -47,12 +47,12 @@ class View:
         if self.angle is not None:
             check_angle(self.angle)
         check_extra()
-        shown = opened(self.what, self.angle, self.code.trust) if self.what else None
+        content = opened(self.what, self.angle, self.code.trust) if self.what else None
         try:
-            serve(shown, self.port, self._opened)
+            serve(content, self.port, self._opened)
         finally:
-            if shown is not None:
-                shown.close()
+            if content is not None:
+                content.close()
         say("stopped")
         return 0
 

@@ -14,8 +14,7 @@ from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.q_network import network_of
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.worlds.enumerate import Table
 
 Readout = Literal["greedy", "soft"]

@@ -1,11 +1,14 @@
 """Actor and twin critics: networks of a policy of continuous actions and of its values.
 
-Their input `seen` is an observation; of a dial it ends with the inputs of the angle
-(`nn.dial_network.angle_columns`). A view encodes the observation alone.
+Their input is an observation; of a dial it ends with the inputs of the angle
+(`nn.dial_policy.angle_columns`). A view encodes the observation alone. The policy is a squashed
+Gaussian: a = tanh(u) with u ~ N(mean, std²), a density on (-1, 1)^size (Haarnoja et al. 2018, soft
+actor-critic, appendix C).
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import equinox as eqx
@@ -13,11 +16,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.q_network import Encoding, affine_layers, encoding, through
-
-LOG_STD = (-5.0, 2.0)
-"""Range of the logarithm of the standard deviation before the tangent is taken. A narrower policy
-has a density of e^5 for each number of an action, a wider one puts nearly all on the bounds."""
+from socialiq.nn.actor_policy import LOG_STD
+from socialiq.nn.q_network import affine_layers, encoding, through
+from socialiq.nn.view import Encoding
 
 
 class Actor(eqx.Module):
@@ -69,31 +70,31 @@ class Actor(eqx.Module):
             UserError: If the view is unknown or doesn't fit the observation.
         """
         outputs = 2 * size if stochastic else size
-        seen = encoding(key, n_inputs - extra, view, (), times)
-        width = seen.width + extra if seen else n_inputs
+        encoder = encoding(key, n_inputs - extra, view, (), times)
+        width = encoder.width + extra if encoder else n_inputs
         layers = affine_layers(key, (width, *hidden, outputs))
-        return Actor(layers, activation, size, scale, seen)
+        return Actor(layers, activation, size, scale, encoder)
 
     def __call__(
-        self, seen: Float[Array, " input"]
+        self, inputs: Float[Array, " input"]
     ) -> tuple[Float[Array, " size"], Float[Array, " size"]]:
         """Return mean and log-deviation of u, of a = tanh(u); use `jax.vmap` for a batch.
 
         Without deviations the second is the lower end of `LOG_STD`.
         """
-        value = through(self.layers, self.activation, encoded(self.view, seen) * self.scale)
+        value = through(self.layers, self.activation, encoded(self.view, inputs) * self.scale)
         mean = value[: self.size]
         if len(value) == self.size:
             return mean, jnp.full_like(mean, LOG_STD[0])
         return mean, jnp.clip(value[self.size :], *LOG_STD)
 
 
-def encoded(view: Encoding | None, seen: Float[Array, " input"]) -> Float[Array, " encoded"]:
+def encoded(view: Encoding | None, inputs: Float[Array, " input"]) -> Float[Array, " encoded"]:
     """Return an input with its observation as a view encodes it; further inputs stay."""
     if view is None:
-        return seen
+        return inputs
     count = view.n_features
-    return jnp.concatenate([view(seen[:count]), seen[count:]])
+    return jnp.concatenate([view(inputs[:count]), inputs[count:]])
 
 
 class Critic(eqx.Module):
@@ -110,19 +111,19 @@ class Critic(eqx.Module):
     scale: float = eqx.field(static=True, default=1.0)
 
     def __call__(
-        self, seen: Float[Array, " input"], action: Float[Array, " size"]
+        self, inputs: Float[Array, " input"], action: Float[Array, " size"]
     ) -> Float[Array, ""]:
         """Return the value of one action; use `jax.vmap` for a batch."""
-        both = jnp.concatenate([seen * self.scale, action])
-        return through(self.layers, self.activation, both)[0]
+        joined = jnp.concatenate([inputs * self.scale, action])
+        return through(self.layers, self.activation, joined)[0]
 
 
 class TwinCritics(eqx.Module):
     """Two critics with weights of their own (Fujimoto et al. 2018): their minimum errs less high.
 
     Attributes:
-        first: One.
-        second: The other.
+        first: First critic.
+        second: Second critic.
         view: Encoding of the observation that both read; None for none.
     """
 
@@ -143,20 +144,64 @@ class TwinCritics(eqx.Module):
         extra: int = 0,
     ) -> TwinCritics:
         """Draw both; arguments and errors as of `Actor.initialise`."""
-        seen = encoding(key, n_inputs - extra, view, (), times)
-        width = seen.width + extra if seen else n_inputs
+        encoder = encoding(key, n_inputs - extra, view, (), times)
+        width = encoder.width + extra if encoder else n_inputs
         widths, keys = (width + size, *hidden, 1), jax.random.split(key)
-        both = (Critic(affine_layers(one, widths), activation, scale) for one in keys)
-        return TwinCritics(*both, view=seen)
+        critics = (Critic(affine_layers(half, widths), activation, scale) for half in keys)
+        return TwinCritics(*critics, view=encoder)
 
     def __call__(
-        self, seen: Float[Array, " input"], action: Float[Array, " size"]
+        self, inputs: Float[Array, " input"], action: Float[Array, " size"]
     ) -> Float[Array, " 2"]:
         """Return both values of one action; use `jax.vmap` for a batch."""
-        read = encoded(self.view, seen)
-        return jnp.stack([self.first(read, action), self.second(read, action)])
+        features = encoded(self.view, inputs)
+        return jnp.stack([self.first(features, action), self.second(features, action)])
 
 
 def frozen(network: Any) -> Any:
     """Return a network whose weights have no gradient."""
     return jax.tree.map(jax.lax.stop_gradient, network)
+
+
+Row = Float[Array, " size"]
+Scalar = Float[Array, ""]
+
+EDGE = 1e-3
+"""Distance from a bound to which actions are moved: at the bound itself the density is 0 or
+infinite. Demonstrators that press a control to its end have many such actions."""
+
+
+def squash_log_slope(u: Row) -> Row:
+    """Return log(1 - tanh(u)²), the log-derivative of tanh, in a form that doesn't round to log 0.
+
+    1 - tanh(u)² = 4 / (e^u + e^-u)², so its logarithm is 2 (log 2 - u - log(1 + e^-2u)).
+    """
+    return 2.0 * (math.log(2.0) - u - jax.nn.softplus(-2.0 * u))
+
+
+def log_density_before(u: Row, mean: Row, log_std: Row) -> Scalar:
+    """Return log π(tanh(u)) = Σ log N(u; mean, std²) - Σ log(1 - tanh(u)²) (their Eq 21).
+
+    One row; sums run over the numbers of an action.
+    """
+    standardised = (u - mean) * jnp.exp(-log_std)
+    gaussian = -0.5 * jnp.square(standardised) - log_std - 0.5 * math.log(2.0 * math.pi)
+    return jnp.sum(gaussian - squash_log_slope(u))
+
+
+def log_density(action: Row, mean: Row, log_std: Row) -> Scalar:
+    """Return log π(a) of an action, which is moved to at least `EDGE` from the bounds."""
+    inside = jnp.clip(action, -1.0 + EDGE, 1.0 - EDGE)
+    return log_density_before(jnp.arctanh(inside), mean, log_std)
+
+
+def draw(noise: Row, mean: Row, log_std: Row) -> tuple[Row, Scalar]:
+    """Return the action tanh(mean + std noise) and its log-density, both with gradients.
+
+    Args:
+        noise: Standard normal numbers.
+        mean: Of u.
+        log_std: Logarithm of the standard deviation of u.
+    """
+    u = mean + jnp.exp(log_std) * noise
+    return jnp.tanh(u), log_density_before(u, mean, log_std)

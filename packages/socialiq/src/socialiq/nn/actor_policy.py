@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32
 
-from socialiq.errors import UserError
-from socialiq.nn.actor import LOG_STD, Actor
-from socialiq.nn.dial_policy import check_in_range, range_of
-from socialiq.nn.file_checks import FAULTS, chained, fault_before, view_is_possible
-from socialiq.nn.perceptron import ACTIVATIONS, perceptron
-from socialiq.nn.q_network import Encoding, linear_layers
-from socialiq.nn.q_policy import content_of_view, view_of
-from socialiq.nn.value_policy import checked_batch, numbers_of
-from socialiq.social.angle import exact_weights
-from socialiq.storage import load_arrays, save_arrays
+from socialiq.nn.dial_policy import Dial
+from socialiq.nn.q_policy import checked_batch, layers_of_network, numbers_of
+from socialiq.nn.saved import Arrays, Header, SavedNetwork, layers_of_content
+from socialiq.nn.view import Encoding
 
-KIND, DIAL_KIND = "actor", "actor-dial"
-SCHEMA_VERSION = 1
+if TYPE_CHECKING:
+    from socialiq.nn.actor import Actor
+
+LOG_STD = (-5.0, 2.0)
+"""Range of the logarithm of the standard deviation before the tangent is taken. A narrower policy
+has a density of e^5 for each number of an action, a wider one puts nearly all on the bounds."""
 
 SQUASHES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "tanh": np.tanh,
@@ -34,7 +29,7 @@ SQUASHES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 @dataclass(frozen=True)
-class ActorPolicy:
+class ActorPolicy(SavedNetwork):
     """Policy of continuous actions in [-1, 1], the ends being the bounds of the world's: tanh(u).
 
     Deterministic, u is the mean; else it is drawn from N(mean, std²), if the network has
@@ -43,7 +38,7 @@ class ActorPolicy:
     Attributes:
         weights: Weight matrix of each layer, (outputs, inputs).
         biases: Bias of each layer.
-        activation: One of `nn.perceptron.ACTIVATIONS`, applied between layers.
+        activation: One of `nn.saved.ACTIVATIONS`, applied between layers.
         action_size: Length of an action; the last layer has as many means, and no or as many
             log-deviations.
         provenance: JSON-compatible record of how the policy was made.
@@ -52,6 +47,8 @@ class ActorPolicy:
         squash: One of `SQUASHES`; "tanh" but for some imported policies.
         view: Encoding of the observation that the first layer reads, with NumPy weights.
     """
+
+    KIND = "actor"
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -68,27 +65,18 @@ class ActorPolicy:
         actor: Actor, provenance: Mapping[str, Any], rng: np.random.Generator | None = None
     ) -> ActorPolicy:
         """Build the policy from a trained actor; its scale becomes part of the first layer."""
-        first, *others = (np.asarray(layer.weight) for layer in actor.layers)
-        return ActorPolicy(
-            (first if actor.scale == 1.0 else first * np.float32(actor.scale), *others),
-            tuple(np.asarray(layer.bias) for layer in actor.layers),
-            actor.activation,
-            actor.size,
-            provenance,
-            np.random.default_rng(0) if rng is None else rng,
-            view=actor.view.in_numpy() if actor.view else None,
-        )
+        rng = np.random.default_rng(0) if rng is None else rng
+        view, layers = actor.view, layers_of_network(actor)
+        view = view.in_numpy() if view else None
+        return ActorPolicy(*layers, actor.activation, actor.size, provenance, rng, view=view)
 
     def network(self) -> Actor:
         """Return the actor, which can be trained: the inverse of `of`."""
-        layers = linear_layers(self.weights, self.biases)
-        view = jax.tree.map(jnp.asarray, self.view)
-        return Actor(layers, self.activation, self.action_size, view=view)
+        from socialiq.nn import actor, q_network  # learning needs JAX, acting does not
 
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        return self.view.n_features if self.view else self.weights[0].shape[1]
+        layers = q_network.linear_layers(self.weights, self.biases)
+        view = q_network.in_jax(self.view)
+        return actor.Actor(layers, self.activation, self.action_size, view=view)
 
     @property
     def n_actions(self) -> int:
@@ -108,9 +96,7 @@ class ActorPolicy:
         Raises:
             UserError: If an observation has another length or is not finite.
         """
-        batch = checked_batch(observations, self.n_features)
-        batch = self.view(batch) if self.view else batch
-        value = perceptron(self.weights, self.biases, self.activation, batch)
+        value = self.forward(checked_batch(observations, self.n_features))
         mean = value[:, : self.action_size]
         if not self.is_stochastic:
             return mean, np.zeros_like(mean)
@@ -144,74 +130,25 @@ class ActorPolicy:
         actions = SQUASHES[self.squash](mean)
         return (actions if numbers.ndim == 2 else actions[0]), state
 
-    def save(self, path: Path, replace: bool = True) -> str:
-        """Write the policy to one safetensors file.
+    def settings(self) -> dict[str, Any]:
+        """Return the action's size and squashing function, by name."""
+        return {"action_size": self.action_size, "squash": self.squash}
 
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
+    def has_sound_settings(self) -> bool:
+        """Whether there are such actions, with a mean and no or a deviation for each number."""
+        size = self.action_size
+        whole = type(size) is int and size > 0 and self.squash in SQUASHES
+        return whole and len(self.biases[-1]) in (size, 2 * size)
 
-        Returns:
-            SHA-256 of the content.
-
-        Raises:
-            UserError: If the file can't be written.
-        """
-        return save_arrays(path, KIND, SCHEMA_VERSION, *self.content(), replace=replace)
-
-    @staticmethod
-    def load(path: Path) -> ActorPolicy:
-        """Read a policy written by `save`.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        return ActorPolicy.checked(path, *load_arrays(path, KIND, SCHEMA_VERSION))
-
-    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return the named arrays and the header of the policy's file."""
-        arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
-        arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
-        of_view, described = content_of_view(self.view)
-        return arrays | of_view, {
-            "activation": self.activation,
-            "action_size": self.action_size,
-            "squash": self.squash,
-            "layers": len(self.weights),
-            "provenance": dict(self.provenance),
-            **(described if self.view else {}),
-        }
-
-    @staticmethod
-    def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any], extra: int = 0
-    ) -> ActorPolicy:
-        """Build a policy from a file's content, after a check that its parts agree.
-
-        Args:
-            path: The file, for messages.
-            arrays: Its arrays.
-            header: Its header.
-            extra: Inputs of the first layer that are not part of the observation.
-
-        Raises:
-            UserError: If they don't agree.
-        """
-        fault = fault_before(arrays, header)
-        try:
-            policy = None if fault else _of_content(arrays, header)
-            fault = fault or _fault_of(policy, extra)
-        except FAULTS as error:
-            raise UserError(
-                f"{path} has a header that doesn't fit its arrays: make the file again"
-            ) from error
-        if fault or policy is None:
-            raise UserError(f"{path} {fault}: make the file again")
-        return policy
+    @classmethod
+    def of_content(cls, arrays: Arrays, header: Header) -> ActorPolicy:
+        """Build a policy from a file's content, the inverse of `content`."""
+        settings = {name: header[name] for name in ("action_size", "squash")}
+        return cls(**settings, **layers_of_content(arrays, {"view": None, **header}))
 
 
 @dataclass(frozen=True)
-class ActorDial:
+class ActorDial(Dial[ActorPolicy]):
     """Trained dial of continuous actions; `at` returns the policy of one angle.
 
     Attributes:
@@ -221,15 +158,7 @@ class ActorDial:
         high: Largest trained social angle, in degrees.
     """
 
-    turned: ActorPolicy
-    low: float
-    high: float
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        view = self.turned.view
-        return view.n_features if view else self.turned.n_features - 2
+    KIND, NETWORK = "actor-dial", ActorPolicy
 
     @property
     def n_actions(self) -> int:
@@ -240,89 +169,3 @@ class ActorDial:
     def action_size(self) -> int:
         """Length of an action."""
         return self.turned.action_size
-
-    @property
-    def provenance(self) -> Mapping[str, Any]:
-        """JSON-compatible record of how the dial was made."""
-        return self.turned.provenance
-
-    def at(self, angle: float) -> ActorPolicy:
-        """Return the policy of one angle, an ordinary `ActorPolicy`.
-
-        Args:
-            angle: Social angle in degrees.
-
-        Raises:
-            UserError: If the angle is outside the trained range.
-        """
-        check_in_range(angle, self.low, self.high)
-        weights, biases = list(self.turned.weights), list(self.turned.biases)
-        direction = np.array(exact_weights(angle), weights[0].dtype)
-        biases[0] = biases[0] + weights[0][:, -2:] @ direction
-        weights[0] = weights[0][:, :-2]
-        return replace(
-            self.turned,
-            weights=tuple(weights),
-            biases=tuple(biases),
-            provenance={**self.provenance, "angle": angle},
-            rng=np.random.default_rng(0),
-        )
-
-    def save(self, path: Path, replace: bool = True) -> str:
-        """Write the dial to one safetensors file; arguments and errors as `ActorPolicy.save`."""
-        arrays, header = self.turned.content()
-        header |= {"low": self.low, "high": self.high}
-        return save_arrays(path, DIAL_KIND, SCHEMA_VERSION, arrays, header, replace)
-
-    @staticmethod
-    def load(path: Path) -> ActorDial:
-        """Read a dial written by `save`.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        return ActorDial.checked(path, *load_arrays(path, DIAL_KIND, SCHEMA_VERSION))
-
-    @staticmethod
-    def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
-    ) -> ActorDial:
-        """Build a dial from a file's content, after a check that its parts agree.
-
-        Raises:
-            UserError: If they don't agree.
-        """
-        turned = ActorPolicy.checked(path, arrays, header, extra=2)
-        if turned.n_features < 3:
-            raise UserError(f"{path} has no inputs of an angle: make the file again")
-        return ActorDial(turned, *range_of(path, header))
-
-
-def _of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> ActorPolicy:
-    layers = range(header["layers"])
-    return ActorPolicy(
-        tuple(arrays[f"weight_{i}"] for i in layers),
-        tuple(arrays[f"bias_{i}"] for i in layers),
-        header["activation"],
-        header["action_size"],
-        header["provenance"],
-        sha256=header["sha256"],
-        squash=header["squash"],
-        view=view_of(arrays, header) if header.get("view") else None,
-    )
-
-
-def _fault_of(policy: Any, extra: int) -> str:
-    """Return what is wrong with a policy made of a file's content, or ""."""
-    size = policy.action_size
-    if type(size) is not int or size < 1:
-        return "has layers that don't follow one another"
-    known = policy.activation in ACTIVATIONS and policy.squash in SQUASHES
-    known = known and isinstance(policy.provenance, dict)
-    sized = len(policy.biases[-1]) in (size, 2 * size)
-    if not (known and sized and view_is_possible(policy.view)):
-        return "has layers that don't follow one another"
-    inputs = policy.view.width + extra if policy.view else policy.weights[0].shape[1]
-    if chained(policy.weights, policy.biases, inputs):
-        return ""
-    return "has layers that don't follow one another"

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.q_network import Encoding, QNetwork, affine_layers, encoding, through
+from socialiq.errors import UserError, one_of
+from socialiq.nn.dial_policy import angle_columns
+from socialiq.nn.q_network import QNetwork, affine_layers, encoding, through
+from socialiq.nn.view import ROW, Encoding, View
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
@@ -65,11 +70,11 @@ class DialNetwork(eqx.Module):
         Raises:
             UserError: If the view is unknown or doesn't fit the observation.
         """
-        seen = encoding(key, n_features, view, one_hot, times)
-        inputs = (seen.width if seen else n_features) + 2 + len(knots)
+        encoder = encoding(key, n_features, view, one_hot, times)
+        inputs = (encoder.width if encoder else n_features) + 2 + len(knots)
         outputs = 2 * n_actions if pairs else n_actions
         layers = affine_layers(key, (inputs, *hidden, outputs))
-        return DialNetwork(layers, activation, seen, pairs, knots)
+        return DialNetwork(layers, activation, encoder, pairs, knots)
 
     def __call__(
         self, observation: Float[Array, " feature"], direction: RewardPair
@@ -97,71 +102,64 @@ class DialNetwork(eqx.Module):
         A fixed direction changes the first bias only, and of pairs the last layer: the score of
         two affine functions is one.
         """
-        layers = list(self.layers)
-        layers[0] = _fixed(layers[0], jnp.concatenate(angle_columns(direction, self.knots)))
+        layers, inputs = list(self.layers), jnp.concatenate(angle_columns(direction, self.knots))
+        first, count = layers[0], len(inputs)
+        assert first.bias is not None
+        bias = first.bias + first.weight[:, -count:] @ inputs
+        layers[0] = _with(first, first.weight[:, :-count], bias)
         if self.pairs:
-            layers[-1] = _scored(layers[-1], direction)
+            last = layers[-1]
+            assert last.bias is not None
+            weight, bias = (
+                score(direction, RewardPair(*jnp.split(array, 2)))
+                for array in (last.weight, last.bias)
+            )
+            layers[-1] = _with(last, weight, bias)
         return QNetwork(tuple(layers), self.activation, self.view)
 
 
-def knots_between(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Return as many angles at equal distances from one to another, in degrees; none for 0."""
-    return tuple(np.linspace(low, high, count).tolist())
+def transferred(
+    network: DialNetwork,
+    actions: Sequence[str],
+    new_actions: Sequence[str],
+    instead: str,
+    vehicles: int,
+    margin: float = 0.1,
+) -> DialNetwork:
+    """Return a network that values observations of another road as before.
 
-
-def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
-    """Return the hat functions ``max(0, 1 - |α - k| / h)`` of an angle, with knots k at distance h.
-
-    Their weighted sums are the continuous functions that are linear between knots. The values of
-    an angle's best actions have kinks where the policy changes: linear pieces follow these, while
-    (cos α, sin α) alone rounds them off and so favours the action whose value has the kink.
-
-    Args:
-        degrees: The angle, a NumPy or JAX array of any shape; whole turns don't matter.
-        knots: Angles at equal distances, at least two.
-
-    Returns:
-        (..., knot).
-    """
-    middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
-    offset = (degrees - middle + 180.0) % 360.0 - 180.0  # of the angle from the middle knot
-    places = np.array(knots, np.float32) - np.float32(middle)
-    xp = degrees.__array_namespace__()
-    return xp.maximum(1.0 - xp.abs(offset[..., None] - places) / distance, 0.0)
-
-
-def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
-    """Return the inputs of the first layer for directions: (cos α, sin α), and the hats of α.
+    An action keeps its outputs by its name. A new action gets those of another, less a margin, so
+    that the greedy policy never takes it before it has learned to.
 
     Args:
-        direction: NumPy or JAX arrays of any shape.
-        knots: Centres of the hat functions, in degrees.
+        network: Reads a set of vehicles, without the time.
+        actions: Names of its actions, in order.
+        new_actions: Names of the other road's actions.
+        instead: Action whose outputs a new one gets.
+        vehicles: Rows of the other road's observation.
+        margin: Subtracted from each output of a new action, above 0.
 
-    Returns:
-        Arrays with one more axis, of the inputs.
+    Raises:
+        UserError: If the network reads something else, or `instead` is none of its actions.
     """
-    xp = direction.env.__array_namespace__()
-    pair = xp.stack([direction.env, direction.social], axis=-1)
-    if not knots:
-        return [pair]
-    return [pair, hats(xp.rad2deg(xp.arctan2(direction.social, direction.env)), knots)]
-
-
-def _fixed(first: eqx.nn.Linear, angle: Float[Array, " input"]) -> eqx.nn.Linear:
-    """Return a first layer with the part of an angle's inputs in its bias."""
-    assert first.bias is not None
-    weight = first.weight[:, : -len(angle)]
-    return _with(first, weight, first.bias + first.weight[:, -len(angle) :] @ angle)
-
-
-def _scored(last: eqx.nn.Linear, direction: RewardPair) -> eqx.nn.Linear:
-    """Return a last layer that gives the score of the pairs."""
-    assert last.bias is not None
-    weight, bias = (
-        score(direction, RewardPair(*jnp.split(part, 2))) for part in (last.weight, last.bias)
+    view = network.view
+    if not (isinstance(view, View) and view.choice.pooled) or view.times:
+        raise UserError("only a dial that reads a set of vehicles without the time is transferred")
+    one_of("action", instead, tuple(actions))
+    origins = np.array(
+        [actions.index(name if name in actions else instead) for name in new_actions]
     )
-    return _with(last, weight, bias)
+    less = np.array([0.0 if name in actions else margin for name in new_actions], np.float32)
+    heads = 2 if network.pairs else 1
+    rows = np.concatenate([origins + head * len(actions) for head in range(heads)])
+    *layers, last = network.layers
+    assert last.bias is not None
+    weight, bias = jnp.asarray(last.weight)[rows], jnp.asarray(last.bias)[rows]
+    empty = eqx.nn.Linear(last.weight.shape[1], len(rows), key=jax.random.key(0))
+    layers.append(_with(empty, weight, bias - np.tile(less, heads)))
+    view = dataclasses.replace(view, n_features=vehicles * ROW)
+    return dataclasses.replace(network, layers=tuple(layers), view=view)
 
 
 def _with(layer: eqx.nn.Linear, weight: Array, bias: Array) -> eqx.nn.Linear:
-    return eqx.tree_at(lambda one: (one.weight, one.bias), layer, (weight, bias))
+    return eqx.tree_at(lambda linear: (linear.weight, linear.bias), layer, (weight, bias))

@@ -1,4 +1,4 @@
-"""Trained dial (angle-conditioned Q-network): a policy for every social angle of its range."""
+"""Trained dial (angle-conditioned network): a policy for every social angle of its range."""
 
 from __future__ import annotations
 
@@ -6,35 +6,97 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.nn import perceptron
-from socialiq.nn.dial_network import DialNetwork, angle_columns, hats
-from socialiq.nn.q_network import QNetwork
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.value_policy import checked_batch
+from socialiq.nn.q_policy import QPolicy, checked_batch, layers_of_network
+from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, refusal
 from socialiq.social.angle import exact_weights
-from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
 
-SCHEMA_VERSION = 1
-SECOND_VERSION = 2
-"""Schema version of dials with pairs, settings or knots: a reader of version 1 would take pairs for
-twice as many actions, leave the settings out, and take the hats of an angle for features."""
-
-VERSIONS = (SCHEMA_VERSION, SECOND_VERSION)
-"""Schema versions that are read."""
+if TYPE_CHECKING:
+    from socialiq.nn.dial_network import DialNetwork
 
 Settings = tuple[tuple[float, float], ...]
 """Rows (first angle asked for, angle of the network), both in degrees, the first one rising."""
 
+Network = TypeVar("Network", bound=SavedNetwork)
+
 
 @dataclass(frozen=True)
-class DialPolicy:
+class Dial(Saved, Generic[Network]):
+    """Base class of dials, one network for all social angles of a range.
+
+    Attributes:
+        turned: The network as a policy whose first layer also reads the angle, as its last inputs.
+        low: Smallest trained social angle, in degrees.
+        high: Largest trained social angle, in degrees.
+    """
+
+    NETWORK: ClassVar[type[Any]]
+
+    turned: Network
+    low: float
+    high: float
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        view = self.turned.view
+        return view.n_features if view else self.turned.n_features - len(self.angle_inputs(0.0))
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """JSON-compatible record of how the dial was made."""
+        return self.turned.provenance
+
+    def angle_inputs(self, angle: float) -> np.ndarray:
+        """Return the first layer's inputs of an angle in degrees, (cos α, sin α) first."""
+        return np.array(exact_weights(angle), self.turned.weights[0].dtype)
+
+    def at(self, angle: float) -> Network:
+        """Return the policy of one angle, an ordinary policy.
+
+        Args:
+            angle: Social angle in degrees.
+
+        Raises:
+            UserError: If the angle is outside the trained range.
+        """
+        check_in_range(angle, self.low, self.high)
+        return self._fixed(angle, {"angle": angle})
+
+    def _fixed(self, angle: float, recorded: Mapping[str, Any]) -> Network:
+        """Return the network with the inputs of an angle as a part of its first bias."""
+        (first, *weights), (bias, *biases) = self.turned.weights, self.turned.biases
+        turned: Any = self.turned
+        inputs = self.angle_inputs(angle)
+        biases = (bias + first[:, -len(inputs) :] @ inputs, *biases)
+        return replace(
+            turned,
+            weights=(first[:, : -len(inputs)], *weights),
+            biases=biases,
+            provenance={**self.provenance, **recorded},
+            rng=np.random.default_rng(0),
+        )
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the dial's file."""
+        arrays, header = self.turned.content()
+        return arrays, header | {"low": self.low, "high": self.high}
+
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
+        """Build a dial from a file's content, as `Saved.checked`."""
+        turned = cls.NETWORK.checked(path, arrays, header, extra=2)
+        return cls(turned, *_range_of(path, header))
+
+
+@dataclass(frozen=True)
+class DialPolicy(Dial[QPolicy]):
     """Trained dial of `learners.dial`; `at` returns the policy of one angle.
 
     Attributes:
@@ -48,9 +110,10 @@ class DialPolicy:
         knots: Centres of the hat functions of the angle, in degrees; none for the direction alone.
     """
 
-    turned: QPolicy
-    low: float
-    high: float
+    # A reader of version 1 would take pairs for twice as many actions, leave the settings out, and
+    # take the hats of an angle for features.
+    KIND, VERSIONS, NETWORK = "dial", (1, 2), QPolicy
+
     pairs: bool = False
     settings: Settings = ()
     knots: tuple[float, ...] = ()
@@ -64,21 +127,17 @@ class DialPolicy:
         provenance: Mapping[str, Any],
     ) -> DialPolicy:
         """Build the policy from a trained network."""
-        turned = QNetwork(network.layers, network.activation, network.view)
-        policy = QPolicy.of(turned, temperature, provenance)
-        return DialPolicy(policy, low, high, network.pairs, knots=network.knots)
+        view, layers = network.view, layers_of_network(network)
+        view = view.in_numpy() if view else None
+        turned = QPolicy(*layers, network.activation, float(temperature), provenance, view=view)
+        return DialPolicy(turned, low, high, network.pairs, knots=network.knots)
 
     def network(self) -> DialNetwork:
         """Return the network, which can be trained: the inverse of `of`, without settings."""
+        from socialiq.nn.dial_network import DialNetwork  # learning needs JAX, acting does not
+
         turned = self.turned.network()
         return DialNetwork(turned.layers, turned.activation, turned.view, self.pairs, self.knots)
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        view = self.turned.view
-        inputs = self.turned.weights[0].shape[1] - 2 - len(self.knots)
-        return view.n_features if view else inputs
 
     @property
     def n_actions(self) -> int:
@@ -86,9 +145,16 @@ class DialPolicy:
         return self.turned.n_actions // 2 if self.pairs else self.turned.n_actions
 
     @property
-    def provenance(self) -> Mapping[str, Any]:
-        """JSON-compatible record of how the dial was made."""
-        return self.turned.provenance
+    def version(self) -> int:
+        """Schema version that is written: the first that has what the dial has."""
+        return 2 if self.pairs or self.settings or self.knots else 1
+
+    def angle_inputs(self, angle: float) -> np.ndarray:
+        """Return the first layer's inputs of an angle in degrees: the direction, then the hats."""
+        direction = super().angle_inputs(angle)
+        if not self.knots:
+            return direction
+        return np.append(direction, hats(np.array(angle), self.knots)).astype(direction.dtype)
 
     def at(self, angle: float) -> QPolicy:
         """Return the policy of one angle, an ordinary `QPolicy`.
@@ -101,25 +167,17 @@ class DialPolicy:
         """
         check_in_range(angle, self.low, self.high)
         setting = self.setting(angle)
-        weights, biases = list(self.turned.weights), list(self.turned.biases)
-        weight = weights[0]
-        direction = np.array(exact_weights(setting), weight.dtype)
-        inputs = np.append(direction, hats(np.array(setting), self.knots) if self.knots else [])
-        of_angle = weight[:, -len(inputs) :] @ inputs.astype(weight.dtype)
-        weights[0], biases[0] = weight[:, : -len(inputs)], biases[0] + of_angle
-        if self.pairs:
-            weights[-1], biases[-1] = (
-                np.tensordot(direction, part.reshape(2, self.n_actions, *part.shape[1:]), 1)
-                for part in (weights[-1], biases[-1])
-            )
-        set_to = {"setting": setting} if self.settings else {}
-        return replace(
-            self.turned,
-            weights=tuple(weights),
-            biases=tuple(biases),
-            provenance={**self.provenance, "angle": angle, **set_to},
-            rng=np.random.default_rng(0),
+        recorded = {"setting": setting} if self.settings else {}
+        policy = self._fixed(setting, {"angle": angle, **recorded})
+        if not self.pairs:
+            return policy
+        direction = super().angle_inputs(setting)
+        weight, bias = (  # of the score: that of two affine functions is one
+            np.tensordot(direction, array.reshape(2, self.n_actions, *array.shape[1:]), 1)
+            for array in (policy.weights[-1], policy.biases[-1])
         )
+        weights, biases = (*policy.weights[:-1], weight), (*policy.biases[:-1], bias)
+        return replace(policy, weights=weights, biases=biases)
 
     def q_values_at(
         self,
@@ -142,77 +200,86 @@ class DialPolicy:
             check_in_range(float(end), self.low, self.high)
         value = checked_batch(observations, self.n_features)
         value = self.turned.view(value) if self.turned.view else value
-        settings = np.array([self.setting(one) for one in angles.tolist()], np.float64)
+        settings = np.array([self.setting(angle) for angle in angles.tolist()], np.float64)
         radians = np.deg2rad(settings)
         direction = RewardPair(np.cos(radians), np.sin(radians))
         columns = np.concatenate(angle_columns(direction, self.knots), axis=1)
         inputs = np.concatenate([value, columns.astype(value.dtype)], axis=1)
-        turned = self.turned
-        found = perceptron.perceptron(turned.weights, turned.biases, turned.activation, inputs)
+        outputs = self.turned.layers(inputs)
         if not self.pairs:
-            return found
-        env, social = np.split(found, 2, axis=1)
+            return outputs
+        env, social = np.split(outputs, 2, axis=1)
         return np.asarray(direction.env[:, None] * env + direction.social[:, None] * social)
 
     def setting(self, angle: float) -> float:
         """Return the network's angle for an angle that is asked for, in degrees."""
-        own = angle
+        setting = angle
         for first, network in self.settings:
-            own = network if angle >= first else own
-        return own
-
-    def save(self, path: Path, replace: bool = True) -> str:
-        """Write the dial to one safetensors file.
-
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
-
-        Returns:
-            SHA-256 of the content.
-
-        Raises:
-            UserError: If the file can't be written.
-        """
-        plain = not (self.pairs or self.settings or self.knots)
-        version = SCHEMA_VERSION if plain else SECOND_VERSION
-        return save_arrays(path, "dial", version, *self.content(), replace)
+            setting = network if angle >= first else setting
+        return setting
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the named arrays and the header of the dial's file."""
-        arrays, header = self.turned.content()
-        header |= {"low": self.low, "high": self.high}
-        if self.pairs or self.settings or self.knots:
+        arrays, header = super().content()
+        if self.version > 1:
             header |= {"pairs": self.pairs, "settings": [list(row) for row in self.settings]}
         if self.knots:
             header |= {"knots": list(self.knots)}
         return arrays, header
 
-    @staticmethod
-    def load(path: Path) -> DialPolicy:
-        """Read a dial written by `save`.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        return DialPolicy.checked(path, *load_arrays(path, "dial", VERSIONS))
-
-    @staticmethod
-    def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
-    ) -> DialPolicy:
-        """Build a dial from a file's content, after a check that its parts agree.
-
-        Raises:
-            UserError: If they don't agree.
-        """
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> DialPolicy:
+        """Build a dial from a file's content, as `Saved.checked`."""
         knots = _knots_of(path, header)
         turned = QPolicy.checked(path, arrays, header, extra=2 + len(knots))
-        low, high = range_of(path, header)
+        low, high = _range_of(path, header)
         pairs = header.get("pairs", False)
         if type(pairs) is not bool or (pairs and turned.n_actions % 2):
-            raise UserError(f"{path} has no pair of values for each action: make the file again")
-        return DialPolicy(turned, low, high, pairs, _settings_of(path, header, low, high), knots)
+            raise refusal(path, "has no pair of values for each action")
+        return cls(turned, low, high, pairs, _settings_of(path, header, low, high), knots)
+
+
+def knots_between(low: float, high: float, count: int) -> tuple[float, ...]:
+    """Return as many angles at equal distances from one to another, in degrees; none for 0."""
+    return tuple(np.linspace(low, high, count).tolist())
+
+
+def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
+    """Return the hat functions ``max(0, 1 - |α - k| / h)`` of an angle, with knots k at distance h.
+
+    Their weighted sums are the continuous functions that are linear between knots. The values of
+    an angle's best actions have kinks where the policy changes: linear pieces follow these, while
+    (cos α, sin α) alone rounds them off and so favours the action whose value has the kink.
+
+    Args:
+        degrees: The angle, a NumPy or JAX array of any shape; whole turns don't matter.
+        knots: Angles at equal distances, at least two.
+
+    Returns:
+        (..., knot).
+    """
+    middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
+    offset = (degrees - middle + 180.0) % 360.0 - 180.0  # of the angle from the middle knot
+    centres = np.array(knots, np.float32) - np.float32(middle)
+    xp = degrees.__array_namespace__()
+    return xp.maximum(1.0 - xp.abs(offset[..., None] - centres) / distance, 0.0)
+
+
+def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
+    """Return the inputs of the first layer for directions: (cos α, sin α), and the hats of α.
+
+    Args:
+        direction: NumPy or JAX arrays of any shape.
+        knots: Centres of the hat functions, in degrees.
+
+    Returns:
+        Arrays with one more axis, of the inputs.
+    """
+    xp = direction.env.__array_namespace__()
+    pair = xp.stack([direction.env, direction.social], axis=-1)
+    if not knots:
+        return [pair]
+    return [pair, hats(xp.rad2deg(xp.arctan2(direction.social, direction.env)), knots)]
 
 
 def check_in_range(angle: float, low: float, high: float) -> None:
@@ -224,47 +291,34 @@ def check_in_range(angle: float, low: float, high: float) -> None:
         )
 
 
-def range_of(path: Path, header: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the lowest and the highest angle in a dial's header.
-
-    Raises:
-        UserError: If they are missing, or are no range.
-    """
+def _range_of(path: Path, header: Header) -> tuple[float, float]:
+    """Return the lowest and the highest angle in a dial's header."""
     low, high = header.get("low"), header.get("high")
     if isinstance(low, float) and isinstance(high, float) and 0.0 <= low <= high < 360.0:
         return low, high
-    raise UserError(f"{path} has no range of angles: make the file again")
+    raise refusal(path, "has no range of angles")
 
 
-def _knots_of(path: Path, header: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the knots in a dial's header, none if it has none.
-
-    Raises:
-        UserError: If they are not at equal, positive distances within a turn.
-    """
+def _knots_of(path: Path, header: Header) -> tuple[float, ...]:
+    """Return the knots in a dial's header, none or at equal distances within a turn."""
     knots = header.get("knots", [])
     numbers = isinstance(knots, list) and all(
-        type(one) is float and abs(one) <= 720.0 for one in knots
+        type(knot) is float and abs(knot) <= 720.0 for knot in knots
     )
     if knots == [] or (numbers and len(knots) > 1):
         gaps = np.diff(knots)
         if not knots or (0.0 < gaps.sum() <= 360.0 and np.ptp(gaps) < 1e-6 * gaps.sum()):
             return tuple(knots)
-    raise UserError(f"{path} has no angles of its hat functions: make the file again")
+    raise refusal(path, "has no angles of its hat functions")
 
 
-def _settings_of(path: Path, header: Mapping[str, Any], low: float, high: float) -> Settings:
-    """Return the settings in a dial's header, all within its range.
-
-    Raises:
-        UserError: If they are none.
-    """
-    rows = header.get("settings", [])
+def _settings_of(path: Path, header: Header, low: float, high: float) -> Settings:
+    """Return the settings in a dial's header, all within its range."""
     try:
-        found = tuple((first, network) for first, network in rows)
+        rows = tuple((first, network) for first, network in header.get("settings", []))
     except (TypeError, ValueError):
-        found = ((np.nan, np.nan),)
-    known = all(type(one) is float and low <= one <= high for row in found for one in row)
-    if known and all(one[0] < other[0] for one, other in itertools.pairwise(found)):
-        return found
-    raise UserError(f"{path} has no settings of angles: make the file again")
+        rows = ((np.nan, np.nan),)
+    known = all(type(angle) is float and low <= angle <= high for row in rows for angle in row)
+    if known and all(row[0] < following[0] for row, following in itertools.pairwise(rows)):
+        return rows
+    raise refusal(path, "has no settings of angles")

@@ -17,13 +17,11 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.nn import actor_policy
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.value_policy import ValuePolicy
-from socialiq.storage import kind_of, load_arrays, save_arrays
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.nn.q_policy import QPolicy, ValuePolicy
+from socialiq.nn.saved import Arrays, Header, load_one_of, refusal
+from socialiq.storage import kind_of
 
-KIND = "ensemble"
-SCHEMA_VERSION = 1
 MOST_MEMBERS = 32
 
 
@@ -38,6 +36,8 @@ class EnsemblePolicy(ValuePolicy):
         rng: Generator of the stochastic policy's draws.
         sha256: SHA-256 of the file's content, for an ensemble that was loaded.
     """
+
+    KIND = "ensemble"
 
     members: tuple[QPolicy, ...]
     temperature: float
@@ -60,11 +60,12 @@ class EnsemblePolicy(ValuePolicy):
             UserError: If there are none or too many, or they differ in features, actions or
                 temperature.
         """
-        flat = tuple(one for member in members for one in members_of(member))
-        if fault := _fault(flat):
+        networks = tuple(network for member in members for network in members_of(member))
+        if fault := _fault(networks):
             raise UserError(f"an ensemble {fault}")
-        known = _common([one.provenance for one in flat]) if provenance is None else provenance
-        return EnsemblePolicy(flat, flat[0].temperature, known)
+        if provenance is None:
+            provenance = _common([network.provenance for network in networks])
+        return EnsemblePolicy(networks, networks[0].temperature, provenance)
 
     @property
     def n_features(self) -> int:
@@ -87,66 +88,33 @@ class EnsemblePolicy(ValuePolicy):
         total = sum(member.q_values(observations) for member in self.members)
         return np.asarray(total / np.float32(len(self.members)))
 
-    def save(self, path: Path, replace: bool = True) -> str:
-        """Write the ensemble to one safetensors file.
-
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
-
-        Returns:
-            SHA-256 of the content.
-
-        Raises:
-            UserError: If the file can't be written.
-        """
-        return save_arrays(path, KIND, SCHEMA_VERSION, *self.content(), replace=replace)
-
-    @staticmethod
-    def load(path: Path) -> EnsemblePolicy:
-        """Read an ensemble written by `save`.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        return EnsemblePolicy.checked(path, *load_arrays(path, KIND, SCHEMA_VERSION))
-
-    @staticmethod
-    def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
-    ) -> EnsemblePolicy:
-        """Build an ensemble from a file's content, after a check that its parts agree.
-
-        Raises:
-            UserError: If they don't agree.
-        """
-        listed, provenance = header.get("members"), header.get("provenance")
-        if not (isinstance(listed, list) and isinstance(provenance, dict)):
-            raise UserError(f"{path} lists no members: make the file again")
-        if len(listed) > MOST_MEMBERS or not all(isinstance(one, dict) for one in listed):
-            raise UserError(f"{path} has a member that is no network: make the file again")
-        members = tuple(
-            QPolicy.checked(path, _arrays_of(arrays, number), {**one, "sha256": ""})
-            for number, one in enumerate(listed)
-        )
-        if fault := _fault(members):
-            raise UserError(f"{path} {fault}: make the file again")
-        temperature = members[0].temperature
-        return EnsemblePolicy(members, temperature, provenance, sha256=str(header["sha256"]))
-
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the named arrays and the header of the ensemble's file."""
         contents = [member.content() for member in self.members]
         arrays = {
-            _prefix(number) + name: array
-            for number, (held, _) in enumerate(contents)
-            for name, array in held.items()
+            f"member_{number}.{name}": array
+            for number, (of_member, _) in enumerate(contents)
+            for name, array in of_member.items()
         }
-        header = {
-            "members": [header for _, header in contents],
-            "provenance": dict(self.provenance),
-        }
-        return arrays, header
+        headers = [header for _, header in contents]
+        return arrays, {"members": headers, "provenance": dict(self.provenance)}
+
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> EnsemblePolicy:
+        """Build an ensemble from a file's content, as `Saved.checked`."""
+        headers, provenance = header.get("members"), header.get("provenance")
+        if not (isinstance(headers, list) and isinstance(provenance, dict)):
+            raise refusal(path, "lists no members")
+        if len(headers) > MOST_MEMBERS or not all(isinstance(row, dict) for row in headers):
+            raise refusal(path, "has a member that is no network")
+        members: list[QPolicy] = []
+        for number, row in enumerate(headers):
+            names = [name for name in arrays if name.startswith(f"member_{number}.")]
+            member_arrays = {name.partition(".")[2]: arrays[name] for name in names}
+            members.append(QPolicy.checked(path, member_arrays, {**row, "sha256": ""}))
+        if fault := _fault(members):
+            raise refusal(path, fault)
+        return cls(tuple(members), members[0].temperature, provenance, sha256=str(header["sha256"]))
 
 
 def load_values(path: Path) -> QPolicy | EnsemblePolicy:
@@ -155,10 +123,9 @@ def load_values(path: Path) -> QPolicy | EnsemblePolicy:
     Raises:
         UserError: If the file is missing, damaged, or holds something else.
     """
-    kind = kind_of(path)
-    if kind in (actor_policy.KIND, actor_policy.DIAL_KIND):
+    if kind_of(path) in (ActorPolicy.KIND, ActorDial.KIND):
         raise UserError(f"{path} has continuous actions: name a policy of discrete ones")
-    return EnsemblePolicy.load(path) if kind == KIND else QPolicy.load(path)
+    return load_one_of(path, (EnsemblePolicy, QPolicy))
 
 
 def members_of(policy: Any) -> tuple[Any, ...]:
@@ -166,34 +133,25 @@ def members_of(policy: Any) -> tuple[Any, ...]:
     return policy.members if isinstance(policy, EnsemblePolicy) else (policy,)
 
 
-def _prefix(number: int) -> str:
-    return f"member_{number}."
-
-
-def _arrays_of(arrays: Mapping[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
-    prefix = _prefix(number)
-    return {name[len(prefix) :]: one for name, one in arrays.items() if name.startswith(prefix)}
-
-
 def _fault(members: Sequence[ValuePolicy]) -> str:
     """Return what is wrong with the members, or ""."""
     if not 1 <= len(members) <= MOST_MEMBERS:
         return f"must have 1 to {MOST_MEMBERS} members, got {len(members)}"
-    if len({(one.n_features, one.n_actions) for one in members}) > 1:
+    if len({(member.n_features, member.n_actions) for member in members}) > 1:
         return "must have members for one world: they differ in features or actions"
-    if len({one.temperature for one in members}) > 1:
+    if len({member.temperature for member in members}) > 1:
         return "must have members of one temperature"
     return ""
 
 
 def _common(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the entries that all records have alike, also within their objects."""
-    first, *others = records
-    found: dict[str, Any] = {}
+    first, *following = records
+    common: dict[str, Any] = {}
     for name, value in first.items():
-        values = [one.get(name) for one in others]
-        if isinstance(value, Mapping) and all(isinstance(one, Mapping) for one in values):
-            found[name] = _common([value, *(one for one in values if one is not None)])
-        elif all(one == value for one in values):
-            found[name] = value
-    return found
+        values: list[Any] = [record.get(name) for record in following]
+        if isinstance(value, Mapping) and all(isinstance(entry, Mapping) for entry in values):
+            common[name] = _common([value, *values])
+        elif all(entry == value for entry in values):
+            common[name] = value
+    return common

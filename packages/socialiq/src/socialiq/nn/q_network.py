@@ -1,4 +1,7 @@
-"""Multi-layer perceptron Q(s, ·) of Table C.1, over the observation or a view of it."""
+"""Networks Q(s, ·) that can be trained: the perceptron of Table C.1, and value and policy apart.
+
+Both read the observation or a view of it.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.view import OneHot, View
+from socialiq.errors import UserError, one_of
+from socialiq.nn.view import CHOICES, ENCODER, ROW, Encoding, OneHot, View, row_width
 
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"relu": jax.nn.relu, "elu": jax.nn.elu}
 
-Encoding = View | OneHot
-"""Encodings that a first layer may read instead of the observation."""
+# Encodings are NumPy's; in a network their weights are trained.
+jax.tree_util.register_dataclass(
+    View, data_fields=["weights", "biases"], meta_fields=["choice", "n_features", "times"]
+)
+jax.tree_util.register_dataclass(OneHot, data_fields=[], meta_fields=["lows", "sizes"])
 
 
 @runtime_checkable
@@ -94,10 +101,10 @@ class QNetwork(eqx.Module):
         Raises:
             UserError: If the view is unknown or doesn't fit the observation.
         """
-        seen = encoding(key, n_features, view, one_hot, times)
-        inputs = seen.width if seen else n_features
+        encoder = encoding(key, n_features, view, one_hot, times)
+        inputs = encoder.width if encoder else n_features
         layers = affine_layers(key, (inputs, *hidden, n_actions))
-        return QNetwork(layers, activation, seen, scale)
+        return QNetwork(layers, activation, encoder, scale)
 
     def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
         """Return the values of one observation; use `jax.vmap` for a batch."""
@@ -105,6 +112,79 @@ class QNetwork(eqx.Module):
         if self.scale != 1.0:
             value = value * self.scale
         return through(self.layers, self.activation, value)
+
+
+class DuelingNetwork(eqx.Module):
+    """Q-network of two networks without common weights: the soft value of a state, and logits.
+
+    Q(s, a) = V(s) + τ log softmax(l(s))(a). Then τ logsumexp(Q/τ) is V and softmax(Q/τ) is
+    softmax(l), whatever the weights: any Q has exactly one such form. In a plain network
+    differences between actions of size τ are small beside values of the size of a return, and an
+    error of the value drowns them. Here a policy is as easy to fit as a classifier's. Wang et al.
+    2016 separate value and advantage in this sense for a hard maximum.
+
+    It has the attributes of the logits' `QNetwork` in units of Q: as a policy it is τ l(s), which
+    is Q less a number of the state.
+
+    Attributes:
+        value: V, one output.
+        logits: l, one output for each action.
+        temperature: τ, which isn't trained.
+    """
+
+    value: QNetwork
+    logits: QNetwork
+    temperature: Float[Array, ""]
+
+    @staticmethod
+    def initialise(
+        key: PRNGKeyArray,
+        temperature: Float[Array, ""] | float,
+        n_features: int,
+        hidden: tuple[int, ...],
+        n_actions: int,
+        activation: str = "relu",
+        view: str = "flat",
+        scale: float = 1.0,
+    ) -> DuelingNetwork:
+        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
+        """
+        for_value, for_logits = jax.random.split(key)
+        value, logits = (
+            QNetwork.initialise(half, n_features, hidden, outputs, activation, view, scale=scale)
+            for half, outputs in ((for_value, 1), (for_logits, n_actions))
+        )
+        return DuelingNetwork(value, logits, jnp.asarray(temperature, jnp.float32))
+
+    def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
+        """Return the values of one observation; use `jax.vmap` for a batch."""
+        advantage = jax.nn.log_softmax(self.logits(observation))
+        return self.value(observation) + jax.lax.stop_gradient(self.temperature) * advantage
+
+    @property
+    def layers(self) -> tuple[Any, ...]:
+        """Layers of the logits, the last one in units of Q."""
+        *inner, last = self.logits.layers
+        scaled = jax.tree.map(lambda leaf: leaf * self.temperature, last)
+        return (*inner, scaled)
+
+    @property
+    def activation(self) -> str:
+        """Activation between layers."""
+        return self.logits.activation
+
+    @property
+    def scale(self) -> float:
+        """Common factor of the features."""
+        return self.logits.scale
+
+    @property
+    def view(self) -> Encoding | None:
+        """Encoding of the observation that the first layer reads; None for none."""
+        return self.logits.view
 
 
 def encoding(
@@ -116,27 +196,58 @@ def encoding(
 ) -> Encoding | None:
     """Return the encoding of a first layer: one-hot if the values are given, else a view.
 
-    Args:
-        key: Random key.
-        n_features: Length of an observation.
-        view: A name of `nn.view.CHOICES`.
-        one_hot: Smallest value and number of values of each feature; none for the view.
-        times: Number of values of the time, the last feature of what a view reads; 0 for none.
-
-    Raises:
-        UserError: If the view is unknown or doesn't fit the observation.
+    Arguments and errors as of `QNetwork.initialise`.
     """
     if one_hot:
         return OneHot.of(one_hot)
-    return View.initialise(jax.random.fold_in(key, 0), view, n_features, times)
+    return initial_view(jax.random.fold_in(key, 0), view, n_features, times)
+
+
+def initial_view(key: PRNGKeyArray, name: str, n_features: int, times: int = 0) -> View | None:
+    """Draw a view's layers; the flat view has none and is None.
+
+    Args:
+        key: Random key.
+        name: A name of `CHOICES`.
+        n_features: Length of an observation, the time included.
+        times: Number of values of the time, the last feature; 0 for none.
+
+    Raises:
+        UserError: If the name is unknown, or the observation is not a list of vehicles.
+    """
+    one_of("view", name, tuple(CHOICES))
+    choice = CHOICES[name]
+    if choice is None:
+        return None
+    listed = n_features - bool(times)
+    if listed % ROW or listed < 2 * ROW:
+        raise UserError(
+            f"view {name} reads rows of {ROW} numbers, one for each vehicle, and this world's "
+            f"observation has {listed}: use the view flat"
+        )
+    sizes = (row_width(choice), *ENCODER) if choice.pooled else ()
+    keys = jax.random.split(key, len(sizes))  # a key more than layers, as ever
+    layers = [
+        eqx.nn.Linear(inputs, outputs, key=layer_key)
+        for inputs, outputs, layer_key in zip(sizes[:-1], sizes[1:], keys, strict=False)
+    ]
+    weights, biases = (
+        tuple(getattr(layer, name) for layer in layers) for name in ("weight", "bias")
+    )
+    return View(weights, biases, choice, n_features, times)
+
+
+def in_jax(encoder: Encoding | None) -> Encoding | None:
+    """Return an encoding with JAX weights, which can be trained."""
+    return jax.tree.map(jnp.asarray, encoder)
 
 
 def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linear, ...]:
     """Return affine layers of the given widths, beginning with the input's."""
     keys = jax.random.split(key, len(sizes) - 1)
     return tuple(
-        eqx.nn.Linear(inputs, outputs, key=one)
-        for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=True)
+        eqx.nn.Linear(inputs, outputs, key=layer_key)
+        for inputs, outputs, layer_key in zip(sizes[:-1], sizes[1:], keys, strict=True)
     )
 
 

@@ -1,47 +1,153 @@
-"""Trained network as a policy: NumPy only, `predict` as in Stable-Baselines3, safetensors."""
+"""Trained networks as policies in NumPy: greedy, or softmax(Q/τ)."""
 
 from __future__ import annotations
 
 import dataclasses
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError, one_of
-from socialiq.nn import perceptron
-from socialiq.nn.file_checks import FAULTS, fault_before, fault_of
-from socialiq.nn.q_network import ACTIVATIONS as TRAINABLE
-from socialiq.nn.q_network import Encoding, QNetwork, ValueNetwork, linear_layers
-from socialiq.nn.value_policy import ValuePolicy
-from socialiq.nn.view import Choice, OneHot, View
-from socialiq.storage import load_arrays, save_arrays
+from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, layers_of_content
+from socialiq.nn.view import Encoding, View
 
-SCHEMA_VERSION = 2
+if TYPE_CHECKING:
+    from socialiq.nn.q_network import QNetwork, ValueNetwork
 
-ACTIVATIONS = tuple(perceptron.ACTIVATIONS)
-"""Names of the activations of a policy."""
+TRAINABLE = ("relu", "elu")
+"""Activations of networks that can be trained."""
+
+
+class ValuePolicy(Saved):
+    """Base class of policies that select actions by their values.
+
+    Attributes:
+        temperature: τ of the stochastic policy softmax(Q/τ).
+        provenance: JSON-compatible record of how the policy was made.
+        rng: Generator of the stochastic policy's draws.
+        sha256: SHA-256 of the file's content, for a policy that was loaded.
+    """
+
+    temperature: float
+    provenance: Mapping[str, Any]
+    rng: np.random.Generator
+    sha256: str
+
+    @property
+    @abstractmethod
+    def n_features(self) -> int:
+        """Length of an observation."""
+
+    @property
+    @abstractmethod
+    def n_actions(self) -> int:
+        """Number of actions."""
+
+    @abstractmethod
+    def q_values(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """Return Q of each observation and action, shape (batch, actions).
+
+        Raises:
+            UserError: If an observation has another length or is not finite.
+        """
+
+    def probabilities(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """Return softmax(Q/τ), in float64 so that the rows sum to 1."""
+        scaled = self.q_values(observations).astype(np.float64) / self.temperature
+        powers = np.exp(scaled - scaled.max(axis=1, keepdims=True))
+        return powers / powers.sum(axis=1, keepdims=True)
+
+    def predict(
+        self,
+        observation: object,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose actions, greedily or from softmax(Q/τ).
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            state: Returned unchanged; the policy has no memory.
+            episode_start: Ignored, for the same reason.
+            deterministic: Whether to select greedily; else sample from softmax(Q/τ).
+
+        Raises:
+            UserError: If an observation is nested, has another shape or is not finite.
+        """
+        numbers = numbers_of(observation)
+        batch = numbers if numbers.ndim == 2 else np.atleast_2d(numbers)
+        if deterministic:
+            actions = self.q_values(batch).argmax(axis=1)
+        else:
+            cumulative = self.probabilities(batch).cumsum(axis=1)
+            draws = self.rng.random((len(batch), 1))
+            actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
+        return (actions if numbers.ndim == 2 else actions.squeeze(axis=0)), state
+
+
+def checked_batch(observations: Any, n_features: int) -> Float32[np.ndarray, "batch feature"]:
+    """Return observations, (batch, features) of any precision, as float32.
+
+    Raises:
+        UserError: If an observation has another length than `n_features`, or is not finite.
+    """
+    batch = np.asarray(observations, np.float32)
+    if batch.ndim != 2 or batch.shape[1] != n_features:
+        raise UserError(
+            f"observation of shape {batch.shape[1:]}: this policy takes ({n_features},)"
+        )
+    if not np.isfinite(batch).all():
+        raise UserError("observation holds NaN or infinity: correct the sensor or the data")
+    return batch
+
+
+def numbers_of(observation: object) -> np.ndarray:
+    """Return an observation as float32.
+
+    Raises:
+        UserError: If it is nested or not numeric.
+    """
+    if isinstance(observation, Mapping):
+        raise UserError("observation is a dict: this policy takes one array, so flatten it")
+    try:
+        return np.asarray(observation, np.float32)
+    except (TypeError, ValueError) as error:
+        raise UserError("observation is not numeric: this policy takes one array") from error
+
+
+def layers_of_network(network: Any) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Return weights and biases of a trained network; its scale becomes part of the first ones."""
+    first, *following = (np.asarray(layer.weight) for layer in network.layers)
+    scale = getattr(network, "scale", 1.0)
+    first = first if scale == 1.0 else first * np.float32(scale)
+    return (first, *following), tuple(np.asarray(layer.bias) for layer in network.layers)
 
 
 @dataclass(frozen=True)
-class QPolicy(ValuePolicy):
+class QPolicy(SavedNetwork, ValuePolicy):
     """Policy that selects actions from a Q-network: greedy, or from softmax(Q/τ).
 
     Attributes:
         weights: Weight matrix of each layer, (outputs, inputs).
         biases: Bias of each layer.
-        activation: One of `ACTIVATIONS`, applied between layers.
+        activation: One of `nn.saved.ACTIVATIONS`, applied between layers.
         temperature: τ of the stochastic policy softmax(Q/τ).
         provenance: JSON-compatible record of how the policy was made.
         rng: Generator of the stochastic policy's draws.
         view: Encoding of the observation that the first layer reads, with NumPy weights.
         sha256: SHA-256 of the file's content, for a policy that was loaded.
     """
+
+    KIND, VERSIONS, _empty_view = "policy", (2,), {"view": None}
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -60,16 +166,10 @@ class QPolicy(ValuePolicy):
         rng: np.random.Generator | None = None,
     ) -> QPolicy:
         """Build the policy from a trained network; its scale becomes part of the first layer."""
-        first, *others = (np.asarray(layer.weight) for layer in network.layers)
-        return QPolicy(
-            (first if network.scale == 1.0 else first * np.float32(network.scale), *others),
-            tuple(np.asarray(layer.bias) for layer in network.layers),
-            network.activation,
-            float(temperature),
-            provenance,
-            np.random.default_rng(0) if rng is None else rng,
-            network.view.in_numpy() if network.view else None,
-        )
+        rng = np.random.default_rng(0) if rng is None else rng
+        view, layers = network.view, layers_of_network(network)
+        view = view.in_numpy() if view else None
+        return QPolicy(*layers, network.activation, float(temperature), provenance, rng, view)
 
     def network(self) -> QNetwork:
         """Return the network, which can be trained: the inverse of `of`.
@@ -77,9 +177,11 @@ class QPolicy(ValuePolicy):
         Raises:
             UserError: If its activation is of an imported policy.
         """
-        one_of("activation of a trainable network", self.activation, tuple(TRAINABLE))
-        view = jax.tree.map(jnp.asarray, self.view)
-        return QNetwork(linear_layers(self.weights, self.biases), self.activation, view)
+        from socialiq.nn import q_network  # learning needs JAX, acting does not
+
+        one_of("activation of a trainable network", self.activation, TRAINABLE)
+        layers = q_network.linear_layers(self.weights, self.biases)
+        return q_network.QNetwork(layers, self.activation, q_network.in_jax(self.view))
 
     def with_clock(self, times: int) -> QPolicy:
         """Return the same policy for observations that end with the time, which it ignores.
@@ -94,15 +196,11 @@ class QPolicy(ValuePolicy):
         """
         if not isinstance(self.view, View) or self.view.times:
             raise UserError("a clock can be added to a network with a view of vehicles, once")
-        seen = dataclasses.replace(self.view, n_features=self.view.n_features + 1, times=times)
-        first, *others = self.weights
+        view = dataclasses.replace(self.view, n_features=self.view.n_features + 1, times=times)
+        first, *following = self.weights
         ignored = np.zeros((len(first), times), first.dtype)  # a view puts the time first
-        return dataclasses.replace(self, weights=(np.hstack([ignored, first]), *others), view=seen)
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        return self.view.n_features if self.view else self.weights[0].shape[1]
+        weights = (np.hstack([ignored, first]), *following)
+        return dataclasses.replace(self, weights=weights, view=view)
 
     @property
     def n_actions(self) -> int:
@@ -117,120 +215,17 @@ class QPolicy(ValuePolicy):
         Raises:
             UserError: If an observation has another length or is not finite.
         """
-        value = self.checked_batch(observations)
-        value = self.view(value) if self.view else value
-        return perceptron.perceptron(self.weights, self.biases, self.activation, value)
+        return self.forward(checked_batch(observations, self.n_features))
 
-    def save(self, path: Path, replace: bool = True) -> str:
-        """Write the policy to one safetensors file.
+    def settings(self) -> dict[str, Any]:
+        """Return the temperature, by name."""
+        return {"temperature": self.temperature}
 
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
+    def has_sound_settings(self) -> bool:
+        """Whether the temperature is a positive, finite float."""
+        return isinstance(self.temperature, float) and 0.0 < self.temperature < float("inf")
 
-        Returns:
-            SHA-256 of the content.
-
-        Raises:
-            UserError: If the file can't be written.
-        """
-        return save_arrays(path, "policy", SCHEMA_VERSION, *self.content(), replace=replace)
-
-    @staticmethod
-    def load(path: Path) -> QPolicy:
-        """Read a policy written by `save`.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        return QPolicy.checked(path, *load_arrays(path, "policy", SCHEMA_VERSION))
-
-    @staticmethod
-    def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any], extra: int = 0
-    ) -> QPolicy:
-        """Build a policy from a file's content, after a check that its parts agree.
-
-        Args:
-            path: The file, for messages.
-            arrays: Its arrays.
-            header: Its header.
-            extra: Inputs of the first layer that are not part of the observation.
-
-        Raises:
-            UserError: If they don't agree.
-        """
-        fault = fault_before(arrays, header)
-        try:
-            policy = None if fault else QPolicy.of_content(arrays, header)
-            fault = fault or fault_of(policy, ACTIVATIONS, extra)
-        except FAULTS as error:
-            raise UserError(
-                f"{path} has a header that doesn't fit its arrays: make the file again"
-            ) from error
-        if fault or policy is None:
-            raise UserError(f"{path} {fault}: make the file again")
-        return policy
-
-    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return the named arrays and the header of the policy's file."""
-        arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
-        arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
-        header = {
-            "activation": self.activation,
-            "temperature": self.temperature,
-            "layers": len(self.weights),
-            "view": None,
-            "provenance": dict(self.provenance),
-        }
-        of_view, described = content_of_view(self.view)
-        return arrays | of_view, header | described
-
-    @staticmethod
-    def of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> QPolicy:
+    @classmethod
+    def of_content(cls, arrays: Arrays, header: Header) -> QPolicy:
         """Build a policy from a file's content, the inverse of `content`."""
-        layers = range(header["layers"])
-        return QPolicy(
-            tuple(arrays[f"weight_{i}"] for i in layers),
-            tuple(arrays[f"bias_{i}"] for i in layers),
-            header["activation"],
-            header["temperature"],
-            header["provenance"],
-            view=view_of(arrays, header),
-            sha256=header["sha256"],
-        )
-
-
-def content_of_view(view: Encoding | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return the named arrays of an encoding, and what it adds to the header of a policy's file."""
-    if isinstance(view, OneHot):
-        return {}, {"one_hot": {"lows": view.lows, "sizes": view.sizes}}
-    if view is None:
-        return {}, {}
-    arrays = {f"view_weight_{i}": weight for i, weight in enumerate(view.weights)}
-    arrays |= {f"view_bias_{i}": bias for i, bias in enumerate(view.biases)}
-    described: dict[str, Any] = {
-        **view.choice.described(),
-        "layers": len(view.weights),
-        "n_features": view.n_features,
-    }
-    if view.times:
-        described["times"] = view.times
-    return arrays, {"view": described}
-
-
-def view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:
-    """Return the view described by a file."""
-    if places := header.get("one_hot"):
-        return OneHot(tuple(places["lows"]), tuple(places["sizes"]))
-    described = header["view"]
-    if described is None:
-        return None
-    layers = range(described["layers"])
-    return View(
-        tuple(arrays[f"view_weight_{i}"] for i in layers),
-        tuple(arrays[f"view_bias_{i}"] for i in layers),
-        Choice.of_described(described),
-        described["n_features"],
-        described.get("times", 0),
-    )
+        return cls(temperature=header["temperature"], **layers_of_content(arrays, header))

@@ -58,18 +58,18 @@ def cross_fitted(
     fold = (rng.permutation(n_groups) % folds)[group]
     mean, spread = target.mean(axis=0), np.maximum(target.std(axis=0), 1e-9)
     # Drawn here, because random numbers inside the program dominate its compile time.
-    batches = [rng.choice(np.flatnonzero(fold != one), (steps, BATCH)) for one in range(folds)]
+    batches = [rng.choice(np.flatnonzero(fold != k), (steps, BATCH)) for k in range(folds)]
     networks = [
         QNetwork.initialise(key, observation.shape[1], HIDDEN, target.shape[1])
         for key in jax.random.split(jax.random.key(seed), folds)
     ]
-    told = _fit_all(
+    predictions = _fit_all(
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *networks),
         jnp.asarray(np.stack(batches), jnp.int32),
         jnp.asarray(observation, jnp.float32),
         jnp.asarray((target - mean) / spread, jnp.float32),
     )
-    return np.asarray(told, np.float64)[fold, np.arange(len(fold))] * spread + mean
+    return np.asarray(predictions, np.float64)[fold, np.arange(len(fold))] * spread + mean
 
 
 @jax.jit
@@ -100,7 +100,7 @@ def _fit(
         fitted, memory = state
         rows, rate = now
         direction, memory = adam.update(jax.grad(loss)(fitted, rows), memory)
-        fitted = jax.tree.map(lambda weight, way: weight - rate * way, fitted, direction)
+        fitted = jax.tree.map(lambda weight, slope: weight - rate * slope, fitted, direction)
         return (fitted, memory), None
 
     start = (network, adam.init(eqx.filter(network, eqx.is_array)))

@@ -12,17 +12,17 @@ gridworld an input for each value of a feature makes this easy.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
 import numpy as np
-from jaxtyping import Float32, PRNGKeyArray, Shaped
+from jaxtyping import Float32, Shaped
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 
 
-class OneHot(eqx.Module):
+@dataclass(frozen=True)
+class OneHot:
     """Encoder from integer features to zeros and ones, for JAX and NumPy arrays.
 
     A value outside its feature's range is encoded as all zeros.
@@ -32,8 +32,8 @@ class OneHot(eqx.Module):
         sizes: Number of values of each feature.
     """
 
-    lows: tuple[int, ...] = eqx.field(static=True)
-    sizes: tuple[int, ...] = eqx.field(static=True)
+    lows: tuple[int, ...]
+    sizes: tuple[int, ...]
 
     @staticmethod
     def of(values: tuple[tuple[int, int], ...]) -> OneHot:
@@ -64,14 +64,15 @@ class OneHot(eqx.Module):
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
         """Encode observations along the last axis."""
         xp = observation.__array_namespace__()
-        places = [
+        equal = [
             observation[..., number, None] == np.arange(low, low + size, dtype=np.float32)
             for number, (low, size) in enumerate(zip(self.lows, self.sizes, strict=True))
         ]
-        return xp.concatenate(places, axis=-1).astype(np.float32)
+        return xp.concatenate(equal, axis=-1).astype(np.float32)
 
 
-ROW = 7  # numbers of a vehicle
+ROW = 7
+"""Numbers of a vehicle."""
 
 
 class Choice(NamedTuple):
@@ -92,8 +93,10 @@ class Choice(NamedTuple):
 
     def described(self) -> dict[str, Any]:
         """Return the properties as a file has them: `ahead` only where it is true."""
-        found = self._asdict()
-        return found if self.ahead else {name: found[name] for name in self._fields[:-1]}
+        properties = self._asdict()
+        if not self.ahead:
+            del properties["ahead"]
+        return properties
 
     @staticmethod
     def of_described(described: Mapping[str, Any]) -> Choice:
@@ -125,10 +128,12 @@ PER_SECOND = 0.2
 BESIDE, ALONG = 0.05, 0.15
 """5 m and 15 m; vehicles further beside or along are not close."""
 
-_ENCODER = (64, 64)  # widths of the shared layers of all vehicles
+ENCODER = (64, 64)
+"""Widths of the layers that all vehicles share."""
 
 
-class View(eqx.Module):
+@dataclass(frozen=True)
+class View:
     """Encoder from an observation to the inputs of a perceptron's first layer.
 
     It accepts JAX and NumPy arrays, as weights and as input.
@@ -145,52 +150,21 @@ class View(eqx.Module):
 
     weights: tuple[Any, ...]
     biases: tuple[Any, ...]
-    choice: Choice = eqx.field(static=True)
-    n_features: int = eqx.field(static=True)
-    times: int = eqx.field(static=True, default=0)
-
-    @staticmethod
-    def initialise(key: PRNGKeyArray, name: str, n_features: int, times: int = 0) -> View | None:
-        """Draw a view's layers; the flat view has none and is None.
-
-        Args:
-            key: Random key.
-            name: A name of `CHOICES`.
-            n_features: Length of an observation, the time included.
-            times: Number of values of the time, the last feature; 0 for none.
-
-        Raises:
-            UserError: If the name is unknown, or the observation is not a list of vehicles.
-        """
-        one_of("view", name, tuple(CHOICES))
-        choice = CHOICES[name]
-        if choice is None:
-            return None
-        listed = n_features - bool(times)
-        if listed % ROW or listed < 2 * ROW:
-            raise UserError(
-                f"view {name} reads rows of {ROW} numbers, one for each vehicle, and this world's "
-                f"observation has {listed}: use the view flat"
-            )
-        sizes = (row_width(choice), *_ENCODER) if choice.pooled else ()
-        keys = jax.random.split(key, len(sizes))
-        layers = [
-            eqx.nn.Linear(inputs, outputs, key=one)
-            for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=False)
-        ]
-        weights, biases = (tuple(getattr(one, n) for one in layers) for n in ("weight", "bias"))
-        return View(weights, biases, choice, n_features, times)
+    choice: Choice
+    n_features: int
+    times: int = 0
 
     def in_numpy(self) -> View:
         """Return the same view with NumPy weights."""
-        return jax.tree.map(np.asarray, self)
+        weights, biases = (tuple(map(np.asarray, arrays)) for arrays in (self.weights, self.biases))
+        return replace(self, weights=weights, biases=biases)
 
     @property
     def width(self) -> int:
         """Number of inputs of the perceptron."""
         own = ROW - 1 + self.times
         if self.choice.pooled:
-            return own + 2 * _ENCODER[-1]
+            return own + 2 * ENCODER[-1]
         return own + (self.n_features // ROW - 1) * row_width(self.choice)
 
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
@@ -198,8 +172,8 @@ class View(eqx.Module):
         if self.times:
             xp = observation.__array_namespace__()
             time = observation[..., -1:] == np.arange(self.times, dtype=np.float32)
-            seen = self._vehicles(observation[..., :-1])
-            return xp.concatenate([time.astype(np.float32), seen], axis=-1)
+            vehicles = self._vehicles(observation[..., :-1])
+            return xp.concatenate([time.astype(np.float32), vehicles], axis=-1)
         return self._vehicles(observation)
 
     def _vehicles(self, observation: Any) -> Any:
@@ -207,13 +181,13 @@ class View(eqx.Module):
         xp = observation.__array_namespace__()
         rows = observation.reshape(*observation.shape[:-1], -1, ROW)
         ego, others = rows[..., 0, :], rows[..., 1:, :]
-        own, seen = self.absolute(ego), self.of_others(ego, others)
+        own, columns = self.absolute(ego), self.of_others(ego, others)
         if not self.choice.pooled:
-            return xp.concatenate([own, seen.reshape(*seen.shape[:-2], -1)], axis=-1)
+            return xp.concatenate([own, columns.reshape(*columns.shape[:-2], -1)], axis=-1)
         for weight, bias in zip(self.weights, self.biases, strict=True):
-            seen = xp.maximum(seen @ weight.T + bias, 0.0)
-        seen = seen * others[..., :1]  # rows without a vehicle have weight 0
-        return xp.concatenate([own, seen.sum(axis=-2), seen.max(axis=-2)], axis=-1)
+            columns = xp.maximum(columns @ weight.T + bias, 0.0)
+        columns = columns * others[..., :1]  # rows without a vehicle have weight 0
+        return xp.concatenate([own, columns.sum(axis=-2), columns.max(axis=-2)], axis=-1)
 
     def absolute(self, row: Any) -> Any:
         """Return a row without its presence, scaled."""
@@ -222,20 +196,46 @@ class View(eqx.Module):
 
     def of_others(self, ego: Any, others: Any) -> Any:
         """Return features of the other vehicles: presence, absolute, and optionally relative."""
+        if isinstance(others, np.ndarray):
+            return self._of_others_in_numpy(ego, others)
         xp = ego.__array_namespace__()
         columns = [others[..., :1], self.absolute(others)]
         if self.choice.relative:
             ego = ego[..., None, :]
             scale, along = self.choice.scale, ego[..., 5:]
             offset = others[..., 1:3] - ego[..., 1:3]
-            place, motion = (
-                _turned(one, along) for one in (offset, others[..., 3:5] - ego[..., 3:5])
+            position, velocity = (
+                _turned(vector, along) for vector in (offset, others[..., 3:5] - ego[..., 3:5])
             )
-            columns += [scale * one for one in (*place, *motion)]
+            columns += [scale * column for column in (*position, *velocity)]
             columns += _turned(others[..., 5:], along)
             if self.choice.ahead:
-                columns.append(closeness(xp.concatenate(place, -1), xp.concatenate(motion, -1)))
+                vectors = (xp.concatenate(vector, -1) for vector in (position, velocity))
+                columns.append(closeness(*vectors))
         return xp.concatenate(columns, axis=-1) * others[..., :1]
+
+    def _of_others_in_numpy(self, ego: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Return `of_others` to the bit, in few operations: each has a cost at a single row."""
+        scale, shape = self.choice.scale, (*others.shape[:-1], row_width(self.choice))
+        columns = np.empty(shape, others.dtype)
+        columns[..., :ROW] = others
+        columns[..., 1:5] *= scale
+        if self.choice.relative:
+            ego = ego[..., None, :]
+            cos, sin = ego[..., 5:6], ego[..., 6:]
+            offset = others[..., 1:].copy()  # position, velocity, heading; headings are only turned
+            offset[..., :4] -= ego[..., 1:5]
+            x, y, turned = offset[..., ::2], offset[..., 1::2], columns[..., ROW : ROW + 6]
+            turned[..., ::2], turned[..., 1::2] = x * cos + y * sin, y * cos - x * sin
+            if self.choice.ahead:
+                columns[..., ROW + 6 :] = closeness(turned[..., :2], turned[..., 2:4])
+            turned[..., :4] *= scale
+        columns *= others[..., :1]
+        return columns
+
+
+Encoding = View | OneHot
+"""Encodings that a first layer may read instead of the observation."""
 
 
 class PresentRows:
@@ -262,21 +262,22 @@ class PresentRows:
         ego, others = rows[:, 0], rows[:, 1:]
         present = others[..., 0] > 0
         counts = present.sum(axis=1)
-        seen = self.view.of_others(np.repeat(ego, counts, axis=0), others[present][:, None])[:, 0]
+        egos = np.repeat(ego, counts, axis=0)
+        columns = self.view.of_others(egos, others[present][:, None])[:, 0]
         for weight, bias in zip(self.view.weights, self.view.biases, strict=True):
-            seen = np.maximum(seen @ weight.T + bias, 0.0)
-        pooled = np.zeros((2, len(rows), seen.shape[1]), np.float32)
-        if len(seen):
-            some = counts > 0
-            first = np.append(0, counts[some].cumsum()[:-1])
-            pooled[0, some] = np.add.reduceat(seen, first, axis=0)
-            pooled[1, some] = np.maximum.reduceat(seen, first, axis=0)
+            columns = np.maximum(columns @ weight.T + bias, 0.0)
+        pooled = np.zeros((2, len(rows), columns.shape[1]), np.float32)
+        if len(columns):
+            occupied = counts > 0
+            first = np.append(0, counts[occupied].cumsum()[:-1])
+            pooled[0, occupied] = np.add.reduceat(columns, first, axis=0)
+            pooled[1, occupied] = np.maximum.reduceat(columns, first, axis=0)
         time = observation[:, -1:] == np.arange(times, dtype=np.float32)
-        known = [time.astype(np.float32)] if times else []
-        return np.concatenate([*known, self.view.absolute(ego), *pooled], axis=-1)
+        clock = [time.astype(np.float32)] if times else []
+        return np.concatenate([*clock, self.view.absolute(ego), *pooled], axis=-1)
 
 
-def closeness(place: Any, motion: Any) -> Any:
+def closeness(position: Any, velocity: Any) -> Any:
     """Return how close vehicles come to the ego at each of `SECONDS`, if all keep their velocities.
 
     A rule that brakes for who comes into the strip ahead needs a quotient of distances and speeds,
@@ -284,19 +285,19 @@ def closeness(place: Any, motion: Any) -> Any:
     hats, 5 m to either side and 15 m before and behind, and the same times the distance ahead.
 
     Args:
-        place: Relative position along the ego's heading and to its left, in units of 100 m, last
+        position: Relative position along the ego's heading and to its left, in units of 100 m, last
             axis of length 2.
-        motion: Relative velocity, in units of 20 m/s.
+        velocity: Relative velocity, in units of 20 m/s.
 
     Returns:
         Last axis: for each moment the closeness, in [0, 1]; then for each the closeness times the
         distance ahead in units of 15 m.
     """
-    xp = place.__array_namespace__()
+    xp = position.__array_namespace__()
     seconds = PER_SECOND * np.asarray(SECONDS, np.float32)
-    ahead = (place[..., :1] + motion[..., :1] * seconds) / ALONG
-    beside = (place[..., 1:] + motion[..., 1:] * seconds) / BESIDE
-    hats = [xp.maximum(1.0 - xp.abs(one), 0.0) for one in (ahead, beside)]
+    ahead = (position[..., :1] + velocity[..., :1] * seconds) / ALONG
+    beside = (position[..., 1:] + velocity[..., 1:] * seconds) / BESIDE
+    hats = [xp.maximum(1.0 - xp.abs(distance), 0.0) for distance in (ahead, beside)]
     close = hats[0] * hats[1]
     return xp.concatenate([close, close * ahead], axis=-1)
 

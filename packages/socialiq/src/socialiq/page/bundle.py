@@ -24,19 +24,19 @@ def program(start: str = START, folder: Path = ASSETS) -> str:
         start: Name of the script that starts it, without `.js`.
         folder: Its folder; scripts of several folders have different names.
     """
-    parts: dict[str, str] = {}
-    _add(folder / f"{start}.js", parts)
-    return "\n".join(['"use strict";', *parts.values()])
+    sources: dict[str, str] = {}
+    _add(folder / f"{start}.js", sources)
+    return "\n".join(['"use strict";', *sources.values()])
 
 
-def _add(path: Path, parts: dict[str, str]) -> None:
+def _add(path: Path, sources: dict[str, str]) -> None:
     """Add a script after the scripts that it imports."""
     name = path.stem
-    if name in parts:
+    if name in sources:
         return
     source = path.read_text(encoding="utf-8")
-    for _, other, _ in _IMPORT.findall(source):
-        _add(path.parent / other, parts)
+    for _, target, _ in _IMPORT.findall(source):
+        _add(path.parent / target, sources)
     names = ", ".join(_EXPORT.findall(source))
     body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
-    parts[name] = f"const script_{name} = (() => {{\n{body}return {{ {names} }};\n}})();"
+    sources[name] = f"const script_{name} = (() => {{\n{body}return {{ {names} }};\n}})();"

@@ -31,91 +31,93 @@ def crossing() -> dict[str, Any]:
         (`AttainableSet.radius`), or None if there is none; `size` and `conflict` of the world.
     """
     world = make()
-    part = tabulate(world).reachable_part()
-    found = attainable_set(part.mdp, world.horizon)
-    numbers = list(dict.fromkeys(found.optimum(float(angle)).vertex for angle in ANGLES))
+    table = tabulate(world).reachable_part()
+    attainable = attainable_set(table.mdp, world.horizon)
+    numbers = list(dict.fromkeys(attainable.optimum(float(angle)).vertex for angle in ANGLES))
     return {
-        "polygon": found.vertices.round(9).tolist(),
-        "front": found.front().round(9).tolist(),
-        "corners": [_corner(found, number, part) for number in numbers],
-        "best": [numbers.index(found.optimum(float(angle)).vertex) for angle in ANGLES],
-        "radius": [_radius(found, float(angle)) for angle in ANGLES],
+        "polygon": attainable.vertices.round(9).tolist(),
+        "front": attainable.front().round(9).tolist(),
+        "corners": [_corner(attainable, number, table) for number in numbers],
+        "best": [numbers.index(attainable.optimum(float(angle)).vertex) for angle in ANGLES],
+        "radius": [_radius(attainable, float(angle)) for angle in ANGLES],
         "size": SIZE,
         "conflict": CONFLICT,
     }
 
 
-def _radius(found: AttainableSet, angle: float) -> float | None:
+def _radius(attainable: AttainableSet, angle: float) -> float | None:
     try:
-        return round(found.radius(angle), 9)
+        return round(attainable.radius(angle), 9)
     except UserError:
         return None
 
 
-def _corner(found: AttainableSet, number: int, part: Table) -> dict[str, Any]:
+def _corner(attainable: AttainableSet, number: int, table: Table) -> dict[str, Any]:
     """Return a corner: its point, where it lies, the angles that it is best at, and its visits."""
-    low, high = found.supporting_interval(number)
-    reward = score(exact_weights((max(low, 0.0) + min(high, 90.0)) / 2.0), part.mdp.rewards)
-    best = horizon_optimum(part.mdp, reward, part.world.horizon)
-    made = horizon_evaluation(part.mdp, best.probabilities(part.mdp.n_actions), part.world.horizon)
+    low, high = attainable.supporting_interval(number)
+    reward = score(exact_weights((max(low, 0.0) + min(high, 90.0)) / 2.0), table.mdp.rewards)
+    best = horizon_optimum(table.mdp, reward, table.world.horizon)
+    evaluation = horizon_evaluation(
+        table.mdp, best.probabilities(table.mdp.n_actions), table.world.horizon
+    )
     return {
-        "point": [round(one, 9) + 0.0 for one in made.totals],
-        "angle": angle_of(*made.totals),
+        "point": [round(total, 9) + 0.0 for total in evaluation.totals],
+        "angle": angle_of(*evaluation.totals),
         "low": max(low, 0.0),
         "high": min(high, 90.0),
-        "length": made.length,
-        "arrival": float(made.endings[Ending.ARRIVAL]),
-        "timeout": float(made.endings[Ending.TIMEOUT]),
-        "decisions": ego_visits(part, made.visits).round(6).tolist(),
-        "vehicles": vehicle_visits(part, made.visits).round(6).tolist(),
-        "approaching": before_the_conflict(part, made.visits).round(6).tolist(),
+        "length": evaluation.length,
+        "arrival": float(evaluation.endings[Ending.ARRIVAL]),
+        "timeout": float(evaluation.endings[Ending.TIMEOUT]),
+        "decisions": ego_visits(table, evaluation.visits).round(6).tolist(),
+        "vehicles": vehicle_visits(table, evaluation.visits).round(6).tolist(),
+        "approaching": before_the_conflict(table, evaluation.visits).round(6).tolist(),
     }
 
 
-def ego_visits(part: Table, visits: np.ndarray) -> np.ndarray:
+def ego_visits(table: Table, visits: np.ndarray) -> np.ndarray:
     """Return how often the ego takes each action in each column, expected in an episode.
 
     Args:
-        part: The world, or its reachable part.
+        table: The world, or its reachable part.
         visits: Expected visits by state and action (`HorizonEvaluation.visits`).
 
     Returns:
         By column and action.
     """
-    found = np.zeros((SIZE, visits.shape[1]))
-    np.add.at(found, part.states[:, 0], visits)
-    return found
+    counts = np.zeros((SIZE, visits.shape[1]))
+    np.add.at(counts, table.states[:, 0], visits)
+    return counts
 
 
-def vehicle_visits(part: Table, visits: np.ndarray) -> np.ndarray:
+def vehicle_visits(table: Table, visits: np.ndarray) -> np.ndarray:
     """Return how many steps vehicles begin in each row, expected in an episode.
 
     Args:
-        part: The world, or its reachable part.
+        table: The world, or its reachable part.
         visits: Expected visits by state and action.
 
     Returns:
         By row, from the south.
     """
-    found, by_state = np.zeros(SIZE), visits.sum(axis=1)
-    for row in (part.states[:, 2], part.states[:, 4]):
-        np.add.at(found, row[row != ABSENT], by_state[row != ABSENT])
-    return found
+    counts, by_state = np.zeros(SIZE), visits.sum(axis=1)
+    for row in (table.states[:, 2], table.states[:, 4]):
+        np.add.at(counts, row[row != ABSENT], by_state[row != ABSENT])
+    return counts
 
 
-def before_the_conflict(part: Table, visits: np.ndarray) -> np.ndarray:
+def before_the_conflict(table: Table, visits: np.ndarray) -> np.ndarray:
     """Return the decisions in the cell before the conflict, expected in an episode.
 
     Args:
-        part: The world, or its reachable part.
+        table: The world, or its reachable part.
         visits: Expected visits by state and action.
 
     Returns:
         By row of the nearest vehicle south of the conflict, the last entry for none, and by action.
     """
-    rows = part.states[:, [2, 4]]
+    rows = table.states[:, [2, 4]]
     nearest = np.where(rows < CONFLICT, rows, ABSENT).max(axis=1)  # ABSENT is -1: the last entry
-    there = part.states[:, 0] == CONFLICT - 1
-    found = np.zeros((CONFLICT + 1, visits.shape[1]))
-    np.add.at(found, nearest[there], visits[there])
-    return found
+    there = table.states[:, 0] == CONFLICT - 1
+    counts = np.zeros((CONFLICT + 1, visits.shape[1]))
+    np.add.at(counts, nearest[there], visits[there])
+    return counts

@@ -141,12 +141,12 @@ def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) ->
         episodes: Episodes at each angle, seeds 1 ff.; at least two.
     """
     inner = range(-(-low // _EVERY) * _EVERY, high + 1, _EVERY)
-    angles = [float(one) for one in sorted({low, *inner, high})]
+    angles = [float(angle) for angle in sorted({low, *inner, high})]
     batch = Batch(Options(), min(episodes, 500))
-    found = rollout_dial(dial, batch, angles, np.arange(1, episodes + 1))
+    driven = rollout_dial(dial, batch, angles, np.arange(1, episodes + 1))
     return tuple(
         Point(angle, *(_interval(*pair, episodes) for pair in _moments(totals)))
-        for angle, totals in zip(angles, found.totals, strict=True)
+        for angle, totals in zip(angles, driven.totals, strict=True)
     )
 
 

@@ -25,7 +25,7 @@ def page(dial: ShownDial | None = None) -> str:
     """
     dial = dial or shipped_dial()
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
-    parts = {
+    blocks = {
         "policy": policy(script, style),
         "style": style,
         "about": about(dial),
@@ -33,8 +33,8 @@ def page(dial: ShownDial | None = None) -> str:
         "program": script,
     }
     text = (ASSETS / "index.html").read_text(encoding="utf-8")
-    for name, part in parts.items():
-        text = text.replace(f"{{{name}}}", part)
+    for name, block in blocks.items():
+        text = text.replace(f"{{{name}}}", block)
     return text
 
 

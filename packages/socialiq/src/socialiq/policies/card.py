@@ -1,7 +1,9 @@
-"""Model cards: the recorded facts about a policy, and visible blanks where nothing is recorded.
+"""Model card and bill of materials: the recorded facts about a policy, and visible blanks.
 
-Markdown with YAML front matter, as model hubs read it. User-provided names are escaped, so that
-they cannot change the card's structure.
+A card is Markdown with YAML front matter, as model hubs read it. User-provided names are escaped,
+so that they cannot change the card's structure. A bill of materials is CycloneDX 1.7 with a model
+card, as JSON (https://cyclonedx.org/docs/1.7/json): a component of the type machine-learning-model.
+It depends on its arguments alone: the serial number is derived from them, and there is no time.
 """
 
 from __future__ import annotations
@@ -9,7 +11,9 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from socialiq.errors import UserError
@@ -18,7 +22,6 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import OneHot
-from socialiq.policies.bill_of_materials import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
 from socialiq.worlds.context_policy import ContextPolicy
 
@@ -52,21 +55,22 @@ def model_card(
     Raises:
         UserError: If the evaluation is not such an object.
     """
-    known, measured = dict(training or {}), _measured(evaluation)
+    facts, measured = dict(training or {}), _measured(evaluation)
     record = dict(policy.provenance)
     angle = trained_angle(record)
+    size = policy.action_size if isinstance(policy, ActorPolicy) else 0
     return (
         templates("socialiq.policies", most=200)
         .get_template("card.md.j2")
         .render(
-            front=Markdown(_front(name, angle, known, measured)),
+            front=Markdown(_front(name, angle, facts, measured)),
             name=name,
             policy=policy,
-            chosen=_chosen(policy),
+            chosen=Interface(policy.n_features, policy.n_actions, size).answer,
             angle=angle,
             blank=Markdown(BLANK),
-            details=_details(policy, known),
-            data=[*_rows(known.get("data"), "data"), *_rows(known.get("inputs"), "inputs")],
+            details=_details(policy, facts),
+            data=[*_rows(facts.get("data"), "data"), *_rows(facts.get("inputs"), "inputs")],
             procedure=list(_rows(record, "")),
             evaluation=[(key, _text(value)) for key, value in measured.items()],
             evaluated=evaluated_by or "As given with this card.",
@@ -94,11 +98,10 @@ def card_materials(
     Raises:
         UserError: If the evaluation is not one flat object.
     """
-    known, measured = dict(training or {}), _measured(evaluation)
-    record = dict(policy.provenance)
-    data = [*_rows(known.get("data"), "data"), *_rows(known.get("inputs"), "inputs")]
-    facts = [(key, str(value)) for key, value in _details(policy, known) if value != BLANK]
-    facts += [(f"procedure.{key}", value) for key, value in _rows(record, "")]
+    facts, measured = dict(training or {}), _measured(evaluation)
+    data = [*_rows(facts.get("data"), "data"), *_rows(facts.get("inputs"), "inputs")]
+    rows = [(key, str(value)) for key, value in _details(policy, facts) if value != BLANK]
+    rows += [(f"procedure.{key}", value) for key, value in _rows(dict(policy.provenance), "")]
     return bill_of_materials(
         name,
         importlib.metadata.version("socialiq"),
@@ -108,33 +111,34 @@ def card_materials(
         outputs=_outputs(policy),
         data=dict(data),
         metrics=[Metric(one_line(key, 60), _text(value)) for key, value in measured.items()],
-        properties={f"socialiq:{key}": value for key, value in facts},
+        properties={f"socialiq:{key}": value for key, value in rows},
     )
 
 
 def trained_angle(record: Mapping[str, Any]) -> float | None:
     """Return the angle that the policy was trained for, or that a dial was set to."""
     numbers = record.get("numbers")
-    found = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)
-    if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+    angle = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)
+    if isinstance(angle, bool) or not isinstance(angle, int | float) or not math.isfinite(angle):
         return None
-    return float(found)
+    return float(angle)
 
 
-def _details(policy: Exported, known: Mapping[str, Any]) -> list[tuple[str, str]]:
-    rows = [
-        ("World", str(known.get("world", "")) or None),
-        ("Made by", known.get("made_by")),
+def _details(policy: Exported, facts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    rows: list[tuple[str, Any]] = [
+        ("World", str(facts.get("world", "")) or None),
+        ("Made by", facts.get("made_by")),
         ("Learner", policy.provenance.get("learner")),
         ("Input", f"{policy.n_features} numbers, float32"),
         ("The first layer reads", _each(policy, _view)),
         ("Network", _network(policy)),
         ("Output", _outputs(policy)),
-        *_temperature(policy),
-        ("SHA-256 of the file's content", policy.sha256),
-        ("Card written with", f"socialiq {importlib.metadata.version('socialiq')}"),
     ]
-    rows += [("Versions", _text(known["versions"]))] if known.get("versions") else []
+    if not isinstance(policy, ActorPolicy):
+        rows.append(("Temperature of the soft policy", f"{policy.temperature:g}"))
+    rows.append(("SHA-256 of the file's content", policy.sha256))
+    rows.append(("Card written with", f"socialiq {importlib.metadata.version('socialiq')}"))
+    rows += [("Versions", _text(facts["versions"]))] if facts.get("versions") else []
     return [(key, str(value) if value else Markdown(BLANK)) for key, value in rows]
 
 
@@ -144,27 +148,16 @@ def _outputs(policy: Exported) -> str:
     return f"a value of each of {policy.n_actions} actions; the best is taken"
 
 
-def _chosen(policy: Exported) -> str:
-    size = policy.action_size if isinstance(policy, ActorPolicy) else 0
-    return Interface(policy.n_features, policy.n_actions, size).answer
-
-
-def _temperature(policy: Exported) -> list[tuple[str, str | None]]:
-    if isinstance(policy, ActorPolicy):
-        return []
-    return [("Temperature of the soft policy", f"{policy.temperature:g}")]
-
-
 def _network(policy: Exported) -> str:
     """Return the widths and activation of a network, or of each network of an ensemble."""
 
-    def one(network: QPolicy | ActorPolicy) -> str:
+    def describe(network: QPolicy | ActorPolicy) -> str:
         widths = [network.weights[0].shape[1], *(len(bias) for bias in network.biases)]
         return f"{'-'.join(map(str, widths))}, {network.activation}"
 
     members = _networks(policy)
-    listed = _each(policy, one)
-    return listed if len(members) == 1 else f"mean of the values of {len(members)}: {listed}"
+    text = _each(policy, describe)
+    return text if len(members) == 1 else f"mean of the values of {len(members)}: {text}"
 
 
 def _view(network: QPolicy | ActorPolicy) -> str:
@@ -178,7 +171,7 @@ def _view(network: QPolicy | ActorPolicy) -> str:
 
 def _each(policy: Exported, describe: Callable[[Any], str]) -> str:
     """Return the descriptions of a policy's networks, each once."""
-    return "; ".join(dict.fromkeys(describe(one) for one in _networks(policy)))
+    return "; ".join(dict.fromkeys(map(describe, _networks(policy))))
 
 
 def _networks(policy: Exported) -> tuple[Any, ...]:
@@ -188,15 +181,15 @@ def _networks(policy: Exported) -> tuple[Any, ...]:
 
 def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:
     """Yield nested settings as (dotted name, value), at most `MOST_ROWS`."""
-    waiting, listed = [(name, value)], 0
-    while waiting and listed < MOST_ROWS:
-        key, one = waiting.pop(0)
-        if isinstance(one, Mapping) and one:
-            inner = [(f"{key}.{part}" if key else str(part), sub) for part, sub in one.items()]
-            waiting = inner + waiting
-        elif one is not None and one not in ({}, []):
-            listed += 1
-            yield key, _text(one)
+    waiting, count = [(name, value)], 0
+    while waiting and count < MOST_ROWS:
+        key, entry = waiting.pop(0)
+        if isinstance(entry, Mapping) and entry:
+            prefix = f"{key}." if key else ""
+            waiting = [(f"{prefix}{name}", inner) for name, inner in entry.items()] + waiting
+        elif entry is not None and entry not in ({}, []):
+            count += 1
+            yield key, _text(entry)
     if waiting:
         yield "...", "more than can be listed; the file has all"
 
@@ -217,8 +210,8 @@ def _measured(evaluation: Mapping[str, Any] | None) -> dict[str, Any]:
         return {}
     if "policies" in evaluation:
         raise UserError("the evaluation is of several policies: evaluate this one alone")
-    nested = [key for key, one in evaluation.items() if not isinstance(one, str | int | float)]
-    if nested or not evaluation:
+    flat = all(isinstance(value, str | int | float) for value in evaluation.values())
+    if not flat or not evaluation:
         raise UserError(
             "the evaluation must be one object of names and numbers: write it with "
             "socialiq evaluate POLICY --json"
@@ -227,7 +220,7 @@ def _measured(evaluation: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def _front(
-    name: str, angle: float | None, known: Mapping[str, Any], measured: Mapping[str, Any]
+    name: str, angle: float | None, facts: Mapping[str, Any], measured: Mapping[str, Any]
 ) -> str:
     """Return YAML front matter; each value is written as JSON, which is valid YAML."""
     tags = ["reinforcement-learning", "inverse-reinforcement-learning", "driving", "socialiq"]
@@ -241,7 +234,7 @@ def _front(
         if isinstance(value, int | float) and math.isfinite(value)
     ]
     if metrics:
-        world = one_line(str(known.get("world") or "unnamed world"))
+        world = one_line(str(facts.get("world") or "unnamed world"))
         result = {
             "task": {"type": "reinforcement-learning", "name": "driving"},
             "dataset": {"name": world, "type": "simulator"},
@@ -250,3 +243,92 @@ def _front(
         entries["model-index"] = [{"name": one_line(name), "results": [result]}]
     lines = [f"{key}: {json.dumps(value)}" for key, value in entries.items()]
     return "\n".join([*lines, "# license: [ blank ]"])
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A measured number, with its interval if there is one."""
+
+    type: str
+    value: str
+    low: str | None = None
+    high: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as a `performanceMetric`."""
+        metric: dict[str, Any] = {"type": self.type, "value": self.value}
+        if self.low is not None and self.high is not None:
+            metric["confidenceInterval"] = {"lowerBound": self.low, "upperBound": self.high}
+        return metric
+
+
+def bill_of_materials(
+    name: str,
+    version: str,
+    *,
+    file_sha256: str = "",
+    architecture: str = "",
+    inputs: str = "",
+    outputs: str = "",
+    data: Mapping[str, str] | None = None,
+    metrics: Sequence[Metric] = (),
+    limits: Sequence[str] = (),
+    properties: Mapping[str, str] | None = None,
+) -> bytes:
+    """Return a bill of materials of one policy.
+
+    Args:
+        name: Name of the policy.
+        version: Version of socialiq that wrote it.
+        file_sha256: SHA-256 of the policy's file, if it is one file.
+        architecture: Architecture of the network, if known.
+        inputs: Form of an observation.
+        outputs: Form of an action.
+        data: Facts about the training data; none if they are not known.
+        metrics: Measured numbers.
+        limits: Known limitations, as sentences.
+        properties: Further facts, by names of this package's own ("socialiq:...").
+    """
+    parameters: dict[str, Any] = {"task": "choose the action of a vehicle for an observation"}
+    parameters |= {"modelArchitecture": architecture} if architecture else {}
+    if data:
+        contents = {"properties": _properties(data)}
+        parameters["datasets"] = [
+            {"type": "dataset", "name": "training data", "contents": contents}
+        ]
+    parameters |= {"inputs": [{"format": inputs}]} if inputs else {}
+    parameters |= {"outputs": [{"format": outputs}]} if outputs else {}
+    card: dict[str, Any] = {"modelParameters": parameters}
+    if metrics:
+        rows = [metric.as_json() for metric in metrics]
+        card["quantitativeAnalysis"] = {"performanceMetrics": rows}
+    if limits:
+        card["considerations"] = {"technicalLimitations": list(limits)}
+    component: dict[str, Any] = {
+        "bom-ref": "policy",
+        "type": "machine-learning-model",
+        "name": name,
+        "modelCard": card,
+    }
+    if file_sha256:
+        component["hashes"] = [{"alg": "SHA-256", "content": file_sha256}]
+    if properties:
+        component["properties"] = _properties(properties)
+    tool = {"type": "application", "name": "socialiq", "version": version}
+    content = {
+        "$schema": "http://cyclonedx.org/schema/bom-1.7.schema.json",
+        "bomFormat": "CycloneDX",
+        "specVersion": "1.7",
+        "version": 1,
+        "metadata": {"tools": {"components": [tool]}},
+        "components": [component],
+    }
+    text = json.dumps(content, sort_keys=True, allow_nan=False)
+    # A name; not an address.
+    space = uuid.uuid5(uuid.NAMESPACE_URL, "https://socialiq.example/bill-of-materials/1")
+    content["serialNumber"] = f"urn:uuid:{uuid.uuid5(space, text)}"
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+
+
+def _properties(facts: Mapping[str, str]) -> list[dict[str, str]]:
+    return [{"name": name, "value": value} for name, value in facts.items()]

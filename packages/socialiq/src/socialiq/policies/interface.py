@@ -1,16 +1,22 @@
-"""Interface of a policy, and policies given by a function of a batch, with checked answers."""
+"""Interface and record of a policy, and policies given by a function of a batch."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from gymnasium import Space, spaces
-from jaxtyping import Float32, Int64
 
 from socialiq.errors import UserError
+from socialiq.nn.q_policy import checked_batch
+from socialiq.policies.isolation import NOT_NEEDED, Isolation
+from socialiq.reading import read_bytes
+from socialiq.storage import shipped
+from socialiq.types import Policy
 
 
 @runtime_checkable
@@ -84,9 +90,35 @@ class Interface(NamedTuple):
         Raises:
             UserError: If it is anything else, out of range or not finite.
         """
+        shape, kinds, each = (rows,), "iu", "one integer"
         if self.action_size:
-            return checked_vectors(answer, rows, self.action_size, source)
-        return checked_actions(answer, rows, self.n_actions, source)
+            shape, kinds, each = (rows, self.action_size), "fiu", _numbers(self.action_size)
+        try:
+            actions = np.asarray(answer)
+        except (ValueError, TypeError) as error:  # rows of several lengths
+            each = each if self.action_size else "one action"
+            raise UserError(f"{source} must answer {each} for each observation") from error
+        if actions.shape != shape or actions.dtype.kind not in kinds:
+            raise UserError(
+                f"{source} answered {actions.dtype} of shape {actions.shape}: it must be {each} "
+                f"for each of {rows} observations"
+            )
+        if not self.action_size:
+            wrong = actions[(actions < 0) | (actions >= self.n_actions)]
+            if len(wrong):
+                raise UserError(
+                    f"{source} chose action {wrong[0]}: it must be from 0 to {self.n_actions - 1}"
+                )
+            return actions.astype(np.int64)
+        actions = actions.astype(np.float64)
+        if not np.isfinite(actions).all():
+            raise UserError(f"{source} answered NaN or infinity: name a sound policy")
+        if (np.abs(actions) > 1.0).any():
+            raise UserError(
+                f"{source} chose {actions[np.abs(actions) > 1.0][0]:g}: continuous actions must be "
+                "in [-1, 1], the ends being the bounds of the action space"
+            )
+        return actions.astype(np.float32)
 
     def check(self, source: str, world: Interface) -> None:
         """Refuse a policy that was made for another world.
@@ -98,20 +130,18 @@ class Interface(NamedTuple):
             return
         if self.action_size or world.action_size:
             clock = " (a clock adds a feature)" if self.n_features == world.n_features + 1 else ""
-            raise UserError(
-                f"{source} takes {self.n_features} features and {self._actions()}, the world has "
-                f"{world.n_features} and {world._actions()}{clock}: name the world it was made for"
+            own, expected = (
+                f"actions of {_numbers(sizes.action_size)}"
+                if sizes.action_size
+                else f"{sizes.n_actions} discrete actions"
+                for sizes in (self, world)
             )
+        else:
+            own, expected, clock = f"{self.n_actions} actions", str(world.n_actions), ""
         raise UserError(
-            f"{source} takes {self.n_features} features and {self.n_actions} actions, the "
-            f"world has {world.n_features} and {world.n_actions}: name the world it was made "
-            "for"
+            f"{source} takes {self.n_features} features and {own}, the world has "
+            f"{world.n_features} and {expected}{clock}: name the world it was made for"
         )
-
-    def _actions(self) -> str:
-        if self.action_size:
-            return f"actions of {_numbers(self.action_size)}"
-        return f"{self.n_actions} discrete actions"
 
 
 @dataclass(frozen=True)
@@ -147,80 +177,92 @@ class BatchPolicy:
             UserError: If an observation is not of the interface or not finite, or the answer is
                 not one action for each.
         """
-        batch = checked_batch(observation, self.interface.n_features)
+        batch = checked_batch(np.atleast_2d(observation), self.interface.n_features)
         answer = self.decide(batch, deterministic)
         actions = self.interface.checked(answer, len(batch), self.source)
         return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
 
 
-def checked_batch(observation: Any, n_features: int) -> Float32[np.ndarray, "batch feature"]:
-    """Return observations as a batch, float32.
+@dataclass(frozen=True)
+class Record:
+    """Facts about a policy, all JSON.
 
-    Raises:
-        UserError: If they have another length, or are not finite.
+    Attributes:
+        kind: "policy", "ensemble", "dial", "table", "sb3", "onnx", "process" or "python".
+        source: The specification that it was loaded from, as one printable line.
+        sha256: SHA-256 of the file's bytes; for a process, of its command and the files named in
+            it (`process.code_hash`); for Python in this process, of the module's source.
+        covers: Description of the hashed content.
+        interface: Sizes of its observations and actions.
+        soft: Whether it gives the distribution of its stochastic actions.
+        details: Further facts from its file.
+        isolation: Isolation of its process.
     """
-    batch = np.atleast_2d(np.asarray(observation, np.float32))
-    if batch.ndim != 2 or batch.shape[1] != n_features:
-        raise UserError(
-            f"observation of shape {batch.shape[1:]}: this policy takes ({n_features},)"
-        )
-    if not np.isfinite(batch).all():
-        raise UserError("observation holds NaN or infinity: check the sensor or the data")
-    return batch
+
+    kind: str
+    source: str
+    sha256: str
+    covers: str
+    interface: Interface
+    soft: bool
+    details: Mapping[str, Any] = field(default_factory=dict)
+    isolation: Isolation = NOT_NEEDED
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the record as one JSON object."""
+        # The file's own facts come first: they can't take the place of the following.
+        return {
+            **self.details,
+            "kind": self.kind,
+            "source": self.source,
+            "sha256": self.sha256,
+            "covers": self.covers,
+            **self.interface.as_json(),
+            "soft": self.soft,
+            "isolation": self.isolation._asdict(),
+        }
 
 
-def checked_actions(
-    answer: Any, rows: int, n_actions: int, source: str
-) -> Int64[np.ndarray, " batch"]:
-    """Return an answer as action numbers.
+@dataclass(frozen=True)
+class Loaded:
+    """A policy and its record; a context manager, because a process must be ended.
 
-    Raises:
-        UserError: If it is not one integer from 0 to n_actions - 1 for each row.
+    Attributes:
+        policy: Decides, as `types.Policy`.
+        record: Its facts.
+        close: Ends the policy's process, if it has one; may be called twice.
+        check_unchanged: Raises `UserError` if the policy's files are no longer those of its hash.
     """
-    try:
-        actions = np.asarray(answer)
-    except (ValueError, TypeError) as error:  # rows of several lengths
-        raise UserError(f"{source} must answer one action for each observation") from error
-    if actions.shape != (rows,) or actions.dtype.kind not in "iu":
-        raise UserError(
-            f"{source} answered {actions.dtype} of shape {actions.shape}: it must be one integer "
-            f"for each of {rows} observations"
-        )
-    wrong = np.flatnonzero((actions < 0) | (actions >= n_actions))
-    if len(wrong):
-        raise UserError(
-            f"{source} chose action {actions[wrong[0]]}: it must be from 0 to {n_actions - 1}"
-        )
-    return actions.astype(np.int64)
+
+    policy: Policy
+    record: Record
+    close: Callable[[], None] = lambda: None
+    check_unchanged: Callable[[], None] = lambda: None
+
+    def __enter__(self) -> Loaded:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def _numbers(size: int) -> str:
     return "1 number" if size == 1 else f"{size} numbers"
 
 
-def checked_vectors(
-    answer: Any, rows: int, size: int, source: str
-) -> Float32[np.ndarray, "batch size"]:
-    """Return an answer as continuous actions.
+MOST_BYTES = 32 * 1024 * 1024
+"""Largest size of a policy's file: eight million float32 weights, far more than needed."""
+
+
+def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Read a regular file of bounded size.
 
     Raises:
-        UserError: If it is not one vector of this size in [-1, 1] for each row.
+        UserError: If it is missing, not a regular file, unreadable or too large.
     """
-    try:
-        actions = np.asarray(answer)
-    except (ValueError, TypeError) as error:  # rows of several lengths
-        raise UserError(f"{source} must answer {_numbers(size)} for each observation") from error
-    if actions.shape != (rows, size) or actions.dtype.kind not in "fiu":
-        raise UserError(
-            f"{source} answered {actions.dtype} of shape {actions.shape}: it must be "
-            f"{_numbers(size)} for each of {rows} observations"
-        )
-    actions = actions.astype(np.float64)
-    if not np.isfinite(actions).all():
-        raise UserError(f"{source} answered NaN or infinity: name a sound policy")
-    if (np.abs(actions) > 1.0).any():
-        raise UserError(
-            f"{source} chose {actions[np.abs(actions) > 1.0][0]:g}: continuous actions must be in "
-            "[-1, 1], the ends being the bounds of the action space"
-        )
-    return actions.astype(np.float32)
+    return read_bytes(shipped(path), most)
+
+
+def sha256_of(content: bytes) -> str:
+    """Return the SHA-256 of bytes, as `sha256sum` prints it."""
+    return hashlib.sha256(content).hexdigest()

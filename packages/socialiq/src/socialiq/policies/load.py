@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,31 +13,26 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import one_line
-from socialiq.nn import actor_policy, ensemble
-from socialiq.policies.callable import read_callable
-from socialiq.policies.interface import Interface
-from socialiq.policies.native import (
-    read_actor,
-    read_context,
-    read_dial,
-    read_ensemble,
-    read_policy,
-    read_table,
-)
-from socialiq.policies.onnx.load import read_onnx
-from socialiq.policies.process.code_hash import CodeHash, files_named_by, hash_files
-from socialiq.policies.process.isolation import NOT_ASKED, Isolation, sandboxed
-from socialiq.policies.process.load import Limits, command_of, start_process
-from socialiq.policies.process.python_module import (
+from socialiq.nn.dial_policy import Dial
+from socialiq.nn.ensemble import EnsemblePolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.saved import FORMS, Header, refusal
+from socialiq.policies.code import (
     OWN_FOLDER,
     command_of_python,
+    files_named_by,
+    hash_files,
     hash_of_python,
+    read_callable,
 )
-from socialiq.policies.record import Loaded, Record, read_content, sha256_of
-from socialiq.policies.sb3.load import read_sb3
-from socialiq.storage import kind_of
+from socialiq.policies.interface import Interface, Loaded, Record, read_content, sha256_of
+from socialiq.policies.isolation import NOT_ASKED, CodeHash, Isolation, sandboxed
+from socialiq.policies.onnx_load import read_onnx
+from socialiq.policies.process import Limits, command_of, start_process
+from socialiq.policies.sb3_load import read_sb3
+from socialiq.storage import kind_of, load_arrays
 from socialiq.types import Policy
-from socialiq.worlds import context_policy
+from socialiq.worlds.context_policy import ContextPolicy
 
 KINDS = (
     "FILE.safetensors",
@@ -47,7 +43,8 @@ KINDS = (
 )
 """Forms of a policy specification."""
 
-_SUFFIXES = (".safetensors", ".zip", ".onnx")
+MOST_HEADER = 65_536
+"""Characters of a file's header, which goes into reports."""
 
 
 def load_policy(
@@ -96,10 +93,16 @@ def load_policy(
         code = _Code(source, command, lambda: hash_files(command, files_named_by(command, files)))
         return code.started(world, limits or Limits(), isolation or NOT_ASKED)
     if colon and head == "python":
-        if isolation is None or not isolation.works:
-            _check_allowed(source, allow_code)
+        if (isolation is None or not isolation.works) and not allow_code:
+            raise UserError(
+                f"{source} would run its author's code with your rights: allow that, or audit it "
+                "as ONNX or isolated by bubblewrap"
+            )
         if isolation is None:
-            return _callable(rest, source, world)
+            policy, text = read_callable(rest, source, world)
+            covers = "the module's source, not what it imports"
+            record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
+            return Loaded(policy, record)
         command = command_of_python(rest, source)
         code = _Code(source, command, lambda: hash_of_python(rest, source, files), (OWN_FOLDER,))
         return code.started(world, limits or Limits(), isolation)
@@ -108,49 +111,98 @@ def load_policy(
             f"{source} is one file: leave --files out, which are of a process or Python"
         )
     path, suffix = Path(spec), Path(spec).suffix.lower()
-    if suffix not in _SUFFIXES:
+    if suffix not in (".safetensors", ".zip", ".onnx"):
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
-    if suffix == ".safetensors":
-        policy, details = _native(path, world, angle, clock)
-        kind = kind_of(path)
+    if suffix == ".zip":
+        kind, (policy, details) = "sb3", read_sb3(content, source, world)
+    elif suffix == ".onnx":
+        kind, (policy, details) = "onnx", read_onnx(content, source, world)
+    else:
+        kind, (policy, details) = kind_of(path), _read_with_clock(path, world, angle, clock)
         # A clock makes it one more than the world's.
         world = world._replace(n_features=getattr(policy, "n_features", n_features))
         if read_content(path) != content:
             raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
-    else:
-        kind, read = ("sb3", read_sb3) if suffix == ".zip" else ("onnx", read_onnx)
-        policy, details = read(content, source, world)
-    soft = isinstance(policy, SoftPolicy)
-    sha256 = sha256_of(content)
+    soft, sha256 = isinstance(policy, SoftPolicy), sha256_of(content)
     return Loaded(policy, Record(kind, source, sha256, "the file's bytes", world, soft, details))
 
 
-def _native(
+def _read_with_clock(
     path: Path, world: Interface, angle: float | None, clock: bool
 ) -> tuple[Policy, dict[str, Any]]:
-    """Read a file of this package; return the policy and details."""
+    """Read a file of this package, which may take the time too if there is a clock."""
     try:
-        return _read(path, world, angle)
+        return read_native(path, world, angle)
     except UserError:
-        if not clock or kind_of(path) == "table":
-            raise
-        with contextlib.suppress(UserError):
-            return _read(path, world._replace(n_features=world.n_features + 1), angle)
+        if clock and kind_of(path) != "table":
+            with contextlib.suppress(UserError):
+                return read_native(path, world._replace(n_features=world.n_features + 1), angle)
         raise
 
 
-def _read(path: Path, world: Interface, angle: float | None) -> tuple[Policy, dict[str, Any]]:
-    kind = kind_of(path)
-    if kind == "dial":
-        return read_dial(path, angle, world)
-    if kind == ensemble.KIND:
-        return read_ensemble(path, world)
-    if kind == context_policy.KIND:
-        return read_context(path, world)
-    if kind in (actor_policy.KIND, actor_policy.DIAL_KIND):
-        return read_actor(path, angle, world)
-    return (read_table if kind == "table" else read_policy)(path, world)
+def read_native(
+    path: Path, world: Interface | None, angle: float | None = None
+) -> tuple[Any, dict[str, Any]]:
+    """Read a file of this package, of any kind in `nn.saved.FORMS`.
+
+    Args:
+        path: The file.
+        world: The interface that it must have, if any.
+        angle: Of a dial, in degrees; without use for other policies.
+
+    Returns:
+        The policy, of a dial that of the angle, and details from the file.
+
+    Raises:
+        UserError: If the file is missing, damaged, holds something else, or doesn't fit the world;
+            if a dial has no angle, or was not trained for it.
+    """
+    form = FORMS.get(kind_of(path), QPolicy)
+    arrays, header = load_arrays(path, form.KIND, form.VERSIONS)
+    if issubclass(form, Dial) and angle is None:
+        raise UserError(f"{path} is a dial: name an angle")
+    if len(json.dumps(header)) > MOST_HEADER:
+        raise refusal(path, f"has a header of more than {MOST_HEADER:,} characters")
+    policy: Any = form.checked(path, arrays, header)
+    if world is not None:
+        size = getattr(policy, "action_size", 0)
+        Interface(policy.n_features, policy.n_actions, size).check(str(path), world)
+    if isinstance(policy, Dial):
+        assert angle is not None
+        at_angle = policy.at(angle)
+        ends = {"angle": angle, "low": policy.low, "high": policy.high}
+        return at_angle, _details(at_angle, header) | ends
+    if isinstance(policy, ContextPolicy):
+        dial = policy.dial
+        ends = {"low": dial.low, "high": dial.high}
+        return policy, _details(dial.turned, header) | {"rule": policy.rule.as_json()} | ends
+    if isinstance(policy, EnsemblePolicy):
+        pairs = zip(policy.members, header["members"], strict=True)
+        return policy, {
+            "content_sha256": policy.sha256,
+            "temperature": policy.temperature,
+            "members": [_details(member, row) for member, row in pairs],
+            "provenance": header["provenance"],
+        }
+    if form.KIND == "table":
+        return policy, {"content_sha256": policy.sha256, "world": policy.world.name}
+    return policy, _details(policy, header)
+
+
+def _details(network: Any, header: Header) -> dict[str, Any]:
+    """Return facts about one network, discrete or continuous."""
+    discrete = isinstance(network, QPolicy)
+    name = "temperature" if discrete else "action_size"
+    view = {"view": header.get("view") or header.get("one_hot")} if discrete else {}
+    return {
+        "content_sha256": network.sha256,
+        "activation": network.activation,
+        name: getattr(network, name),
+        "layers": [network.n_features, *(len(bias) for bias in network.biases)],
+        **view,
+        "provenance": header["provenance"],
+    }
 
 
 @dataclass(frozen=True)
@@ -192,18 +244,3 @@ class _Code:
             raise UserError(
                 f"{self.source} changed while it was audited: audit files that stay as they are"
             )
-
-
-def _check_allowed(source: str, allowed: bool) -> None:
-    if not allowed:
-        raise UserError(
-            f"{source} would run its author's code with your rights: allow that, or audit it as "
-            "ONNX or isolated by bubblewrap"
-        )
-
-
-def _callable(name: str, source: str, world: Interface) -> Loaded:
-    policy, text = read_callable(name, source, world)
-    covers = "the module's source, not what it imports"
-    record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
-    return Loaded(policy, record)

@@ -24,9 +24,13 @@ class QModule(torch.nn.Module):
         activation: Between them.
     """
 
-    def __init__(self, policy: QPolicy) -> None:
+    def __init__(self, policy: QPolicy | ActorPolicy) -> None:
         super().__init__()
-        self.view: Any = _before(policy)
+        self.view: Any = torch.nn.Identity()
+        if isinstance(policy.view, OneHot):
+            self.view = OneHotModule(policy.view)
+        elif policy.view is not None:
+            self.view = ViewModule(policy.view)
         self.layers = _affine(policy.weights)
         self.activation = _ACTIVATIONS[policy.activation]()
 
@@ -38,30 +42,21 @@ class QModule(torch.nn.Module):
         return value
 
 
-class ActorModule(torch.nn.Module):
+class ActorModule(QModule):
     """Deterministic action of a batch of observations, float32, with gradients.
 
     Attributes:
-        view: Module before the first layer.
-        layers: Affine layers.
-        activation: Between them.
         size: Length of an action.
         squash: Name of the function of u that an action is.
     """
 
     def __init__(self, policy: ActorPolicy) -> None:
-        super().__init__()
-        self.view: Any = _before(policy)
-        self.layers = _affine(policy.weights)
-        self.activation = _ACTIVATIONS[policy.activation]()
+        super().__init__(policy)
         self.size, self.squash = policy.action_size, policy.squash
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Map (batch, features) to (batch, size)."""
-        value = self.view(observation)
-        for number, layer in enumerate(self.layers):
-            value = layer(self.activation(value) if number else value)
-        mean = value[:, : self.size]
+        mean = super().forward(observation)[:, : self.size]
         return torch.tanh(mean) if self.squash == "tanh" else mean.clamp(-1.0, 1.0)
 
 
@@ -101,13 +96,13 @@ class OneHotModule(torch.nn.Module):
 
     def __init__(self, view: OneHot) -> None:
         super().__init__()
-        places, values = [], []
+        places, numbers = [], []
         for number, (low, size) in enumerate(zip(view.lows, view.sizes, strict=True)):
             places += [number] * size
-            values += list(range(low, low + size))
+            numbers += list(range(low, low + size))
         self.register_buffer("places", torch.tensor(places), persistent=False)
-        wanted = torch.tensor(values, dtype=torch.float32)
-        self.register_buffer("values", wanted, persistent=False)
+        values = torch.tensor(numbers, dtype=torch.float32)
+        self.register_buffer("values", values, persistent=False)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Map (batch, features) to (batch, places)."""
@@ -143,24 +138,24 @@ class ViewModule(torch.nn.Module):
         columns = [present, self._absolute(others)]
         if self.choice.relative:
             columns += self._relative(ego, others)
-        seen = torch.cat(columns, dim=-1) * present
+        value = torch.cat(columns, dim=-1) * present
         own = self._absolute(ego)[:, 0]
         if not self.choice.pooled:
-            return torch.cat([own, seen.flatten(1)], dim=-1)
+            return torch.cat([own, value.flatten(1)], dim=-1)
         for layer in self.layers:
-            seen = torch.relu(layer(seen))
-        seen = seen * present
-        return torch.cat([own, seen.sum(dim=1), seen.amax(dim=1)], dim=-1)
+            value = torch.relu(layer(value))
+        value = value * present
+        return torch.cat([own, value.sum(dim=1), value.amax(dim=1)], dim=-1)
 
     def _absolute(self, rows: torch.Tensor) -> torch.Tensor:
         return torch.cat([rows[..., 1:5] * self.choice.scale, rows[..., 5:]], dim=-1)
 
     def _relative(self, ego: torch.Tensor, others: torch.Tensor) -> list[torch.Tensor]:
         scale, along = self.choice.scale, ego[..., 5:]
-        place = _turned(others[..., 1:3] - ego[..., 1:3], along)
-        motion = _turned(others[..., 3:5] - ego[..., 3:5], along)
-        columns = [scale * place, scale * motion, _turned(others[..., 5:], along)]
-        return [*columns, _closeness(place, motion)] if self.choice.ahead else columns
+        position = _turned(others[..., 1:3] - ego[..., 1:3], along)
+        velocity = _turned(others[..., 3:5] - ego[..., 3:5], along)
+        columns = [scale * position, scale * velocity, _turned(others[..., 5:], along)]
+        return [*columns, _closeness(position, velocity)] if self.choice.ahead else columns
 
 
 def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
@@ -169,19 +164,13 @@ def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
     return torch.cat([x * cos + y * sin, y * cos - x * sin], dim=-1)
 
 
-def _closeness(place: torch.Tensor, motion: torch.Tensor) -> torch.Tensor:
+def _closeness(position: torch.Tensor, velocity: torch.Tensor) -> torch.Tensor:
     """Return `nn.view.closeness` of tensors."""
-    seconds = PER_SECOND * torch.tensor(SECONDS, device=place.device)
-    ahead = (place[..., :1] + motion[..., :1] * seconds) / ALONG
-    beside = (place[..., 1:] + motion[..., 1:] * seconds) / BESIDE
+    seconds = PER_SECOND * torch.tensor(SECONDS, device=position.device)
+    ahead = (position[..., :1] + velocity[..., :1] * seconds) / ALONG
+    beside = (position[..., 1:] + velocity[..., 1:] * seconds) / BESIDE
     close = torch.relu(1.0 - ahead.abs()) * torch.relu(1.0 - beside.abs())
     return torch.cat([close, close * ahead], dim=-1)
-
-
-def _before(policy: QPolicy | ActorPolicy) -> torch.nn.Module:
-    if isinstance(policy.view, OneHot):
-        return OneHotModule(policy.view)
-    return torch.nn.Identity() if policy.view is None else ViewModule(policy.view)
 
 
 def _affine(weights: Any) -> torch.nn.ModuleList:

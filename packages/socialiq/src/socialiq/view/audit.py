@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.profile.scenario import world_of
+from socialiq.audit.profile.profile import world_of
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.report.verify import read_report
 from socialiq.errors import UserError
@@ -48,8 +48,8 @@ def audit_shown(folder: Path) -> Shown:
         data={
             "modes": _drivers(report),
             "notable": [
-                {"episode": number, "why": one["mode"].partition(",")[0]}
-                for number, one in enumerate(episodes)
+                {"episode": number, "why": episode["mode"].partition(",")[0]}
+                for number, episode in enumerate(episodes)
             ],
             "curve": options == Options(),
         },

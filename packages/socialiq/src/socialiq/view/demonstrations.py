@@ -54,24 +54,24 @@ class Replay:
         table = self._table
         rows = slice(self._starts[number], self._starts[number + 1])
         steps = table.step[rows]
-        whole = steps.tolist() == list(range(len(steps)))
+        complete = steps.tolist() == list(range(len(steps)))
         # The last scene is what the last decision led to.
-        seen = np.concatenate([table.observation[rows], table.next_observation[rows][-1:]])
+        observations = np.concatenate([table.observation[rows], table.next_observation[rows][-1:]])
         features = Intersection(Options()).n_features
         return {
             "mode": one_line(table.mode_names[table.mode[rows][0]], 60),
-            "seed": self._seeds[number] if whole and self._seeds else None,
+            "seed": self._seeds[number] if complete and self._seeds else None,
             "steps": steps.tolist(),
             "actions": table.action[rows].tolist(),
             "rewards": np.stack(table.rewards, axis=1)[rows].tolist(),
             "ending": int(table.ending[rows][-1]),
             "observations": table.observation[rows][:, :features].tolist(),
-            "scenes": scenes_of(seen, self._seconds),
+            "scenes": scenes_of(observations, self._seconds),
         }
 
     def modes(self) -> list[dict[str, Any]]:
         """Return means of the episodes of each mode, rewards with a normal 95 % interval."""
-        table, found = self._table, []
+        table, modes = self._table, []
         env, social = self._sums()
         last = table.ending[np.array(self._starts[1:]) - 1]
         for number, name in enumerate(table.mode_names):
@@ -79,7 +79,7 @@ class Replay:
             if not chosen.any():
                 continue
             means = {"env": _mean(env[chosen]), "social": _mean(social[chosen])}
-            found.append(
+            modes.append(
                 {
                     "mode": one_line(name, 60),
                     "episodes": int(chosen.sum()),
@@ -89,26 +89,26 @@ class Replay:
                     "collision": float((last[chosen] == Ending.COLLISION).mean()),
                 }
             )
-        return found
+        return modes
 
     def notable(self) -> list[dict[str, Any]]:
         """Return episodes to begin with: those of extreme rewards, the first of each ending."""
         env, social = self._sums()
         last = self._table.ending[np.array(self._starts[1:]) - 1]
-        named = {
+        episodes = {
             "most own progress": int(env.argmax()),
             "best for others": int(social.argmax()),
             "worst for others": int(social.argmin()),
         }
         for ending, why in ((Ending.COLLISION, "a collision"), (Ending.TIMEOUT, "out of time")):
             rows = np.flatnonzero(last == ending)
-            named |= {why: int(rows[0])} if len(rows) else {}
-        return [{"episode": number, "why": why} for why, number in named.items()]
+            episodes |= {why: int(rows[0])} if len(rows) else {}
+        return [{"episode": number, "why": why} for why, number in episodes.items()]
 
     def _sums(self) -> tuple[np.ndarray, np.ndarray]:
         """Return both rewards summed over the rows of each episode; some steps may be left out."""
         starts = self._table.episode_starts
-        env, social = (np.add.reduceat(one, starts) for one in self._table.rewards)
+        env, social = (np.add.reduceat(reward, starts) for reward in self._table.rewards)
         return env, social
 
 
@@ -123,7 +123,7 @@ def demonstrations_shown(path: Path) -> Shown:
     """
     replay = Replay(path)
     modes = replay.modes()
-    count = sum(one["episodes"] for one in modes)
+    count = sum(mode["episodes"] for mode in modes)
     return Shown(
         kind="episodes",
         title=one_line(path.name, 60),
@@ -146,7 +146,7 @@ def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
         seeds = list(range(first, first + episodes))
     if not isinstance(seeds, list) or len(seeds) != episodes:
         return None
-    return seeds if all(type(one) is int and 0 <= one < MOST_SEED for one in seeds) else None
+    return seeds if all(type(seed) is int and 0 <= seed < MOST_SEED for seed in seeds) else None
 
 
 def _check_world(path: Path, table: Demonstrations) -> None:

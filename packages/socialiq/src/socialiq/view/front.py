@@ -41,7 +41,7 @@ def front(shown: Shown, socket_address: str) -> Front:
     script = program("opened", OWN)
     style = (ASSETS / "style.css").read_text(encoding="utf-8") + _asset("opened.css")
     about = {"kind": shown.kind, "count": shown.count, **shown.data}
-    parts = {
+    blocks = {
         "style": style,
         "title": html.escape(shown.title),
         "lead": html.escape(shown.lead),
@@ -49,7 +49,7 @@ def front(shown: Shown, socket_address: str) -> Front:
         "data": embedded({**content(shipped_dial()), **core(shown.options), "shown": about}),
         "program": script,
     }
-    text = re.sub(r"\{(\w+)\}", lambda found: parts[found[1]], _asset("opened.html"))
+    text = re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], _asset("opened.html"))
     allowed = policy(script, style, f"'self' {socket_address}")
     return Front(text, f"{allowed}; frame-ancestors 'none'")
 

@@ -38,14 +38,14 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
     if show is not None:
         _refuse_angle(angle, what)
         return show(path)
-    shown = policy_shown(what, FIRST_ANGLE if angle is None else angle, trust)
-    if "dial" not in shown.data:
+    view = policy_shown(what, FIRST_ANGLE if angle is None else angle, trust)
+    if "dial" not in view.data:
         try:
             _refuse_angle(angle, what)
         except UserError:
-            shown.close()
+            view.close()
             raise
-    return shown
+    return view
 
 
 def _readers(path: Path) -> Callable[[Path], Shown] | None:

@@ -13,7 +13,7 @@ from socialiq.audit.resolve_policy import Trust, resolve_policy
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.policies.record import Loaded
+from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
 from socialiq.view.shown import Shown
 from socialiq.worlds.intersection.options import Options
@@ -62,8 +62,8 @@ class PolicyDecider:
         Raises:
             UserError: If the question is malformed, the policy fails, or has no such angle.
         """
-        seen = self._observations(question)
-        chosen, _ = self._at(question.get("angle")).predict(seen, deterministic=True)
+        observations = self._observations(question)
+        chosen, _ = self._at(question.get("angle")).predict(observations, deterministic=True)
         return {"actions": np.asarray(chosen).astype(int).tolist()}
 
     def _load(self, angle: float) -> Loaded:
@@ -75,25 +75,33 @@ class PolicyDecider:
             return self._policies[self._angle]
         if not isinstance(angle, int | float) or not 0 <= angle < 360:
             raise UserError("the page asked for no angle: reload it")
-        wanted = float(angle)
-        if wanted not in self._policies:
+        degrees = float(angle)
+        if degrees not in self._policies:
             if len(self._policies) > 360:
                 raise UserError("the page asked for too many angles: reload it")
-            self._policies[wanted] = self._load(wanted).policy
-        return self._policies[wanted]
+            self._policies[degrees] = self._load(degrees).policy
+        return self._policies[degrees]
 
     def _observations(self, question: Mapping[str, Any]) -> np.ndarray:
         """Return the rows of a question, with the time where the policy takes it."""
         try:
-            seen = np.array(question["observations"], np.float32)
+            observations = np.array(question["observations"], np.float32)
             times = np.array(question["decisions"], np.float32)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise UserError("the page asked in a way that is not known: reload it") from error
-        fits = seen.ndim == 2 and 1 <= len(seen) <= MOST_ROWS and times.shape == (len(seen),)
-        if not fits or seen.shape[1] != self._world.n_features or not np.isfinite(seen).all():
+        fits = (
+            observations.ndim == 2
+            and 1 <= len(observations) <= MOST_ROWS
+            and times.shape == (len(observations),)
+        )
+        if (
+            not fits
+            or observations.shape[1] != self._world.n_features
+            or not np.isfinite(observations).all()
+        ):
             raise UserError("the page asked in a way that is not known: reload it")
         timed = self.loaded.record.interface.n_features == self._world.n_features + 1
-        return np.column_stack([seen, times]) if timed else seen
+        return np.column_stack([observations, times]) if timed else observations
 
 
 def policy_shown(spec: str, angle: float, trust: Trust) -> Shown:

@@ -105,8 +105,8 @@ class Traffic:
     def lanes(self) -> list[dict[str, Any]]:
         """Return both bounds of each lanelet, m."""
         return [
-            {"left": one.left.round(_CM).tolist(), "right": one.right.round(_CM).tolist()}
-            for one in self._recording.road.lanelets.values()
+            {"left": lanelet.left.round(_CM).tolist(), "right": lanelet.right.round(_CM).tolist()}
+            for lanelet in self._recording.road.lanelets.values()
         ]
 
     def conflicts(self) -> list[dict[str, Any]]:
@@ -114,12 +114,16 @@ class Traffic:
         if not self._recording.road.lanelets:
             return []
         encounters = Encounters(Scene(self._recording))
-        pairs = [one for one in encounters.meetings() if one.ego.track < one.other.track]
-        found = [
-            self._conflict(one, row)
-            for one, row in zip(pairs, rows_of(encounters, pairs), strict=True)
+        pairs = [
+            meeting for meeting in encounters.meetings() if meeting.ego.track < meeting.other.track
         ]
-        return sorted(found, key=lambda one: math.inf if one["pet"] is None else one["pet"])
+        conflicts = [
+            self._conflict(meeting, row)
+            for meeting, row in zip(pairs, rows_of(encounters, pairs), strict=True)
+        ]
+        return sorted(
+            conflicts, key=lambda conflict: math.inf if conflict["pet"] is None else conflict["pet"]
+        )
 
     def _conflict(self, meeting: Meeting, row: Row) -> dict[str, Any]:
         """Return a conflict; frames count from the first of the recording."""
@@ -139,11 +143,11 @@ class Traffic:
         if not self._recording.road.lanelets:
             return []
         try:
-            made = build([self._recording], WorldConfig())
-            replayed = replay(made.world)
+            built = build([self._recording], WorldConfig())
+            replayed = replay(built.world)
         except UserError:
             return []  # no vehicle meets a conflict, or is seen for a whole decision
-        tracks, table = list(made.every[0].ways), replayed.table
+        tracks, table = list(built.every[0].ways), replayed.table
         rewards = np.stack([table.rewards.env, table.rewards.social], axis=1).round(4)
         frame = 1 / (SUB_STEPS * self._tracks.dt)  # of a sub-step
         drivers = []
@@ -151,7 +155,7 @@ class Traffic:
             replayed.vehicle.tolist(), table.episode_starts, table.episode_lengths, strict=True
         ):
             begin = int(replayed.step[first])
-            steps = begin + np.arange(count + 1) * made.world.config.frames
+            steps = begin + np.arange(count + 1) * built.world.config.frames
             drivers.append(
                 {
                     "track": tracks[vehicle],

@@ -33,22 +33,24 @@ def scenes_of(
     rows = len(FEATURES) * (observations.shape[1] // len(FEATURES))
     before, names, scenes = np.empty((0, 7)), np.empty(0, int), []
     next_name = 0
-    for seen in observations[:, :rows].reshape(len(observations), -1, len(FEATURES)):
-        now = seen[seen[:, 0] > 0].astype(np.float64)
-        named = _matched(before, names, now, seconds)
-        new = np.flatnonzero(named < 0)
-        named[new] = next_name + np.arange(len(new))
+    for rows_of_scene in observations[:, :rows].reshape(len(observations), -1, len(FEATURES)):
+        now = rows_of_scene[rows_of_scene[:, 0] > 0].astype(np.float64)
+        numbers = _matched(before, names, now, seconds)
+        new = np.flatnonzero(numbers < 0)
+        numbers[new] = next_name + np.arange(len(new))
         next_name += len(new)
-        scenes.append([_vehicle(one, int(name)) for one, name in zip(now, named, strict=True)])
-        before, names = now, named
+        scenes.append(
+            [_vehicle(vehicle, int(name)) for vehicle, name in zip(now, numbers, strict=True)]
+        )
+        before, names = now, numbers
     return scenes
 
 
 def _matched(before: Any, names: np.ndarray, now: Any, seconds: float) -> np.ndarray:
     """Return for each vehicle its name of before; -1 for a new one. The ego stays the ego."""
-    named = np.full(len(now), -1)
+    numbers = np.full(len(now), -1)
     if not len(before) or not len(now):
-        return named
+        return numbers
     expected = before[:, 1:3] * POSITION_RANGE + before[:, 3:5] * SPEED_RANGE * seconds
     places = now[:, 1:3] * POSITION_RANGE
     apart = np.linalg.norm(expected[:, None] - places[None], axis=-1)
@@ -56,8 +58,8 @@ def _matched(before: Any, names: np.ndarray, now: Any, seconds: float) -> np.nda
     apart[0, 0] = 0.0
     for old, new in zip(*linear_sum_assignment(apart), strict=True):
         if apart[old, new] <= FURTHEST:
-            named[new] = names[old]
-    return named
+            numbers[new] = names[old]
+    return numbers
 
 
 def _vehicle(row: Any, name: int) -> list[float | int]:

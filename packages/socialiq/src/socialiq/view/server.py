@@ -147,13 +147,13 @@ class _Conversation:
 
 def _object(text: str) -> dict[str, Any]:
     try:
-        found = json.loads(text)
+        content = json.loads(text)
     except (ValueError, RecursionError):
-        found = None
-    number = found.get("number") if isinstance(found, dict) else None
-    if not isinstance(found, dict) or not isinstance(number, int):
+        content = None
+    number = content.get("number") if isinstance(content, dict) else None
+    if not isinstance(content, dict) or not isinstance(number, int):
         raise UserError("the page asked in a way that is not known: reload it")
-    return found
+    return content
 
 
 def serve(shown: Shown | None, port: int, opened: Callable[[str], None]) -> None:

@@ -13,13 +13,11 @@ from jaxtyping import Float, Float64, Int64
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy, check_in_range
 from socialiq.nn.ensemble import load_values
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import ValuePolicy, checked_batch
+from socialiq.nn.saved import Arrays, Header
 from socialiq.social.angle_rule import AngleRule
-from socialiq.storage import kind_of, load_arrays, save_arrays
+from socialiq.storage import kind_of
 from socialiq.worlds.situation import angles_of, check_rule, plain_features
-
-KIND = "context-policy"
-SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -36,20 +34,22 @@ class ContextPolicy(ValuePolicy):
         sha256: SHA-256 of the file's content, for a policy that was loaded.
     """
 
+    KIND = "context-policy"
+
     dial: DialPolicy
     rule: AngleRule
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     sha256: str = ""
 
-    @staticmethod
-    def of(dial: DialPolicy, rule: AngleRule) -> ContextPolicy:
+    @classmethod
+    def of(cls, dial: DialPolicy, rule: AngleRule) -> ContextPolicy:
         """Join a dial and a rule.
 
         Raises:
             UserError: If the rule reads an unknown feature, the dial is of another world, or an
                 angle is outside the dial's range.
         """
-        policy = ContextPolicy(dial, rule)
+        policy = cls(dial, rule)
         check_rule(rule)
         plain = plain_features(rule.world)
         if dial.n_features not in (plain, plain + 1):
@@ -95,10 +95,10 @@ class ContextPolicy(ValuePolicy):
         Raises:
             UserError: If an observation has another length or is not finite.
         """
-        seen = self.checked_batch(observations)
+        batch = checked_batch(observations, self.n_features)
         if self.clock:
-            return angles_of(self.rule, seen[:, :-1], seen[:, -1])
-        return angles_of(self.rule, seen)
+            return angles_of(self.rule, batch[:, :-1], batch[:, -1])
+        return angles_of(self.rule, batch)
 
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
@@ -110,44 +110,17 @@ class ContextPolicy(ValuePolicy):
         """
         return self.dial.q_values_at(observations, self.angles(observations)[0])
 
-    def save(self, path: Path, replace: bool = True) -> str:
-        """Write dial and rule to one safetensors file.
-
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
-
-        Returns:
-            SHA-256 of the content.
-
-        Raises:
-            UserError: If the file can't be written.
-        """
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the file: the dial's, and the rule."""
         arrays, header = self.dial.content()
-        header |= {"rule": self.rule.as_json()}
-        return save_arrays(path, KIND, SCHEMA_VERSION, arrays, header, replace)
+        return arrays, header | {"rule": self.rule.as_json()}
 
-    @staticmethod
-    def load(path: Path) -> ContextPolicy:
-        """Read a policy written by `save`.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        return ContextPolicy.checked(path, *load_arrays(path, KIND, SCHEMA_VERSION))
-
-    @staticmethod
-    def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
-    ) -> ContextPolicy:
-        """Build a policy from a file's content, after a check that its parts agree.
-
-        Raises:
-            UserError: If they don't agree.
-        """
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> ContextPolicy:
+        """Build a policy from a file's content, as `Saved.checked`."""
         dial = DialPolicy.checked(path, arrays, header)
         try:
-            policy = ContextPolicy.of(dial, AngleRule.of(header.get("rule")))
+            policy = cls.of(dial, AngleRule.of(header.get("rule")))
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
         return replace(policy, sha256=str(header["sha256"]))
@@ -159,4 +132,5 @@ def load_driver(path: Path) -> ValuePolicy:
     Raises:
         UserError: If the file is missing, damaged, or holds something else.
     """
-    return ContextPolicy.load(path) if kind_of(path) == KIND else load_values(path)
+    is_by_rule = kind_of(path) == ContextPolicy.KIND
+    return ContextPolicy.load(path) if is_by_rule else load_values(path)

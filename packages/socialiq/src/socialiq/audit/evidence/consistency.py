@@ -80,26 +80,26 @@ class Consistency(NamedTuple):
     @property
     def dependences(self) -> list[str]:
         """Influences on the answers besides the observation; none for an honest policy."""
-        found = ["the time or the number of requests"] if self.repeated.differing else []
-        others = [self.shuffled, self.single]
-        if any(one.differing > math.floor(ALLOWED * one.queries) for one in others):
-            found.append("the batch, the order or the process")
-        return found
+        dependences = ["the time or the number of requests"] if self.repeated.differing else []
+        elsewhere = [self.shuffled, self.single]
+        if any(answers.differing > math.floor(ALLOWED * answers.queries) for answers in elsewhere):
+            dependences.append("the batch, the order or the process")
+        return dependences
 
 
-def joined(parts: Sequence[Consistency | None]) -> Consistency | None:
+def joined(checks: Sequence[Consistency | None]) -> Consistency | None:
     """Return the sums over parts of a collection; None if any of them was not checked."""
-    known = [one for one in parts if one is not None]
-    if not known or len(known) < len(parts):
+    complete = [check for check in checks if check is not None]
+    if not complete or len(complete) < len(checks):
         return None
-    columns = zip(*known, strict=True)
+    columns = zip(*complete, strict=True)
     return Consistency(*(_sum(column) for column in columns))
 
 
 def _sum(column: Sequence[Answers]) -> Answers:
     total = Answers(0, 0)
-    for one in column:
-        total = total.plus(one)
+    for answers in column:
+        total = total.plus(answers)
     return total
 
 
@@ -146,8 +146,8 @@ class Recorder:
         repeated = Answers(0, 0)
         for batch, actions in self._kept:
             repeated = repeated.plus(_asked(self._policy, batch, actions))
-        batch = np.concatenate([one for one, _ in self._kept])
-        actions = np.concatenate([one for _, one in self._kept])
+        batch = np.concatenate([observations for observations, _ in self._kept])
+        actions = np.concatenate([answers for _, answers in self._kept])
         rng = np.random.default_rng(_ORDER)
         order = rng.permutation(len(batch))
         single = Answers(0, 0)
@@ -163,8 +163,8 @@ class Recorder:
 
 def _rows_of(chosen: np.ndarray, axes: int) -> Shaped[np.ndarray, "row ..."]:
     """Return a copy of the answer to one observation, or a batch (of two axes), as rows."""
-    given = np.array(chosen)
-    return given if axes == 2 else given[None]
+    rows = np.array(chosen)
+    return rows if axes == 2 else rows[None]
 
 
 def _asked(

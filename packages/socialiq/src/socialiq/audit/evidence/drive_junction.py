@@ -9,7 +9,7 @@ from socialiq.audit.evidence.drive import outcomes_of
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.evidence.trivial import RANDOM, ConstantPolicy, UniformPolicy
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, simulate
-from socialiq.policies.interface import checked_actions
+from socialiq.policies.interface import Interface
 from socialiq.types import Policy
 from socialiq_recordings.world.batch import AS_DRIVER, JunctionBatch, JunctionSimulator
 
@@ -39,7 +39,7 @@ class JunctionActor:
         if isinstance(policy, ConstantPolicy):
             return np.full(rows, policy.action, np.int64)
         answer, _ = policy.predict(self._batch.seen_by(policy), deterministic=self._deterministic)
-        return checked_actions(answer, rows, self._batch.world.n_actions, self._driver.name)
+        return Interface(0, self._batch.world.n_actions).checked(answer, rows, self._driver.name)
 
 
 class _SoftActor:
@@ -100,5 +100,5 @@ def junction_strata(observation: Float32[np.ndarray, "episode feature"]) -> dict
     Args:
         observation: Observation of each episode after the reset.
     """
-    others = (observation.reshape(len(observation), -1, 7)[:, 1:, 0] > 0).sum(axis=1)
-    return {"density": np.select([others <= 3, others <= 7], ["0 to 3", "4 to 7"], "8 or more")}
+    density = (observation.reshape(len(observation), -1, 7)[:, 1:, 0] > 0).sum(axis=1)
+    return {"density": np.select([density <= 3, density <= 7], ["0 to 3", "4 to 7"], "8 or more")}

@@ -117,14 +117,14 @@ class Evidence:
     def __post_init__(self) -> None:
         if not self.references:
             raise UserError("an audit needs at least one reference driver to compare with")
-        names = [one.name for one in self.drivers]
+        names = [driver.name for driver in self.drivers]
         if len(set(names)) < len(names):
             raise UserError(f"drivers must have different names, got {', '.join(names)}")
-        for one in self.drivers:
-            if len(one.totals) != self.episodes:
+        for driver in self.drivers:
+            if len(driver.totals) != self.episodes:
                 raise UserError(
-                    f"drivers must be compared on the same episodes: {one.name} drove "
-                    f"{len(one.totals)} of {self.episodes}"
+                    f"drivers must be compared on the same episodes: {driver.name} drove "
+                    f"{len(driver.totals)} of {self.episodes}"
                 )
 
     @property
@@ -139,7 +139,7 @@ class Evidence:
 
     def gains(self) -> Float[np.ndarray, "reference episode 2"]:
         """Return the totals of each reference less the policy's, episode by episode."""
-        return np.stack([one.totals for one in self.references]) - self.policy.totals
+        return np.stack([reference.totals for reference in self.references]) - self.policy.totals
 
     def by_rule(self) -> Evidence:
         """Return the evidence in which a driver's totals are its decision losses, negative.
@@ -148,13 +148,13 @@ class Evidence:
         as declared has none.
         """
 
-        def turned(one: Outcomes) -> Outcomes:
-            assert one.lost is not None  # of a declared rule, every driver's is measured
-            totals = np.stack([-one.lost, np.zeros_like(one.lost)], axis=1)
+        def turned(driver: Outcomes) -> Outcomes:
+            assert driver.lost is not None  # of a declared rule, every driver's is measured
+            totals = np.stack([-driver.lost, np.zeros_like(driver.lost)], axis=1)
             # The exact optimum of every decision can't be bettered.
-            exact = one.name == AS_DECLARED and one.expected is not None
+            exact = driver.name == AS_DECLARED and driver.expected is not None
             expected = RewardPair(0.0, 0.0) if exact else None
-            return dataclasses.replace(one, totals=totals, expected=expected)
+            return dataclasses.replace(driver, totals=totals, expected=expected)
 
         return dataclasses.replace(
             self,
@@ -165,8 +165,10 @@ class Evidence:
 
     def without(self, names: Collection[str]) -> Evidence:
         """Return the evidence without the references of these names."""
-        kept = tuple(one for one in self.references if one.name not in names)
-        return dataclasses.replace(self, references=kept)
+        references = tuple(
+            reference for reference in self.references if reference.name not in names
+        )
+        return dataclasses.replace(self, references=references)
 
 
 AS_DECLARED = "as_declared"
@@ -196,8 +198,8 @@ def episode_seeds(seed: int, episodes: int) -> Int64[np.ndarray, " episode"]:
         raise UserError(f"seed must be at least 0, got {seed}")
     check_episodes(episodes)
     rng = np.random.default_rng([_AUDIT, seed])
-    drawn = np.unique(rng.integers(2**62, size=episodes + 16))  # 16 more, in case of repeats
-    return rng.permutation(drawn)[:episodes]
+    seeds = np.unique(rng.integers(2**62, size=episodes + 16))  # 16 more, in case of repeats
+    return rng.permutation(seeds)[:episodes]
 
 
 def check_episodes(episodes: int) -> None:

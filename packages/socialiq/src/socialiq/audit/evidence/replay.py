@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from socialiq.audit.evidence.drive_grid import GridActor, fates
+from socialiq.audit.evidence.drive import GridActor, fates
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
-from socialiq.audit.profile.scenario import World
+from socialiq.audit.profile.profile import World
 from socialiq.evaluation.play import play
 from socialiq.evaluation.simulate import SoftPolicy, simulate
 from socialiq.evaluation.simulators import FixedChance, GymActor, TableSimulator
@@ -189,20 +189,20 @@ def _on_road(
     scene = isinstance(world, SceneWorld)
     batch, seed = world.batch(1, traced=True), first_seed(world, seed)
     continuous = not scene and world.options.continuous
-    seen: list[Scene] = []
+    recorded: list[Scene] = []
     totals, actions, decisions = np.zeros(2), "", 0
-    asked = as_asked(world, policy, deterministic)
-    for step in play(batch, asked, np.array([seed]), deterministic):
-        seen += scenes.decision_scenes(batch)
+    driver = as_asked(world, policy, deterministic)
+    for step in play(batch, driver, np.array([seed]), deterministic):
+        recorded += scenes.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
         actions += "" if continuous else str(int(step.action[0]))
         decisions += 1
     rate = world.options.simulation_frequency
-    every = max(1, rate // PER_SECOND, math.ceil(len(seen) / MOST_FRAMES))
-    chosen = [*seen[:-1:every], seen[-1]]
-    tracks = _joined(_poses_of(one, math.inf if scene else SEEN) for one in chosen)
+    every = max(1, rate // PER_SECOND, math.ceil(len(recorded) / MOST_FRAMES))
+    chosen = [*recorded[:-1:every], recorded[-1]]
+    tracks = _joined(_poses_of(frame, math.inf if scene else SEEN) for frame in chosen)
     last = chosen[-1].vehicles
-    crashed = {int(one["identity"]) for one in last if one["crashed"]}
+    crashed = {int(vehicle["identity"]) for vehicle in last if vehicle["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
     trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed), actions)
     near = _NEAR if continuous else _ROUNDING
@@ -212,11 +212,11 @@ def _on_road(
 def _poses_of(scene: Scene, within: float) -> dict[int, Pose]:
     """Return the poses of the vehicles less than so many metres from the centre, by identity."""
     return {
-        int(one["identity"]): Pose(
-            float(one["x"]), float(one["y"]), math.degrees(float(one["heading"]))
+        int(vehicle["identity"]): Pose(
+            float(vehicle["x"]), float(vehicle["y"]), math.degrees(float(vehicle["heading"]))
         )
-        for one in scene.vehicles
-        if max(abs(float(one["x"])), abs(float(one["y"]))) < within
+        for vehicle in scene.vehicles
+        if max(abs(float(vehicle["x"])), abs(float(vehicle["y"]))) < within
     }
 
 
@@ -241,8 +241,8 @@ def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
     following = len(world.features)
     for state in states:
         now = {
-            one.slot: Pose(float(one.x), float(height - one.y), -float(one.heading))
-            for one in world.places(table.states[state].tolist())
+            vehicle.slot: Pose(float(vehicle.x), float(height - vehicle.y), -float(vehicle.heading))
+            for vehicle in world.places(table.states[state].tolist())
         }
         for slot, pose in now.items():
             again = slot not in before or _along(pose) < _along(before[slot])
@@ -259,27 +259,28 @@ def _along(pose: Pose) -> float:
 
 def _joined(frames: Iterable[dict[int, Pose]]) -> dict[int, tuple[int, list[Pose]]]:
     """Return the first frame and the poses of each vehicle."""
-    found: dict[int, tuple[int, list[Pose]]] = {}
+    ways: dict[int, tuple[int, list[Pose]]] = {}
     for number, frame in enumerate(frames):
         for identity, pose in frame.items():
-            first, poses = found.setdefault(identity, (number, []))
+            first, poses = ways.setdefault(identity, (number, []))
             if len(poses) == number - first:  # without gaps: it has not been away
                 poses.append(pose)
-    return found
+    return ways
 
 
 def _tracks(
-    found: dict[int, tuple[int, list[Pose]]], ego: int, crashed: set[int]
+    ways: dict[int, tuple[int, list[Pose]]], ego: int, crashed: set[int]
 ) -> tuple[Track, ...]:
-    order = sorted(found, key=lambda one: (one != ego, one))
+    order = sorted(ways, key=lambda vehicle: (vehicle != ego, vehicle))
     return tuple(
-        Track(one == ego, one in crashed, found[one][0], _text(found[one][1])) for one in order
+        Track(vehicle == ego, vehicle in crashed, ways[vehicle][0], _text(ways[vehicle][1]))
+        for vehicle in order
     )
 
 
 def _text(poses: list[Pose]) -> str:
-    headings = np.unwrap([one.heading for one in poses], period=360.0)
+    headings = np.unwrap([pose.heading for pose in poses], period=360.0)
     return ";".join(
-        f"{round(one.x, 1) + 0.0:g} {round(one.y, 1) + 0.0:g} {round(turned)}"
-        for one, turned in zip(poses, headings.tolist(), strict=True)
+        f"{round(pose.x, 1) + 0.0:g} {round(pose.y, 1) + 0.0:g} {round(turned)}"
+        for pose, turned in zip(poses, headings.tolist(), strict=True)
     )

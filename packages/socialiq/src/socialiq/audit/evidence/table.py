@@ -1,4 +1,4 @@
-"""Evidence as a CSV file, and back: every number reads back exactly."""
+"""Evidence as CSV files, and back, exactly: episodes of all drivers, decision losses by context."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.errors import UserError
+from socialiq.evaluation.context import ContextLosses
 from socialiq.foreign import one_line
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.state import Contact
@@ -41,9 +42,9 @@ _ENDINGS: dict[tuple[int, int], str] = {
 _KINDS: dict[str, tuple[int, int]] = {text: kind for kind, text in reversed(_ENDINGS.items())}
 
 
-def kind_of_ending(driver: Outcomes, place: int) -> str:
+def kind_of_ending(driver: Outcomes, episode: int) -> str:
     """Return the ending of an episode in one word or a few."""
-    return _ENDINGS[int(driver.ending[place]), int(driver.contact[place])]
+    return _ENDINGS[int(driver.ending[episode]), int(driver.contact[episode])]
 
 
 class ReferenceAttributes(NamedTuple):
@@ -59,16 +60,16 @@ def write_table(evidence: Evidence) -> str:
     writer = csv.writer(text, lineterminator="\n")
     drivers = evidence.drivers
     measured = _measured(evidence.policy.lost is not None)
-    writer.writerow(_head(evidence.strata, [one.name for one in drivers], measured))
+    writer.writerow(_head(evidence.strata, [driver.name for driver in drivers], measured))
     columns: list[list[object]] = [
         list(range(evidence.episodes)),
         evidence.seeds.tolist(),
         *(labels.tolist() for labels in evidence.strata.values()),
     ]
-    for one in drivers:
-        endings = [kind_of_ending(one, place) for place in range(evidence.episodes)]
-        columns += [*one.totals.T.tolist(), endings, one.length.tolist()]
-        columns += [] if one.lost is None else [one.lost.tolist()]
+    for driver in drivers:
+        endings = [kind_of_ending(driver, episode) for episode in range(evidence.episodes)]
+        columns += [*driver.totals.T.tolist(), endings, driver.length.tolist()]
+        columns += [] if driver.lost is None else [driver.lost.tolist()]
     writer.writerows(zip(*columns, strict=True))
     return text.getvalue()
 
@@ -119,23 +120,23 @@ def read_table(
         head = next(rows, [])
         measured = _measured(by_rule)
         first, names = _names(head, policy, [*attributes, *trivial], measured)
-        found = _filled(rows, head[len(_INDEX) : first], first, names, measured)
+        columns = _filled(rows, head[len(_INDEX) : first], first, names, measured)
     except (ValueError, KeyError, OverflowError, csv.Error) as error:
         raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
     drivers = [
-        found.of(number, name, attributes.get(name, ReferenceAttributes()))
+        columns.of(number, name, attributes.get(name, ReferenceAttributes()))
         for number, name in enumerate(names)
     ]
     count = 1 + len(attributes)
     evidence = Evidence(
         scenario,
-        found.seeds,
+        columns.seeds,
         drivers[0],
         tuple(drivers[1:count]),
-        found.strata,
+        columns.strata,
         tuple(drivers[count:]),
     )
-    if [one.name for one in evidence.trivial] != list(trivial):
+    if [driver.name for driver in evidence.trivial] != list(trivial):
         raise UserError("the trivial drivers don't follow the references")
     if write_table(evidence).encode() != content:
         raise UserError("it is not written as an audit writes it")
@@ -147,17 +148,17 @@ def _rows(content: bytes) -> Iterator[list[str]]:
 
 
 def _names(
-    head: list[str], policy: str, others: Sequence[str], measured: tuple[str, ...]
+    head: list[str], policy: str, drivers: Sequence[str], measured: tuple[str, ...]
 ) -> tuple[int, list[str]]:
     """Return the first column of the drivers, and the drivers' names in order."""
     ours = f"{_no_formula(policy)}.{MEASURED[0]}"
     if ours not in head:
         raise ValueError(f"no column {ours}")
-    first, known = head.index(ours), {_no_formula(name): name for name in others}
-    titles = [one.removesuffix(f".{MEASURED[0]}") for one in head[first :: len(measured)]]
-    names = [policy, *(known.pop(title) for title in titles[1:])]
-    if known:
-        raise ValueError(f"no columns of {next(iter(known.values()))}")
+    first, names_by_title = head.index(ours), {_no_formula(name): name for name in drivers}
+    titles = [title.removesuffix(f".{MEASURED[0]}") for title in head[first :: len(measured)]]
+    names = [policy, *(names_by_title.pop(title) for title in titles[1:])]
+    if names_by_title:
+        raise ValueError(f"no columns of {next(iter(names_by_title.values()))}")
     if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names, measured):
         raise ValueError("its columns are others")
     return first, names
@@ -200,12 +201,12 @@ def _filled(
             raise ValueError(f"row {len(seeds) + 1} has {len(row)} columns, not {width}")
         seeds.append(int(row[1]))
         labels.append(row[len(_INDEX) : first])
-        cells = [row[first + place :: len(measured)] for place in range(len(measured))]
-        pairs = np.array([list(map(float, one)) for one in cells[:2]]).T
+        cells = [row[first + column :: len(measured)] for column in range(len(measured))]
+        pairs = np.array([list(map(float, cell)) for cell in cells[:2]]).T
         if not (np.abs(pairs) <= LARGEST_REWARD).all():
             raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
         totals.append(pairs)
-        kinds.append(np.array([_KINDS[one] for one in cells[2]], np.int8))
+        kinds.append(np.array([_KINDS[cell] for cell in cells[2]], np.int8))
         lengths.append(np.array(list(map(int, cells[3])), np.int64))
         lost += [np.array(list(map(float, cells[4])))] if len(cells) > len(MEASURED) else []
         if lost and not (np.abs(lost[-1]) <= LARGEST_REWARD).all():
@@ -221,3 +222,56 @@ def _filled(
         np.array(lengths),
         np.array(lost) if lost else None,
     )
+
+
+CONTEXTS = "contexts.csv"
+
+_FIRST = ("episode", "context", "decisions", "declared")
+
+
+def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
+    """Return a CSV with a row for each episode and context, numbered from 0.
+
+    Args:
+        losses: The losses.
+        candidates: Angles of `by_angle`, in degrees.
+    """
+    episodes, contexts = losses.declared.shape
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*_FIRST, *(f"at_{angle:g}" for angle in candidates)])
+    for episode in range(episodes):
+        for context in range(contexts):
+            index = (episode, context)
+            row = [losses.decisions[index], losses.declared[index], *losses.by_angle[index]]
+            writer.writerow([*index, *(number.item() for number in row)])
+    return text.getvalue()
+
+
+def read_contexts(
+    content: bytes, episodes: int, contexts: int, candidates: tuple[float, ...]
+) -> ContextLosses:
+    """Read the result of `write_contexts`, exactly.
+
+    Args:
+        content: Content of the file.
+        episodes: Number of episodes.
+        contexts: Number of contexts of the rule.
+        candidates: Angles in degrees.
+
+    Raises:
+        UserError: If it is not exactly as `write_contexts` writes it.
+    """
+    shape = (episodes, contexts)
+    try:
+        rows = list(csv.reader(io.StringIO(content.decode(), newline=""), strict=True))[1:]
+        decisions = np.array([int(row[2]) for row in rows], np.int64).reshape(shape)
+        declared = np.array([float(row[3]) for row in rows]).reshape(shape)
+        by_angle = np.array([list(map(float, row[4:])) for row in rows])
+        losses = ContextLosses(declared, by_angle.reshape(*shape, len(candidates)), decisions)
+    except (ValueError, IndexError, OverflowError, csv.Error) as error:
+        raise UserError(f"it is not a table of contexts: {one_line(str(error))}") from error
+    finite = all(np.isfinite(values).all() for values in losses)
+    if not finite or write_contexts(losses, candidates).encode() != content:
+        raise UserError("it is not written as an audit writes it")
+    return losses

@@ -13,12 +13,12 @@ from jaxtyping import Float, Float32, Int64
 
 from socialiq.audit.evidence.drive import (
     ByRule,
+    drive_actions,
     drive_environment,
     drive_intersection,
     outcomes_of,
     steps_of,
 )
-from socialiq.audit.evidence.drive_grid import drive_actions
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import Environment
 from socialiq.evaluation.context import DecisionLosses
@@ -153,11 +153,11 @@ def trivial_in_grid(
     """
     names, horizon = table.world.actions, table.world.horizon
     rows = [np.random.default_rng([_RANDOM, seed]) for seed in seeds.tolist()]
-    drawn = np.array([row.integers(len(names), size=horizon) for row in rows]).T
+    uniform = np.array([row.integers(len(names), size=horizon) for row in rows]).T
     chosen = {
-        f"{PREFIX}{names[0]}": np.zeros_like(drawn),
-        f"{PREFIX}{names[-1]}": np.full_like(drawn, len(names) - 1),
-        RANDOM: drawn,
+        f"{PREFIX}{names[0]}": np.zeros_like(uniform),
+        f"{PREFIX}{names[-1]}": np.full_like(uniform, len(names) - 1),
+        RANDOM: uniform,
     }
     return tuple(
         drive_actions(table, actions, fate, name, losses) for name, actions in chosen.items()
@@ -175,11 +175,13 @@ def trivial_in_environment(world: Environment, seeds: Seeds) -> tuple[Outcomes, 
         seeds: Seeds of the episodes.
     """
     sizes = Interface.of(world)
-    names: dict[str, Any] = {f"action_{one}": one for one in (0, sizes.n_actions - 1)}
+    names: dict[str, Any] = {f"action_{number}": number for number in (0, sizes.n_actions - 1)}
     if size := sizes.action_size:
         ends = {"lowest_values": -1.0, "highest_values": 1.0}
         names = {name: np.full(size, end, np.float32) for name, end in ends.items()}
-    constant = (Reference(f"{PREFIX}{name}", ConstantPolicy(one)) for name, one in names.items())
-    found = [drive_environment(world, one, seeds) for one in constant]
+    constant = (
+        Reference(f"{PREFIX}{name}", ConstantPolicy(action)) for name, action in names.items()
+    )
+    outcomes = [drive_environment(world, driver, seeds) for driver in constant]
     actor = UniformActor(size, 1) if size else SoftActor(UniformPolicy(sizes.n_actions), size=1)
-    return (*found, outcomes_of(RANDOM, steps_of(world, actor, seeds), len(seeds)))
+    return (*outcomes, outcomes_of(RANDOM, steps_of(world, actor, seeds), len(seeds)))

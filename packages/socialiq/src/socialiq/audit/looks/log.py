@@ -65,7 +65,7 @@ class Subject(NamedTuple):
         invisible characters don't make another owner.
         """
         name = unicodedata.normalize("NFKC", self.owner).casefold()
-        plain = "".join(one for one in name if one.isalnum()) or name
+        plain = "".join(letter for letter in name if letter.isalnum()) or name
         return _sha256(f"{_PURPOSE}\n{plain}\n{self.scenario_sha256}\n")
 
     @property
@@ -95,17 +95,17 @@ class AuditLog:
     @property
     def looks(self) -> int:
         """Number of commitments."""
-        return sum(one["kind"] == COMMITMENT for one in self.entries)
+        return sum(entry["kind"] == COMMITMENT for entry in self.entries)
 
     def look_of(self, sha256: str) -> int:
         """Return the number of the look of a commitment, 0 if there is no such line."""
-        numbers = (one["sha256"] for one in self.entries if one["kind"] == COMMITMENT)
-        return next((look for look, one in enumerate(numbers, 1) if one == sha256), 0)
+        numbers = (entry["sha256"] for entry in self.entries if entry["kind"] == COMMITMENT)
+        return next((look for look, number in enumerate(numbers, 1) if number == sha256), 0)
 
     def following(self, kind: str, commitment: str) -> Entry | None:
         """Return the first line of a kind that belongs to a commitment."""
-        found = (one for one in self.entries if one["kind"] == kind)
-        return next((one for one in found if one["commitment"] == commitment), None)
+        entries = (entry for entry in self.entries if entry["kind"] == kind)
+        return next((entry for entry in entries if entry["commitment"] == commitment), None)
 
     def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
         """Write one more line, on the disk when this returns.
@@ -237,8 +237,8 @@ def _entry(line: bytes) -> Entry | None:
     try:
         entry = json.loads(line)
         fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}
-        own = {name: value for name, value in entry.items() if name != "sha256"}
-        same = entry["sha256"] == _sha256(_line(own)) and _line(entry).encode() == line
+        content = {name: value for name, value in entry.items() if name != "sha256"}
+        same = entry["sha256"] == _sha256(_line(content)) and _line(entry).encode() == line
         typed = all(type(entry[name]) is kind for name, kind in fields.items())
         timed = time_of(entry).tzinfo is not None
         return entry if same and typed and timed else None

@@ -1,4 +1,4 @@
-"""One look: commit in the log, learn the seed, record the verdict."""
+"""One look: its share of the error, its commitment in the log, its seed, its verdict."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from socialiq.audit import seeds
 from socialiq.audit.looks.log import (
     COMMITMENT,
     RESULT,
@@ -18,14 +19,56 @@ from socialiq.audit.looks.log import (
     now,
     time_of,
 )
-from socialiq.audit.looks.spending import check_spendable, spend
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.seeds import beacon
-from socialiq.audit.seeds.beacon import Round
-from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
-from socialiq.audit.seeds.nonce import Nonce, check_sha256
+from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, check_sha256, draw, reveal
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.errors import UserError
+
+SMALLEST_ERROR = 1e-4
+"""Smallest error of a look: at most 200,000 resamples give its quantile (`verdict.judge`)."""
+
+
+class Spent(NamedTuple):
+    """Error of one look.
+
+    Attributes:
+        look: Number of the look in its log, from 1.
+        error: Largest chance of a wrong pass at this look, and of a wrong fail.
+    """
+
+    look: int
+    error: float
+
+
+def spend(error: float, look: int) -> Spent:
+    """Return the error of a look: error / (k (k + 1)) at look k.
+
+    1/(k (k + 1)) = 1/k - 1/(k + 1), so the shares of looks 1 to K add up to 1 - 1/(K + 1): never
+    more than the whole, however many looks there are. Each look tests episodes whose seed came
+    after all results before it, so it keeps its level whatever those were, and whatever decided
+    that there is another look. By Boole's inequality the chance that any look of a log passes
+    wrongly is therefore at most `error`. This is error spending (Lan and DeMets 1983) with a
+    spending function for an unlimited number of looks.
+
+    Args:
+        error: Error of the whole log, 1 - confidence.
+        look: Number of the look, from 1.
+    """
+    return Spent(look, error / (look * (look + 1)))
+
+
+def check_spendable(spent: Spent) -> None:
+    """Refuse a look whose error no number of resamples would resolve.
+
+    Raises:
+        UserError: If its error is too small.
+    """
+    if spent.error < SMALLEST_ERROR:
+        raise UserError(
+            f"look {spent.look} of this log could use an error of {spent.error:.2g} only, which is "
+            f"too small to test with (at least {SMALLEST_ERROR:g}): agree with the auditor on a "
+            "new log"
+        )
 
 
 @dataclass(frozen=True)
@@ -128,8 +171,8 @@ def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
 def _check_unused(log: AuditLog, source: Mapping[str, Any]) -> None:
     """Refuse a nonce that an earlier line names: it may be known by now."""
     sha256 = source.get("nonce_sha256")
-    commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
-    if sha256 and any(one["seed"].get("nonce_sha256") == sha256 for one in commitments):
+    commitments = (entry for entry in log.entries if entry["kind"] == COMMITMENT)
+    if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in commitments):
         raise UserError(
             f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
         )
@@ -145,16 +188,16 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     return _nonce_origin(sha256)
 
 
-def origin_of(given: Nonce | Round | None) -> dict[str, Any]:
+def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
     """Return the origin of a seed as a commitment names it.
 
     Args:
-        given: As for `open_look`.
+        origin: As for `open_look`.
     """
-    if isinstance(given, Nonce):
-        return _nonce_origin(given.sha256)
-    if isinstance(given, Round):
-        return _beacon_origin(given.number)
+    if isinstance(origin, Nonce):
+        return _nonce_origin(origin.sha256)
+    if isinstance(origin, Round):
+        return _beacon_origin(origin.number)
     return {"source": "system entropy"}
 
 
@@ -163,7 +206,7 @@ def _nonce_origin(sha256: str) -> dict[str, Any]:
 
 
 def _beacon_origin(number: int) -> dict[str, Any]:
-    return {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": number}
+    return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": number}
 
 
 def of_beacon(number: int) -> dict[str, Any]:
@@ -172,22 +215,22 @@ def of_beacon(number: int) -> dict[str, Any]:
     Raises:
         UserError: If the round is published already.
     """
-    time = beacon.time_of(number)
+    time = seeds.time_of(number)
     if time <= now():
         raise UserError(
-            f"round {number} of drand {beacon.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
-            f"UTC: name one after {beacon.round_after(now())}"
+            f"round {number} of drand {seeds.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
+            f"UTC: name one after {seeds.round_after(now())}"
         )
     return _beacon_origin(number)
 
 
-def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None = None) -> Opened:
+def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | None = None) -> Opened:
     """Commit and learn the seed, or continue the commitment that names the nonce or the round.
 
     Args:
         folder: Folder of the logs; None for no log.
         plan: What is committed to.
-        given: The auditor's seed, which is no look; a revealed nonce, a published round; None
+        origin: The auditor's seed, which is no look; a revealed nonce, a published round; None
             draws the seed from the system's entropy.
 
     Raises:
@@ -195,44 +238,44 @@ def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None
             names the nonce or round, or a seed is known before the commitment.
     """
     if folder is None:
-        if isinstance(given, Nonce | Round):
+        if isinstance(origin, Nonce | Round):
             raise UserError("a nonce or a beacon needs the log of the commitment: name its --log")
-        return Opened(draw(plan.commitment, given), None)
-    if isinstance(given, int):
+        return Opened(draw(plan.commitment, origin), None)
+    if isinstance(origin, int):
         raise UserError(
             "a log has only audits whose seed no one knew before: leave out --seed, or --log"
         )
     with locked(folder, plan.subject) as log:
-        if isinstance(given, Nonce | Round):
-            entry = _committed(log, plan, given)
+        if isinstance(origin, Nonce | Round):
+            entry = _committed(log, plan, origin)
             look = _look(log, plan, entry)
-            drawn = reveal(plan.commitment, look.entry, given)
+            seed_draw = reveal(plan.commitment, look.entry, origin)
         else:
             look = _commit(log, plan, origin_of(None))
-            drawn = draw(plan.commitment)
-        log.append(SEED, {"commitment": look.entry, "seed": drawn.seed})
-    return Opened(drawn, look)
+            seed_draw = draw(plan.commitment)
+        log.append(SEED, {"commitment": look.entry, "seed": seed_draw.seed})
+    return Opened(seed_draw, look)
 
 
-def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
+def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
     """Return the open commitment that names a nonce or a round, if it is of this plan."""
-    commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
-    naming = [one for one in commitments if one["seed"] == origin_of(given)]
+    commitments = (entry for entry in log.entries if entry["kind"] == COMMITMENT)
+    naming = [entry for entry in commitments if entry["seed"] == origin_of(origin)]
     if not naming:
-        nonce = isinstance(given, Nonce)
-        option = f"--nonce-sha256 {given.sha256}" if nonce else f"--beacon-round {given.number}"
+        nonce = isinstance(origin, Nonce)
+        option = f"--nonce-sha256 {origin.sha256}" if nonce else f"--beacon-round {origin.number}"
         raise UserError(
             f"no commitment in {log.path} names it: the owner runs `socialiq audit commit ... "
             f"{option}` first"
         )
-    unopened = [one for one in naming if log.following(SEED, one["sha256"]) is None]
+    unopened = [entry for entry in naming if log.following(SEED, entry["sha256"]) is None]
     if not unopened:
         raise UserError(
             f"the commitment in {log.path} was opened already, and its seed is known: commit again"
         )
-    if isinstance(given, Round) and time_of(unopened[0]) >= given.time:
+    if isinstance(origin, Round) and time_of(unopened[0]) >= origin.time:
         raise UserError(
-            f"the commitment in {log.path} was made after round {given.number} was published: "
+            f"the commitment in {log.path} was made after round {origin.number} was published: "
             "commit again, to a later round"
         )
     return _fitting(log, plan, unopened)
@@ -241,12 +284,12 @@ def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
 def _fitting(log: AuditLog, plan: Plan, unopened: list[Entry]) -> Entry:
     """Return the first commitment of a plan."""
     fields = plan.fields()
-    for one in unopened:
-        if all(one[name] == fields[name] for name in fields):
-            return one
-    other = next(name for name in fields if unopened[0][name] != fields[name])
+    for entry in unopened:
+        if all(entry[name] == fields[name] for name in fields):
+            return entry
+    differing = next(name for name in fields if unopened[0][name] != fields[name])
     raise UserError(
-        f"the commitment in {log.path} is of another audit: its {_WORDS[other]} differs; audit "
+        f"the commitment in {log.path} is of another audit: its {_WORDS[differing]} differs; audit "
         "what was committed to, or commit again"
     )
 
@@ -275,5 +318,5 @@ def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha
         UserError: If the log is damaged or can't be written.
     """
     with locked(folder, subject) as log:
-        found = {"decision": decision, "report_sha256": report_sha256}
-        log.append(RESULT, {"commitment": look.entry, **found})
+        outcome = {"decision": decision, "report_sha256": report_sha256}
+        log.append(RESULT, {"commitment": look.entry, **outcome})

@@ -92,25 +92,27 @@ class Environment:
     def reward(self) -> dict[str, Any]:
         """Definition of the pair: sources and versions of the code that gives it."""
         giver = paired(self.env)
-        parts = [type(self.env.unwrapped)] if giver is None else [giver.pair]
-        return {"sources": _sources(parts), "versions": _versions(parts)}
+        objects = [type(self.env.unwrapped)] if giver is None else [giver.pair]
+        return {"sources": _sources(objects), "versions": _versions(objects)}
 
     def _parts(self) -> list[Any]:
         """Return the classes and functions whose code is hashed."""
-        found: list[Any] = [type(self.env.unwrapped)]
+        objects: list[Any] = [type(self.env.unwrapped)]
         env = self.env
         while isinstance(env, gymnasium.Wrapper):
-            found.append(type(env))
+            objects.append(type(env))
             if isinstance(env, RewardPairWrapper):
-                found += [one for one in (env.pair, env.ending) if one is not None]
+                objects += [function for function in (env.pair, env.ending) if function is not None]
             env = env.env
-        return found
+        return objects
 
     def _named(self) -> dict[str, str]:
         """Return the hash of the file of the module in the name."""
-        place = self.name.rpartition(":")[0]
-        file = place if place.endswith(".py") else getattr(sys.modules.get(place), "__file__", None)
-        return {place: _sha256(file)} if file else {}
+        module = self.name.rpartition(":")[0]
+        file = (
+            module if module.endswith(".py") else getattr(sys.modules.get(module), "__file__", None)
+        )
+        return {module: _sha256(file)} if file else {}
 
     def check_repeats(self, seed: int) -> None:
         """Check that the seed determines an episode.
@@ -131,40 +133,42 @@ class Environment:
 
     def _first_actions(self, seed: int) -> list[Any]:
         observation, _ = self.env.reset(seed=seed % LARGEST_SEED)
-        seen: list[Any] = [observation.tobytes()]
+        trace: list[Any] = [observation.tobytes()]
         space = self.action_space
         first = np.zeros(space.shape, np.float32) if isinstance(space, spaces.Box) else 0
         for _ in range(_REPEATED):
             observation, _, terminated, truncated, info = self.env.step(first)
-            seen.append((observation.tobytes(), tuple(info["reward_pair"]), terminated, truncated))
+            trace.append((observation.tobytes(), tuple(info["reward_pair"]), terminated, truncated))
             if terminated or truncated:
                 break
-        return seen
+        return trace
 
 
-def _module_of(part: Any) -> str:
+def _module_of(defined: Any) -> str:
     """Return the name of the module of a class, a function or a callable object."""
-    return getattr(part, "__module__", None) or type(part).__module__
+    return getattr(defined, "__module__", None) or type(defined).__module__
 
 
-def _file_of(part: Any) -> str | None:
+def _file_of(defined: Any) -> str | None:
     """Return the file of the code; a module's name could belong to another file."""
-    kind = part if isinstance(part, type) else type(part)
-    methods = [getattr(one, "__code__", None) for one in vars(kind).values()]
-    codes = [one for one in (getattr(part, "__code__", None), *methods) if one is not None]
+    kind = defined if isinstance(defined, type) else type(defined)
+    methods = [getattr(value, "__code__", None) for value in vars(kind).values()]
+    codes = [code for code in (getattr(defined, "__code__", None), *methods) if code is not None]
     file = codes[0].co_filename if codes else None
     return file if file is not None and Path(file).is_file() else None
 
 
-def _foreign(parts: list[Any]) -> list[Any]:
+def _foreign(objects: list[Any]) -> list[Any]:
     """Return the parts that are neither of Gymnasium nor of this package."""
-    bare = (part.func if isinstance(part, functools.partial) else part for part in parts)
-    return [part for part in bare if _module_of(part).split(".")[0] not in _OWN]
+    bare = (
+        defined.func if isinstance(defined, functools.partial) else defined for defined in objects
+    )
+    return [defined for defined in bare if _module_of(defined).split(".")[0] not in _OWN]
 
 
-def _sources(parts: list[Any]) -> dict[str, str]:
+def _sources(objects: list[Any]) -> dict[str, str]:
     """Return the SHA-256 of the file of each part, by module."""
-    files = {_module_of(part): _file_of(part) for part in _foreign(parts)}
+    files = {_module_of(defined): _file_of(defined) for defined in _foreign(objects)}
     return {name: _sha256(file) for name, file in sorted(files.items()) if file is not None}
 
 
@@ -172,15 +176,15 @@ def _sha256(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
-def _versions(parts: list[Any]) -> dict[str, str]:
+def _versions(objects: list[Any]) -> dict[str, str]:
     """Return the versions of Gymnasium and of the installed packages of these modules."""
     owners = importlib.metadata.packages_distributions()
-    tops = {_module_of(part).split(".")[0] for part in _foreign(parts)}
-    names = {"gymnasium", *(one for top in tops for one in owners.get(top, ()))}
+    tops = {_module_of(defined).split(".")[0] for defined in _foreign(objects)}
+    names = {"gymnasium", *(owner for top in tops for owner in owners.get(top, ()))}
     return {name: importlib.metadata.version(name) for name in sorted(names)}
 
 
 def _json_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     """Return keyword arguments as JSON; values without a JSON form become their type's name."""
-    kept = json.dumps(dict(kwargs), default=lambda one: type(one).__name__, sort_keys=True)
-    return json.loads(kept)
+    text = json.dumps(dict(kwargs), default=lambda value: type(value).__name__, sort_keys=True)
+    return json.loads(text)

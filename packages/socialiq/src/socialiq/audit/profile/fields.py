@@ -203,7 +203,7 @@ def schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Declaration of a driving policy's social angle (profile.toml)",
         "description": "Dates are TOML dates; as JSON they are texts of the form 2026-01-31.",
-        **_table(properties, [one for one in properties if one != RULE]),
+        **_table(properties, [name for name in properties if name != RULE]),
     }
 
 
@@ -273,10 +273,10 @@ def _rule_schema() -> dict[str, Any]:
         "minProperties": 2,
         "maxProperties": MOST_CONDITIONS + 1,
     }
-    parts = {
+    properties = {
         "format": {"const": RULE_FORMAT},
         "world": {"type": "string"},
         "default": angle,
         "when": {"type": "array", "items": case, "maxItems": MOST_CASES},
     }
-    return _table(parts, ["format", "world", "default"])
+    return _table(properties, ["format", "world", "default"])

@@ -1,16 +1,202 @@
-"""Declaration of a policy's behaviour: the data of `profile.toml`."""
+"""Declaration of a policy's behaviour (the data of `profile.toml`), and the world that it names."""
 
 from __future__ import annotations
 
 import datetime
 import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from socialiq.audit.profile.scenario import World, identity, world_of
-from socialiq.errors import UserError
+from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
+from socialiq.audit.profile.junction import Junction, is_junction
+from socialiq.errors import UserError, one_of
+from socialiq.policies.interface import Interface
 from socialiq.social.angle_rule import AngleRule
+from socialiq.worlds import NAMED
+from socialiq.worlds.environment import is_environment
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.options import MOST_SPEEDS
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.settings import ENV_SIGNALS, SOCIAL_SIGNALS
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import NAMES, default_options, make, refuse_file
+
+World = GridWorld | Intersection | Environment | Junction
+
+# A declaration may be untrusted; these bound the memory and the time of its scenario.
+MOST_VEHICLES = 200
+
+MOST_SUB_STEPS = 100  # per second
+
+_GRID_UNITS = {
+    "crossing5": ("ends_on", "social_cost", "arrival"),
+    "crossing7": ("arrival", "full_stop", "yield_zone", "slow_yield"),
+}
+
+_UNITS = (
+    "policy_frequency",  # rewards come with each decision
+    "duration",
+    "target_speeds",  # the fastest is what speeds are relative to
+    "progress_unit",
+    "zone",
+    "counted",
+    "disruption",
+    "crash",
+    "conflict_distance",
+    "speed_threshold",
+    "speed_cap",
+)
+
+
+def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
+    """Build a world from unchecked values of a file.
+
+    Args:
+        name: Name of the world, or the file of a recorded junction.
+        options: Texts, numbers and lists of numbers, as read from TOML.
+        allow_code: Whether an environment's module may be imported.
+
+    Raises:
+        UserError: If the world or an option is unknown, a value is of the wrong type or size, or
+            an environment can't be made.
+    """
+    if is_junction(name):
+        return Junction.of(name, options)
+    refuse_file(name)
+    if is_environment(name) and name not in NAMED.values():
+        check_options(options)
+        return Environment.of(name, options, allow_code)
+    one_of("world", name, (*NAMES, *SCENES))
+    defaults = default_options(name)
+    for option in options:
+        one_of(f"option of {name}", option, tuple(defaults))
+    typed = {option: _typed(option, value, defaults[option]) for option, value in options.items()}
+    world = make(name, **typed)
+    if isinstance(world, Intersection):
+        _check_size(world.options)
+    return world
+
+
+def interface_of(world: World) -> Interface:
+    """Return the sizes of a world's observations and actions, discrete or continuous."""
+    if isinstance(world, Intersection | Environment):
+        return Interface.of(world)
+    return Interface(world.n_features, world.n_actions)
+
+
+def scenario_sha256(world: World) -> str:
+    """Return the SHA-256 of a world's description: its name and every option."""
+    return hashlib.sha256(world.description.encode()).hexdigest()
+
+
+def reward_id(world: World) -> str:
+    """Return the name of a world's reward pair; it changes with the formulas.
+
+    The sources of an environment define its pair.
+    """
+    if isinstance(world, Environment):
+        return f"environment/{world.name}"
+    return f"socialiq/{world.name}/1"
+
+
+def reward_specification(world: World) -> dict[str, Any]:
+    """Return the weights and units that define r_env and r_social, as one JSON object.
+
+    Two worlds with equal specifications give the same rewards for the same event, whatever their
+    traffic. The specification of an environment has the hashes of its code.
+    """
+    specification: dict[str, Any] = {"id": reward_id(world)}
+    if isinstance(world, Environment):
+        return specification | world.reward
+    if isinstance(world, Intersection | Junction):
+        weigh = {side: _weights(world.options, names) for side, names in _SIDES.items()}
+        units = {name: getattr(world.options, name) for name in _UNITS}
+        return specification | weigh | {"units": units}
+    units = {name: getattr(world.options, name) for name in _GRID_UNITS[world.name]}
+    units |= {"horizon": world.horizon, "max_speed": world.max_speed}
+    weigh = {"env": dict(world.env_weights), "social": dict(world.social_weights)}
+    return specification | weigh | {"units": units}
+
+
+def reward_sha256(world: World) -> str:
+    """Return the SHA-256 of `reward_specification` as JSON with sorted keys."""
+    text = json.dumps(reward_specification(world), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def identity(world: World) -> dict[str, str]:
+    """Return the identity of a world, by field of the declaration."""
+    return {
+        "reward.id": reward_id(world),
+        "reward.sha256": reward_sha256(world),
+        "scenario.sha256": scenario_sha256(world),
+    }
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Check that options are texts, booleans, numbers or lists of numbers of moderate size.
+
+    Args:
+        options: Options of an environment, whose types are not known.
+
+    Raises:
+        UserError: If one is not.
+    """
+    for option, value in options.items():
+        default = 0.0 if type(value) is float else value
+        if not isinstance(value, str | bool | int | float | list):
+            raise UserError(f"{option} must be text, true, false, a number or a list of numbers")
+        _typed(option, value, (0.0,) if isinstance(value, list) else default)
+
+
+_SIDES = {"env": ENV_SIGNALS, "social": SOCIAL_SIGNALS}
+
+
+def _weights(options: Options, signals: tuple[str, ...]) -> dict[str, float]:
+    return {name: getattr(options, f"{name}_weight") for name in signals}
+
+
+def _typed(option: str, value: Any, default: Any) -> Any:
+    """Return a value of the default's type; an integer may be a float, a list a tuple."""
+    if isinstance(default, tuple):
+        if not isinstance(value, list) or len(value) > MOST_SPEEDS:
+            raise UserError(f"{option} must be a list of at most {MOST_SPEEDS} numbers")
+        return tuple(_typed(option, number, 0.0) for number in value)
+    if isinstance(default, str):
+        if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+            raise UserError(f"{option} must be text in quotes")
+        return value
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise UserError(f"{option} must be true or false")
+        return value
+    numeric = int if isinstance(default, int) else (int, float)
+    if isinstance(value, bool) or not isinstance(value, numeric):
+        what = "whole number" if isinstance(default, int) else "number"
+        raise UserError(f"{option} must be a {what}")
+    if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER:
+        raise UserError(f"{option} must be within plus or minus {LARGEST_NUMBER:g}")
+    return type(default)(value)
+
+
+def _check_size(options: Options) -> None:
+    """Refuse a scenario that would need too much memory or time."""
+    sizes = {
+        "observed_vehicles": (options.observed_vehicles, MOST_VEHICLES),
+        "vehicles of an episode (initial_vehicle_count and duration)": (
+            options.capacity,
+            MOST_VEHICLES,
+        ),
+        "simulation_frequency": (options.simulation_frequency, MOST_SUB_STEPS),
+    }
+    for what, (value, most) in sizes.items():
+        if value > most:
+            raise UserError(f"{what} must be at most {most} in an audit, got {value}")
+
 
 WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
 
@@ -110,7 +296,7 @@ class Profile:
         """
         world = world_of(self.scenario.world, self.scenario.options, allow_code)
         declared = (self.reward.id, self.reward.sha256, self.scenario.sha256)
-        for (path, value), given in zip(identity(world).items(), declared, strict=True):
-            if value != given:
+        for (path, value), declared_value in zip(identity(world).items(), declared, strict=True):
+            if value != declared_value:
                 raise UserError(WRONG_WORLD.format(path=path, value=value))
         return world

@@ -22,8 +22,18 @@ from socialiq.audit.profile.fields import (
 )
 from socialiq.audit.profile.fields import Field as Declared
 from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.profile import WRONG_WORLD, Floor, Margin, Profile, Reward, Scenario
-from socialiq.audit.profile.scenario import World, check_options, identity, world_of
+from socialiq.audit.profile.profile import (
+    WRONG_WORLD,
+    Floor,
+    Margin,
+    Profile,
+    Reward,
+    Scenario,
+    World,
+    check_options,
+    identity,
+    world_of,
+)
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
@@ -96,24 +106,24 @@ class _Reader:
 
     def profile(self, source: bytes) -> Profile:
         self._check_names()
-        values = {one.path: self._value(one) for one in FIELDS}
+        values = {field.path: self._value(field) for field in FIELDS}
         self._check_loss(values)
         self._check_scenario(values)
         rule = self._rule(values.pop(RULE), values["scenario.world"])
-        parts: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
+        tables: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
         for path, value in values.items():
             table, _, key = path.rpartition(".")
-            parts[table][key] = value
-        top = parts[""]
+            tables[table][key] = value
+        top = tables[""]
         return Profile(
             angle=top["angle"],
             confidence=top["confidence"],
             owner=top["owner"],
             date=top["date"],
-            margin=Margin(**parts["margin"]),
-            reward=Reward(**parts["reward"]),
-            scenario=Scenario(**parts["scenario"]),
-            competence=Floor(**parts["competence"]),
+            margin=Margin(**tables["margin"]),
+            reward=Reward(**tables["reward"]),
+            scenario=Scenario(**tables["scenario"]),
+            competence=Floor(**tables["competence"]),
             source=source,
             rule=rule,
         )
@@ -137,7 +147,7 @@ class _Reader:
 
     def _check_names(self) -> None:
         """Refuse unknown names, on the top level and in tables."""
-        top = [one.path for one in FIELDS if "." not in one.path]
+        top = [field.path for field in FIELDS if "." not in field.path]
         for name, value in self._content.items():
             if name not in (*top, *TABLES):
                 self._unknown(name, (*top, *TABLES))
@@ -149,22 +159,22 @@ class _Reader:
                     if key not in keys:
                         self._unknown(f"{name}.{key}", keys)
 
-    def _unknown(self, path: str, known: tuple[str, ...]) -> NoReturn:
-        self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(known)}")
+    def _unknown(self, path: str, names: tuple[str, ...]) -> NoReturn:
+        self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(names)}")
 
-    def _value(self, one: Declared) -> Any:
-        table, _, key = one.path.rpartition(".")
+    def _value(self, field: Declared) -> Any:
+        table, _, key = field.path.rpartition(".")
         holder = self._content.get(table, {}) if table else self._content
-        if key not in holder and not one.required:
+        if key not in holder and not field.required:
             return None
         if key not in holder:
-            self.refuse(one.path, f"{one.path} is missing: add {one.demand}")
-        given = holder[key]
-        if one.path == "scenario.world" and isinstance(given, str):
-            self._check_reacts(given)
-        if not _fits(one, given):
-            self.refuse(one.path, f"{one.path} must be {one.demand}, got {_quoted(given)}")
-        return float(given) if one.kind == "number" else given
+            self.refuse(field.path, f"{field.path} is missing: add {field.demand}")
+        value = holder[key]
+        if field.path == "scenario.world" and isinstance(value, str):
+            self._check_reacts(value)
+        if not _fits(field, value):
+            self.refuse(field.path, f"{field.path} must be {field.demand}, got {_quoted(value)}")
+        return float(value) if field.kind == "number" else value
 
     def _check_reacts(self, world: str) -> None:
         """Refuse a recording with its own reason, which helps more than a list of worlds.
@@ -178,12 +188,12 @@ class _Reader:
         except UserError as error:
             self.refuse("scenario.world", str(error))
 
-    def _rule(self, given: Any, world: str) -> AngleRule | None:
+    def _rule(self, content: Any, world: str) -> AngleRule | None:
         """Read a rule of the angle, and check that the world has its features."""
-        if given is None:
+        if content is None:
             return None
         try:
-            rule = AngleRule.of(given)
+            rule = AngleRule.of(content)
             check_rule(rule, world)
         except UserError as error:
             self.refuse(RULE, _quoted(str(error), quoted=False))
@@ -214,7 +224,9 @@ class _Reader:
                 check_options(options)
         except UserError as error:
             # The longest name, since some names are parts of others.
-            option = max((one for one in options if one in str(error)), key=len, default="")
+            option = max(
+                (option for option in options if option in str(error)), key=len, default=""
+            )
             path = f"scenario.options.{option}" if option else "scenario.options"
             self.refuse(path, _quoted(str(error), quoted=False))
         for path, value in identity(world).items() if world else ():
@@ -222,26 +234,26 @@ class _Reader:
                 self.refuse(path, WRONG_WORLD.format(path=path, value=value))
 
 
-def _fits(one: Declared, given: Any) -> bool:
-    if one.kind == "number":
+def _fits(field: Declared, value: Any) -> bool:
+    if field.kind == "number":
         # A boolean is an int, NaN compares false, and a huge int is compared without conversion.
-        if isinstance(given, bool) or not isinstance(given, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float):
             return False
-        over = given > one.low if one.above_low else given >= one.low
-        return over and (given < one.high if one.below_high else given <= one.high)
-    if one.kind == "date":
-        return type(given) is datetime.date  # a datetime is a date too
-    if one.kind == "rule":
-        return isinstance(given, dict)
-    if one.kind == "options":
-        return isinstance(given, dict) and len(given) <= MOST_OPTIONS
-    if not isinstance(given, str):
+        over = value > field.low if field.above_low else value >= field.low
+        return over and (value < field.high if field.below_high else value <= field.high)
+    if field.kind == "date":
+        return type(value) is datetime.date  # a datetime is a date too
+    if field.kind == "rule":
+        return isinstance(value, dict)
+    if field.kind == "options":
+        return isinstance(value, dict) and len(value) <= MOST_OPTIONS
+    if not isinstance(value, str):
         return False
-    if one.kind == "sha256":
-        return re.fullmatch(SHA256_PATTERN, given) is not None
-    if one.kind == "world":
-        return len(given) <= LONGEST_TEXT and re.fullmatch(WORLD_PATTERN, given) is not None
-    return visible(given)
+    if field.kind == "sha256":
+        return re.fullmatch(SHA256_PATTERN, value) is not None
+    if field.kind == "world":
+        return len(value) <= LONGEST_TEXT and re.fullmatch(WORLD_PATTERN, value) is not None
+    return visible(value)
 
 
 def _quoted(value: Any, quoted: bool = True) -> str:
@@ -273,10 +285,10 @@ def line_of(text: str, path: str) -> int:
         The line; of a field that is missing, or hidden in an inline table, the line of the
         innermost table around it, and 1 if that is missing too.
     """
-    found = _begun(text)
-    parts = path.split(".")
-    for length in range(len(parts), 0, -1):
-        line = found.get(".".join(parts[:length]))
+    lines = _begun(text)
+    keys = path.split(".")
+    for length in range(len(keys), 0, -1):
+        line = lines.get(".".join(keys[:length]))
         if line:
             return line
     return 1
@@ -284,17 +296,17 @@ def line_of(text: str, path: str) -> int:
 
 def _begun(text: str) -> dict[str, int]:
     """Return the first line of every table and every field, by path."""
-    table, found = "", {}
+    table, lines = "", {}
     for number, line in enumerate(text.split("\n"), 1):
         header, key = _TABLE.match(line), _KEY.match(line)
         if header:
             table = _bare_key(header[1])
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
         elif key:
-            found.setdefault(f"{table}.{_bare_key(key[1])}".lstrip("."), number)
-    return found
+            lines.setdefault(f"{table}.{_bare_key(key[1])}".lstrip("."), number)
+    return lines
 
 
 def _bare_key(key: str) -> str:
     """Return a dotted key without its quotes and spaces."""
-    return ".".join(part.strip(" \t\"'") for part in key.split("."))
+    return ".".join(name.strip(" \t\"'") for name in key.split("."))

@@ -1,18 +1,24 @@
-"""Write a declaration: its canonical text, with a comment above every field."""
+"""Write a declaration: its canonical text, and the largest loss that its world allows."""
 
 from __future__ import annotations
 
 import datetime
 import json
+import math
 import textwrap
 from collections.abc import Mapping
 from typing import Any
 
+from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import FIELDS, FORMAT, RULE
-from socialiq.audit.profile.profile import Floor, Margin, Profile
+from socialiq.audit.profile.junction import Junction
+from socialiq.audit.profile.profile import Floor, Margin, Profile, World, identity, world_of
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.profile.scenario import identity, world_of
+from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
+from socialiq.worlds.enumerate import episode_range
+from socialiq.worlds.intersection.episode_range import env_range, is_unlimited, social_range
+from socialiq.worlds.intersection.world import Intersection
 
 _WIDTH = 88
 
@@ -59,8 +65,8 @@ def declare(
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
     """
-    given = _without_tuples(options or {})
-    built = world_of(world, given, allow_code)
+    options_as_lists = _without_tuples(options or {})
+    built = world_of(world, options_as_lists, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
         "angle": angle,
@@ -69,11 +75,11 @@ def declare(
         "date": date,
         **identity(built),
         "scenario.world": world,
-        "scenario.options": given,
+        "scenario.options": options_as_lists,
         RULE: rule,
     }
-    for table, part in (("margin", margin), ("competence", competence)):
-        values |= {f"{table}.{name}": value for name, value in vars(part).items()}
+    for table, limits in (("margin", margin), ("competence", competence)):
+        values |= {f"{table}.{name}": value for name, value in vars(limits).items()}
     return parse(_text(values).encode())
 
 
@@ -102,7 +108,7 @@ def _text(values: Mapping[str, Any]) -> str:
 
 def _comment(text: str) -> list[str]:
     paragraphs = text.split("\n")
-    return [f"# {line}" for part in paragraphs for line in textwrap.wrap(part, _WIDTH)]
+    return [f"# {line}" for paragraph in paragraphs for line in textwrap.wrap(paragraph, _WIDTH)]
 
 
 def _toml(value: Any) -> str:
@@ -110,12 +116,52 @@ def _toml(value: Any) -> str:
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml(one) for one in value)}]"
+        return f"[{', '.join(_toml(number) for number in value)}]"
     # Texts, booleans and finite numbers are the same in JSON and TOML; the reader checks the rest.
     return json.dumps(value, ensure_ascii=False)
 
 
 def _without_tuples(options: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        name: list(one) if isinstance(one, tuple) else one for name, one in sorted(options.items())
+        name: list(option) if isinstance(option, tuple) else option
+        for name, option in sorted(options.items())
     }
+
+
+_DIGITS = 4  # to which the limit is rounded up, so that a profile shows a short number
+
+
+def possible_loss(world: World, angle: float) -> float | None:
+    """Return the most by which R(α) of two drivers can differ in one episode.
+
+    It is the range of R(α) over all drivers and episodes: exact in a gridworld; at the
+    intersection from the limits of each signal, the largest number of vehicles and the time limit.
+
+    Args:
+        world: World of the episodes.
+        angle: Social angle α in degrees.
+
+    Returns:
+        The difference, rounded up; None where the limits are not known: in an environment, at a
+        recorded junction, and where the ego steers along a turn.
+    """
+    if isinstance(world, Environment | Junction):
+        return None
+    if isinstance(world, Intersection) and is_unlimited(world.options):
+        return None
+    weights = exact_weights(angle)
+    if isinstance(world, Intersection):
+        sides = env_range(world.options), social_range(world.options)
+        difference = sum(abs(w) * side.width for w, side in zip(weights, sides, strict=True))
+    else:
+        low, high = episode_range(world, weights)
+        difference = high - low
+    return _rounded_up(difference)
+
+
+def _rounded_up(value: float) -> float:
+    """Return the value rounded up to `_DIGITS` significant digits, well above rounding errors."""
+    if value <= 0.0:
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - _DIGITS + 1)
+    return round(math.ceil(value * (1.0 + 1e-9) / unit) * unit, 12)

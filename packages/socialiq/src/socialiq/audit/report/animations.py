@@ -143,18 +143,18 @@ def _of_scene(scene: str) -> Ground:
     """
     road = scene_of(scene).road
     entry = road.entries[0]
-    seen = [shapes.way(road.lanes[entry["lane"]], float(entry["along"]))[:1]]
-    seen += [shapes.way(one) for one in road.lanes if APPROACH < one["kind"] < EXIT]
-    points = np.concatenate(seen)
+    lines = [shapes.way(road.lanes[entry["lane"]], float(entry["along"]))[:1]]
+    lines += [shapes.way(lane) for lane in road.lanes if APPROACH < lane["kind"] < EXIT]
+    points = np.concatenate(lines)
     low, high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
     follows = high - low > _WIDEST
     low, high = np.where(follows, -_FOLLOWED / 2, low), np.where(follows, _FOLLOWED / 2, high)
     left, top, wide, deep = np.round([*low, *(high - low)], 1).tolist()
-    strips = (shapes.edges(_few_points(one), LANE_WIDTH) for one in road.lanes)
+    strips = (shapes.edges(_few_points(lane), LANE_WIDTH) for lane in road.lanes)
     outlines = (np.concatenate([right, edge[::-1]]).round(1).tolist() for edge, right in strips)
-    drawn = " ".join(path([(x, y) for x, y in line], closed=True) for line in outlines)
+    outline = " ".join(path([(x, y) for x, y in line], closed=True) for line in outlines)
     view, sizes = (left, top, wide, deep), (VEHICLE_LENGTH, VEHICLE_WIDTH)
-    return Ground(view, drawn, *sizes, 0.2, (bool(follows[0]), bool(follows[1])))
+    return Ground(view, outline, *sizes, 0.2, (bool(follows[0]), bool(follows[1])))
 
 
 def _few_points(lane: np.void) -> np.ndarray:
@@ -181,62 +181,64 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
     trace = row["trace"]
     if trace is None:
         return MovingPicture(kind, number, row, 0.0, ground, "", ())
-    shown = (trace["frames"] - 1) / trace["per_second"]
-    seconds = shown + HELD
+    duration = (trace["frames"] - 1) / trace["per_second"]
+    seconds = duration + HELD
     # In percent of a round per frame.
     pace = 100.0 / (seconds * trace["per_second"])
-    ways = [(one, poses(one["poses"])) for one in trace["tracks"]]
+    ways = [(track, poses(track["poses"])) for track in trace["tracks"]]
     cars = [
         Car(
-            f"{kind}-{number}-{place}",
-            one["ego"],
-            _still(way[-1]) if one["first"] + len(way) >= trace["frames"] else "",
-            _keyframes(way, one["first"], trace["frames"], pace, ground.tolerance),
+            f"{kind}-{number}-{car}",
+            track["ego"],
+            _still(way[-1]) if track["first"] + len(way) >= trace["frames"] else "",
+            _keyframes(way, track["first"], trace["frames"], pace, ground.tolerance),
         )
-        for place, (one, way) in enumerate(ways)
+        for car, (track, way) in enumerate(ways)
     ]
-    crashed = [way[-1] for one, way in ways if one["crashed"]]
-    ego = next((way for one, way in ways if one["ego"]), [])
-    camera = [_before(one, ground.follows) for one in ego] if any(ground.follows) else []
+    crashed = [way[-1] for track, way in ways if track["crashed"]]
+    ego = next((way for track, way in ways if track["ego"]), [])
+    camera = [_before(pose, ground.follows) for pose in ego] if any(ground.follows) else []
     return MovingPicture(
         kind,
         number,
         row,
         round(seconds, 2),
         ground,
-        path([(one.x, one.y) for one in ego]) if ego else "",
+        path([(pose.x, pose.y) for pose in ego]) if ego else "",
         tuple(reversed(cars)),
         _keyframes(camera, 0, trace["frames"], pace, ground.tolerance) if camera else (),
         _still(camera[-1]) if camera else "",
-        tuple((one.x, one.y) for one in crashed),
+        tuple((pose.x, pose.y) for pose in crashed),
         round(pace * (trace["frames"] - 1), 2),
     )
 
 
 def _before(ego: Pose, follows: tuple[bool, bool]) -> Pose:
     """Return the shift that brings the ego to the middle of the view, along the followed axes."""
-    x, y = (-place if followed else 0.0 for place, followed in zip(ego, follows, strict=False))
+    x, y = (
+        -coordinate if followed else 0.0 for coordinate, followed in zip(ego, follows, strict=False)
+    )
     return Pose(x, y, 0.0)
 
 
 def poses(text: str) -> list[Pose]:
     """Read the poses of a track: see `evidence.replay.Track`."""
-    return [Pose(*map(float, one.split(" "))) for one in text.split(";")]
+    return [Pose(*map(float, numbers.split(" "))) for numbers in text.split(";")]
 
 
 def _keyframes(
     way: Sequence[Pose], first: int, frames: int, pace: float, tolerance: float
 ) -> tuple[Keyframe, ...]:
     """Return the keyframes of a way; before and after it the vehicle is away."""
-    found = [Keyframe(0.0, _AWAY), Keyframe(pace * first - 0.01, _AWAY)] if first else []
-    kept = simplified(way, tolerance)
-    found += [Keyframe(pace * (first + place), _css(way[place])) for place in kept]
+    keyframes = [Keyframe(0.0, _AWAY), Keyframe(pace * first - 0.01, _AWAY)] if first else []
+    turning = simplified(way, tolerance)
+    keyframes += [Keyframe(pace * (first + frame), _css(way[frame])) for frame in turning]
     last = first + len(way) - 1
     if last < frames - 1:
-        found += [Keyframe(pace * last + 0.01, _AWAY), Keyframe(100.0, _AWAY)]
+        keyframes += [Keyframe(pace * last + 0.01, _AWAY), Keyframe(100.0, _AWAY)]
     else:
-        found.append(Keyframe(100.0, _css(way[-1])))
-    return tuple(Keyframe(round(max(one, 0.0), 2), text) for one, text in found)
+        keyframes.append(Keyframe(100.0, _css(way[-1])))
+    return tuple(Keyframe(round(max(percent, 0.0), 2), text) for percent, text in keyframes)
 
 
 _TURN = 3.0  # degrees, largest error of a heading between keyframes
@@ -251,27 +253,28 @@ def simplified(way: Sequence[Pose], tolerance: float) -> list[int]:
         way: Pose in each frame.
         tolerance: Largest error of a place.
     """
-    kept, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
+    frames, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
     while open_parts:
         start, end = open_parts.pop()
         errors = [
-            (_error(way, start, place, end, tolerance), place) for place in range(start + 1, end)
+            (_error(way, start, frame, end, tolerance), frame) for frame in range(start + 1, end)
         ]
-        worst, place = max(errors, default=(0.0, start))
+        worst, frame = max(errors, default=(0.0, start))
         if worst > 1.0:
-            kept.add(place)
-            open_parts += [(start, place), (place, end)]
-    return sorted(kept)
+            frames.add(frame)
+            open_parts += [(start, frame), (frame, end)]
+    return sorted(frames)
 
 
-def _error(way: Sequence[Pose], start: int, place: int, end: int, tolerance: float) -> float:
+def _error(way: Sequence[Pose], start: int, frame: int, end: int, tolerance: float) -> float:
     """Return the error of uniform motion in one frame, in tolerances."""
-    share = (place - start) / (end - start)
+    share = (frame - start) / (end - start)
     x, y, heading = (
-        one + share * (other - one) for one, other in zip(way[start], way[end], strict=True)
+        from_value + share * (to_value - from_value)
+        for from_value, to_value in zip(way[start], way[end], strict=True)
     )
-    off = math.hypot(way[place].x - x, way[place].y - y)
-    return max(off / tolerance, abs(way[place].heading - heading) / _TURN)
+    off = math.hypot(way[frame].x - x, way[frame].y - y)
+    return max(off / tolerance, abs(way[frame].heading - heading) / _TURN)
 
 
 def _css(pose: Pose) -> str:

@@ -9,28 +9,27 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from socialiq.audit.evidence.collect import CANDIDATES
+from socialiq.audit.evidence.collect import CANDIDATES, stratified
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
-from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.looks.look import Look
 from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.auditor_claims import claims_of_auditor
-from socialiq.audit.report.caveats import (
+from socialiq.audit.profile.template import possible_loss
+from socialiq.audit.report.episodes import path_of, selected
+from socialiq.audit.report.seeds import seeds_of
+from socialiq.audit.report.words import (
     Caveat,
     caveats,
     caveats_of_loss,
     caveats_of_replay,
     caveats_of_rule,
+    claims_of_auditor,
 )
-from socialiq.audit.report.episodes import path_of, selected
-from socialiq.audit.report.seeds import seeds_of
-from socialiq.audit.seeds.commitment import Draw
-from socialiq.audit.verdict.contexts import followed_angles
+from socialiq.audit.seeds import Draw
+from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.discrimination import Discrimination
+from socialiq.audit.verdict.results import Discrimination
 from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
@@ -95,9 +94,12 @@ class Audited:
     def references(self, left_out: bool) -> list[dict[str, Any]]:
         """Return the rows of the references that are left out, or of the others."""
         return [
-            {**driver_row(one, self.profile.angle), "record": self.records.get(one.name)}
-            for one in self.evidence.references
-            if (one.name in self.left_out) == left_out
+            {
+                **driver_row(reference, self.profile.angle),
+                "record": self.records.get(reference.name),
+            }
+            for reference in self.evidence.references
+            if (reference.name in self.left_out) == left_out
         ]
 
 
@@ -110,7 +112,7 @@ def content(audited: Audited) -> dict[str, Any]:
         {
             "format": FORMAT,
             "verdict": _verdict(verdict),
-            "caveats": [one._asdict() for one in _caveats(audited)],
+            "caveats": [caveat._asdict() for caveat in _caveats(audited)],
             "declaration": _declaration(profile),
             "policy": {
                 "record": dict(audited.policy),
@@ -121,7 +123,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "discrimination": audited.discrimination,
             "consistency": audited.consistency,
             "references": audited.references(left_out=False),
-            "trivial": [driver_row(one, angle) for one in evidence.trivial],
+            "trivial": [driver_row(driver, angle) for driver in evidence.trivial],
             "reference_files": list(audited.reference_files),
             "left_out": audited.references(left_out=True),
             "strata": stratified(evidence, angle, best, profile.confidence),
@@ -151,16 +153,16 @@ def _caveats(audited: Audited) -> list[Caveat]:
     # Making an environment may run code; its limits are not known anyway.
     limited = world in NAMES and profile.rule is None
     possible = possible_loss(profile.world(), profile.angle) if limited else None
-    drawn, look, others = audited.drawn, audited.look, audited.discrimination
-    traces = [one for rows in audited.traces.values() for one in rows]
+    draw, look, discrimination = audited.drawn, audited.look, audited.discrimination
+    traces = [trace for rows in audited.traces.values() for trace in rows]
     # In an environment nothing is run again; a policy that draws its actions may draw others.
-    asked = traces if world in NAMES and audited.deterministic else []
-    shown = sum(one is not None for one in asked)
+    repeated = traces if world in NAMES and audited.deterministic else []
+    equal = sum(trace is not None for trace in repeated)
     return [
         *caveats_of_rule(profile.rule, profile.angle),
         *caveats_of_loss(regret, possible),
-        *caveats(drawn, look, audited.policy, others, world),
-        *caveats_of_replay(shown, len(asked)),
+        *caveats(draw, look, audited.policy, discrimination, world),
+        *caveats_of_replay(equal, len(repeated)),
     ]
 
 
@@ -193,10 +195,10 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 def _shift(shifts: Sequence[Shift], elsewhere: Sequence[Evidence]) -> dict[str, Any]:
     return {
         "sentence": sentence_of(shifts),
-        "otherwise": any(one.shown for one in shifts),
+        "otherwise": any(shift.shown for shift in shifts),
         "traffic": [
-            {**to_json(one), "references": _attributes_of(evidence)}
-            for one, evidence in zip(shifts, elsewhere, strict=True)
+            {**to_json(shift), "references": _attributes_of(evidence)}
+            for shift, evidence in zip(shifts, elsewhere, strict=True)
         ],
     }
 
@@ -204,8 +206,8 @@ def _shift(shifts: Sequence[Shift], elsewhere: Sequence[Evidence]) -> dict[str, 
 def _attributes_of(evidence: Evidence) -> list[dict[str, Any]]:
     """Return what the table of episodes doesn't hold of the references."""
     return [
-        {"name": one.name, "angles": list(one.angles), "expected": one.expected}
-        for one in evidence.references
+        {"name": reference.name, "angles": list(reference.angles), "expected": reference.expected}
+        for reference in evidence.references
     ]
 
 
@@ -216,12 +218,12 @@ def _tests(verdict: Verdict) -> dict[str, Any]:
 
 def _declaration(profile: Profile) -> dict[str, Any]:
     """Return the declaration; one of a constant angle has no field of a rule."""
-    found = {**to_json(dataclasses.replace(profile, rule=None)), "sha256": profile.sha256}
-    del found["rule"]
+    declared = {**to_json(dataclasses.replace(profile, rule=None)), "sha256": profile.sha256}
+    del declared["rule"]
     if profile.rule is None:
-        return found
+        return declared
     rule = {"words": profile.rule.words, "content": profile.rule.as_json()}
-    return found | {"angle_rule": rule}
+    return declared | {"angle_rule": rule}
 
 
 def _contexts(audited: Audited) -> dict[str, Any]:
@@ -310,7 +312,7 @@ _UNKNOWN = (
 
 def limits(world: str) -> list[str]:
     """Return the limits that apply in a world of this name."""
-    found = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
+    texts = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
     if is_junction(world):
-        return [*_RECORDED, *found]
-    return found if world in NAMES else [*_UNKNOWN, *found]
+        return [*_RECORDED, *texts]
+    return texts if world in NAMES else [*_UNKNOWN, *texts]

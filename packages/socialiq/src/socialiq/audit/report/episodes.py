@@ -19,7 +19,7 @@ from socialiq.audit.evidence.replay import (
     road_of,
 )
 from socialiq.audit.evidence.table import kind_of_ending
-from socialiq.audit.profile.scenario import World
+from socialiq.audit.profile.profile import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.highway.pictures import scenes, sheet
@@ -46,22 +46,22 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
     first = (len(order) - count) // 2
     places = {"median": order[first : first + count], "worst": order[:count]}
     return {
-        name: [_row(evidence, int(place), float(values[place])) for place in chosen.tolist()]
+        name: [_row(evidence, int(episode), float(values[episode])) for episode in chosen.tolist()]
         for name, chosen in places.items()
     }
 
 
-def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:
-    env, social = evidence.policy.totals[place].tolist()
+def _row(evidence: Evidence, episode: int, value: float) -> dict[str, Any]:
+    env, social = evidence.policy.totals[episode].tolist()
     return {
-        "episode": place,
+        "episode": episode,
         # Text, since many readers of JSON keep no more than 53 bits of a number.
-        "seed": str(int(evidence.seeds[place])),
+        "seed": str(int(evidence.seeds[episode])),
         "r_env": env,
         "r_social": social,
         "value": value,
-        "ending": kind_of_ending(evidence.policy, place),
-        "decisions": int(evidence.policy.length[place]),
+        "ending": kind_of_ending(evidence.policy, episode),
+        "decisions": int(evidence.policy.length[episode]),
     }
 
 
@@ -141,16 +141,16 @@ def films_of(
     Raises:
         UserError: If the world is no road of highway-env.
     """
-    found, shown = {}, check_filmed(world)
-    every = max(1, shown.options.simulation_frequency // _PER_SECOND)
-    batch = shown.batch(1, traced=True)
-    with tempfile.TemporaryDirectory() as place:
-        film = Path(place) / "film.gif"
+    films, road = {}, check_filmed(world)
+    every = max(1, road.options.simulation_frequency // _PER_SECOND)
+    batch = road.batch(1, traced=True)
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film.gif"
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
-                seed = first_seed(shown, int(row["seed"]))
-                played = scenes.episode_scenes(batch, as_asked(shown, policy), seed)
+                seed = first_seed(road, int(row["seed"]))
+                played = scenes.episode_scenes(batch, as_asked(road, policy), seed)
                 frames = [*played[:-1:every], played[-1]]
-                sheet.save(film, frames, shown.view, _PER_SECOND)
-                found[path_of(kind, number)] = film.read_bytes()
-    return found
+                sheet.save(film, frames, road.view, _PER_SECOND)
+                films[path_of(kind, number)] = film.read_bytes()
+    return films

@@ -12,14 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.audit.evidence.collect import CANDIDATES
-from socialiq.audit.evidence.context_table import PATH as CONTEXTS
-from socialiq.audit.evidence.context_table import write_contexts
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.table import write_table
+from socialiq.audit.evidence.table import CONTEXTS, write_contexts, write_table
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
-from socialiq.audit.report.credibility import credibility
-from socialiq.audit.report.materials import materials
+from socialiq.audit.report.documents import as_objects, claims, credibility, materials, mermaid
 from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
@@ -51,8 +47,8 @@ def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, b
         files: Content by path in the folder.
         report: The content of `report.json`.
     """
-    found = {**files, STATEMENT: statement(files, report)}
-    return {**found, MANIFEST: manifest(found)}
+    subjects = {**files, STATEMENT: statement(files, report)}
+    return {**subjects, MANIFEST: manifest(subjects)}
 
 
 def manifest(files: Mapping[str, bytes]) -> bytes:
@@ -109,14 +105,14 @@ def files_of(
         films: Films of single episodes, by path.
     """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
-    found = {
+    files = {
         REPORT: text.encode(),
         PROFILE: profile.source,
         **tables_of(evidence),
         **(films or {}),
         **views_of(json.loads(text)),
     }
-    return sealed(found, report)
+    return sealed(files, report)
 
 
 def tables_of(evidence: Sequence[Evidence]) -> dict[str, bytes]:
@@ -124,13 +120,14 @@ def tables_of(evidence: Sequence[Evidence]) -> dict[str, bytes]:
 
     With a declared rule of the angle the policy's decision losses by context are among them.
     """
-    found = {
-        evidence_path(number): write_table(one).encode() for number, one in enumerate(evidence)
+    tables = {
+        evidence_path(number): write_table(episodes).encode()
+        for number, episodes in enumerate(evidence)
     }
     contexts = evidence[0].policy.contexts
     if contexts is not None:
-        found[CONTEXTS] = write_contexts(contexts, CANDIDATES).encode()
-    return found
+        tables[CONTEXTS] = write_contexts(contexts, CANDIDATES).encode()
+    return tables
 
 
 def evidence_path(traffic: int) -> str:
@@ -184,10 +181,10 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
         UserError: As `check_target`.
     """
     check_target(folder, replace)
-    with whole_folder(folder, replace) as part:
+    with whole_folder(folder, replace) as target:
         for name, content in files.items():
-            (part / name).parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(part / name, content)
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(target / name, content)
 
 
 def _unlisted(folder: Path) -> str:

@@ -1,6 +1,7 @@
-"""Layout of a report's pictures of rewards: means of the drivers, and single episodes.
+"""Layout of a report's pictures: means of drivers, single episodes, and regret at every angle.
 
-Both have one scale, and a unit of reward is as long upwards as to the right: angles are true.
+The first two have one scale, and a unit of reward is as long upwards as to the right: angles are
+true.
 """
 
 from __future__ import annotations
@@ -70,20 +71,23 @@ class Scale:
         box = self.box
         length = box.right - box.left if axis == 0 else box.bottom - box.top
         low, high = self.low[axis], self.low[axis] + length / self.factor
-        return [Tick(self.at(one, one)[axis], text) for one, text in round_steps(low, high, about)]
+        return [
+            Tick(self.at(number, number)[axis], text)
+            for number, text in round_steps(low, high, about)
+        ]
 
 
 def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, str]]:
     """Return some round numbers between two, with their texts."""
     step = _round_step((high - low) / about)
     numbers = [step * row for row in range(math.ceil(low / step), math.floor(high / step) + 1)]
-    return [(one, f"{one + 0.0:g}".replace("-", "−")) for one in numbers]
+    return [(number, f"{number + 0.0:g}".replace("-", "−")) for number in numbers]
 
 
-def _round_step(wanted: float) -> float:
+def _round_step(least: float) -> float:
     """Return the smallest of 1, 2, 5 times a power of ten that is not below a number."""
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return power * next(step for step in _STEPS if step * power >= wanted * (1 - 1e-9))
+    power = 10.0 ** math.floor(math.log10(least))
+    return power * next(step for step in _STEPS if step * power >= least * (1 - 1e-9))
 
 
 def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
@@ -155,21 +159,21 @@ def means(report: Mapping[str, Any]) -> Panel:
     references = [_of(row) for row in report["references"]]
     mean, angle = _of(report["policy"]["means"]), report["declaration"]["angle"]
     scale = scale_of(report)
-    reach = 0.42 * max(math.hypot(*one) for one in [*references, mean])
+    reach = 0.42 * max(math.hypot(*point) for point in [*references, mean])
     tip = (
         reach * math.cos(math.radians(angle)),
         reach * math.sin(math.radians(angle)),
     )
     tip = _inside(scale, tip)
-    named = report["tests"]["regret"]["best"]
-    best = [scale.at(*_of(row)) for row in report["references"] if row["name"] == named]
+    best_name = report["tests"]["regret"]["best"]
+    best = [scale.at(*_of(row)) for row in report["references"] if row["name"] == best_name]
     return _panel(
         scale,
         mean,
         best=best[0] if best else None,
-        marks=_marks([scale.at(*one) for one in references]),
-        front=path([scale.at(*one) for one in front(references)]),
-        ellipse=path([scale.at(*one) for one in region], closed=True),
+        marks=_marks([scale.at(*point) for point in references]),
+        front=path([scale.at(*point) for point in front(references)]),
+        ellipse=path([scale.at(*point) for point in region], closed=True),
         arrow=(scale.at(0.0, 0.0), scale.at(*tip)),
     )
 
@@ -180,7 +184,7 @@ def episodes(report: Mapping[str, Any]) -> Panel:
     return _panel(
         scale,
         _of(report["policy"]["means"]),
-        cloud=tuple(scale.at(*one) for one in _cloud(report)),
+        cloud=tuple(scale.at(*point) for point in _cloud(report)),
     )
 
 
@@ -200,12 +204,12 @@ _APART = 10.0  # units of the picture between marks whose numbers can be read
 
 def _marks(places: Sequence[Point]) -> tuple[Mark, ...]:
     """Return the marks in their order; of several in one place the first has its number."""
-    found: list[Mark] = []
-    for number, place in enumerate(places, 1):
-        seen = (one for one in found if not one.hidden)
-        hidden = any(math.dist(place, (one.x, one.y)) < _APART for one in seen)
-        found.append(Mark(number, *place, hidden))
-    return tuple(found)
+    marks: list[Mark] = []
+    for number, point in enumerate(places, 1):
+        visible = (mark for mark in marks if not mark.hidden)
+        hidden = any(math.dist(point, (mark.x, mark.y)) < _APART for mark in visible)
+        marks.append(Mark(number, *point, hidden))
+    return tuple(marks)
 
 
 def front(points: Sequence[Point]) -> list[Point]:
@@ -214,21 +218,21 @@ def front(points: Sequence[Point]) -> list[Point]:
     for degrees in range(91):
         env, social = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         # Where one weight is 0, ties are broken by the other reward.
-        one = max(points, key=lambda point: env * point[0] + social * point[1] + 1e-9 * sum(point))
-        if one not in best:
-            best.append(one)
+        leader = max(points, key=lambda row: env * row[0] + social * row[1] + 1e-9 * sum(row))
+        if leader not in best:
+            best.append(leader)
     return best
 
 
 def _panel(scale: Scale, mean: Point, **parts: Any) -> Panel:
     x, y = zero = scale.at(0.0, 0.0)
     box = scale.box
-    seen = box.left <= x <= box.right and box.top <= y <= box.bottom
+    inside = box.left <= x <= box.right and box.top <= y <= box.bottom
     return Panel(
         box=box,
         x_ticks=scale.ticks(0, 7),
         y_ticks=scale.ticks(1, 7),
-        zero=zero if seen else None,
+        zero=zero if inside else None,
         mean=scale.at(*mean),
         **parts,
     )
@@ -258,3 +262,101 @@ def _ellipse(region: Mapping[str, Any]) -> list[Point]:
 
 def _of(row: Mapping[str, Any]) -> Point:
     return float(row["r_env"]), float(row["r_social"])
+
+
+_TICKS = (-135.0, -90.0, -45.0, 0.0, 45.0, 90.0, 135.0)  # degrees
+
+_ROOM = 1.15  # of the largest value that has to be seen
+
+
+@dataclass(frozen=True)
+class AnglePicture:
+    """One picture, in units of its view box.
+
+    Attributes:
+        box: Position of the axes.
+        x_ticks: Angles.
+        ends: Where own progress alone counts, and where others alone do.
+        y_ticks: Regrets.
+        allowed: Height of the margin: from the axis' end to it regrets are allowed.
+        curve: Path of the regret at every angle.
+        within: Parts of it within the margin.
+        declared: Place of the regret at the declared angle.
+        bounds: Heights of its bounds.
+        least: Place of the smallest regret, if it is beyond the margin, else None.
+    """
+
+    box: Box
+    x_ticks: list[Tick]
+    ends: tuple[float, float]
+    y_ticks: list[Tick]
+    allowed: float
+    curve: str
+    within: tuple[str, ...]
+    declared: Point
+    bounds: tuple[float, float]
+    least: Point | None
+
+
+def angles(report: Mapping[str, Any]) -> AnglePicture:
+    """Return the picture of a report."""
+    test, rationalised = report["tests"]["regret"], report["tests"]["rationalised"]
+    margin, declared = float(test["margin"]), _turned(float(report["declaration"]["angle"]))
+    curve = [(angle, regret_at(report, angle)) for angle in map(float, range(-180, 181))]
+    lowest = min(0.0, test["low"], *(regret for _, regret in curve))
+    highest = _ROOM * max(1.3 * margin, test["high"], test["regret"], rationalised["least"])
+    bottom = lowest - 0.04 * (highest - lowest)
+
+    def at(angle: float, regret: float) -> Point:
+        x = BOX.left + (angle + 180.0) / 360.0 * (BOX.right - BOX.left)
+        return round(x, 2), round(height(regret), 2)
+
+    def height(regret: float) -> float:
+        share = (min(regret, 2.0 * highest) - bottom) / (highest - bottom)
+        return BOX.bottom - share * (BOX.bottom - BOX.top)
+
+    beyond = rationalised["least"] > margin
+    return AnglePicture(
+        box=BOX,
+        x_ticks=[Tick(at(angle, 0.0)[0], _degrees(angle)) for angle in _TICKS],
+        ends=(at(0.0, 0.0)[0], at(90.0, 0.0)[0]),
+        y_ticks=[
+            Tick(round(height(regret), 2), text) for regret, text in round_steps(bottom, highest)
+        ],
+        allowed=round(height(margin), 2),
+        curve=path([at(*point) for point in curve]),
+        within=tuple(path([at(*point) for point in run]) for run in _runs(curve, margin)),
+        declared=at(declared, test["regret"]),
+        bounds=(round(height(test["low"]), 2), round(height(test["high"]), 2)),
+        least=at(_turned(float(rationalised["least_angle"])), rationalised["least"])
+        if beyond
+        else None,
+    )
+
+
+def regret_at(report: Mapping[str, Any], angle: float) -> float:
+    """Return the regret at an angle in degrees, towards the best reference by the mean rewards."""
+    env, social = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    rows = [report["policy"]["means"], *report["references"]]
+    policy, *references = (env * row["r_env"] + social * row["r_social"] for row in rows)
+    return float(max(references) - policy)
+
+
+def _runs(curve: Sequence[Point], margin: float) -> list[list[Point]]:
+    """Return the parts of a curve that are within the margin, with at least two points each."""
+    runs: list[list[Point]] = [[]]
+    for point in curve:
+        if point[1] <= margin:
+            runs[-1].append(point)
+        elif runs[-1]:
+            runs.append([])
+    return [run for run in runs if len(run) > 1]
+
+
+def _turned(angle: float) -> float:
+    """Return an angle in (-180, 180]."""
+    return -((180.0 - angle) % 360.0 - 180.0)
+
+
+def _degrees(angle: float) -> str:
+    return f"{angle:g}°".replace("-", "−")

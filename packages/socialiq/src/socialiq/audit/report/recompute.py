@@ -11,27 +11,26 @@ import dataclasses
 import datetime
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
 
 from socialiq.audit.evidence.collect import CANDIDATES
 from socialiq.audit.evidence.consistency import Consistency
-from socialiq.audit.evidence.context_table import PATH as CONTEXTS
-from socialiq.audit.evidence.context_table import read_contexts
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
-from socialiq.audit.evidence.table import ReferenceAttributes, read_table
+from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.differences import differences
 from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
 from socialiq.audit.report.seeds import opened_of
+from socialiq.audit.report.words import ALWAYS, OF_CODE
 from socialiq.audit.resolve_policy import is_itself
-from socialiq.audit.seeds.commitment import Commitment, Draw
-from socialiq.audit.verdict.dependence import dependence
-from socialiq.audit.verdict.judged import judged
+from socialiq.audit.seeds import Commitment, Draw
+from socialiq.audit.verdict.results import dependence, judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import AngleRule
@@ -74,19 +73,19 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
         UserError: As there.
     """
     profile = parse(files[PROFILE], PROFILE)
-    record, (drawn, look) = report["policy"]["record"], opened_of(report)
+    record, (draw, look) = report["policy"]["record"], opened_of(report)
     commitment = Commitment(record["sha256"], profile.sha256)
-    drawn = dataclasses.replace(drawn, commitment=commitment)
-    evidence = evidence_of(files, report, profile, drawn)
+    draw = dataclasses.replace(draw, commitment=commitment)
+    evidence = evidence_of(files, report, profile, draw)
     rows = [*report["references"], *report["left_out"]]
-    left_out = [one["name"] for one in rows if is_itself(one["name"], one["record"], record)]
+    left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
     traffic = _traffic(report, profile)
     consistency = Consistency.of(report["consistency"])
     verdict, discrimination, shifts = judged(
         profile,
         evidence[0],
         left_out,
-        drawn.derived("resampling"),
+        draw.derived("resampling"),
         traffic,
         evidence[1:],
         error=None if look is None else look.error,
@@ -97,9 +96,9 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
             profile=profile,
             policy=record,
             deterministic=report["policy"]["deterministic"],
-            drawn=drawn,
+            drawn=draw,
             look=look,
-            records={one["name"]: one["record"] for one in rows},
+            records={row["name"]: row["record"] for row in rows},
             reference_files=report["reference_files"],
             left_out=left_out,
             evidence=evidence[0],
@@ -111,7 +110,7 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
             films=files,
             # The ways of the vehicles are not in the tables; a rerun drives them again.
             traces={
-                kind: [one["trace"] for one in rows] for kind, rows in report["episodes"].items()
+                kind: [row["trace"] for row in rows] for kind, rows in report["episodes"].items()
             },
             command=report["command"],
             started=datetime.datetime.now(datetime.UTC),
@@ -121,7 +120,7 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
 
 
 def evidence_of(
-    files: Mapping[str, bytes], report: Mapping[str, Any], profile: Profile, drawn: Draw
+    files: Mapping[str, bytes], report: Mapping[str, Any], profile: Profile, draw: Draw
 ) -> list[Evidence]:
     """Read the tables of episodes: the declared traffic first, then each other one.
 
@@ -133,18 +132,18 @@ def evidence_of(
         raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
     attributes = [_attributes_of([*report["references"], *report["left_out"]])]
     scenarios, purposes = [scenario], ["episodes"]
-    for number, one in enumerate(_traffic(report, profile)):
+    for number, variant in enumerate(_traffic(report, profile)):
         attributes.append(_attributes_of(report["shift"]["traffic"][number]["references"]))
-        scenarios.append(one.world.description)
+        scenarios.append(variant.world.description)
         purposes.append(f"shift {number}")
     policy = report["policy"]["means"]["name"]
-    trivial, found = [one["name"] for one in report["trivial"]], []
+    trivial, tables = [driver["name"] for driver in report["trivial"]], []
     for number, purpose in enumerate(purposes):
         path = evidence_path(number)
         if path not in files:
             raise UserError(f"{path} is missing")
         try:
-            one = read_table(
+            table = read_table(
                 files[path],
                 scenarios[number],
                 policy,
@@ -154,11 +153,11 @@ def evidence_of(
             )
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
-        _check_seeds(one, drawn.derived(purpose), report["seeds"]["episodes"], path)
-        found.append(one)
+        _check_seeds(table, draw.derived(purpose), report["seeds"]["episodes"], path)
+        tables.append(table)
     if profile.rule is not None:
-        found[0] = _with_contexts(found[0], files, profile.rule)
-    return found
+        tables[0] = _with_contexts(tables[0], files, profile.rule)
+    return tables
 
 
 def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRule) -> Evidence:
@@ -166,13 +165,13 @@ def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRu
     if CONTEXTS not in files:
         raise UserError(f"{CONTEXTS} is missing")
     try:
-        found = read_contexts(files[CONTEXTS], evidence.episodes, len(rule.contexts), CANDIDATES)
+        contexts = read_contexts(files[CONTEXTS], evidence.episodes, len(rule.contexts), CANDIDATES)
     except UserError as error:
         raise UserError(f"{CONTEXTS}: {error}") from error
     lost = evidence.policy.lost
-    if lost is None or not np.array_equal(found.declared.sum(axis=1), lost):
+    if lost is None or not np.array_equal(contexts.declared.sum(axis=1), lost):
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
-    policy = dataclasses.replace(evidence.policy, contexts=found)
+    policy = dataclasses.replace(evidence.policy, contexts=contexts)
     return dataclasses.replace(evidence, policy=policy)
 
 
@@ -187,17 +186,91 @@ def _check_seeds(evidence: Evidence, seed: int, episodes: int, path: str) -> Non
 def _traffic(report: Mapping[str, Any], profile: Profile) -> Sequence[Traffic]:
     if report["shift"] is None:
         return ()
-    found = other_traffic(profile)
-    if len(report["shift"]["traffic"]) != len(found):
+    traffic = other_traffic(profile)
+    if len(report["shift"]["traffic"]) != len(traffic):
         raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
-    return found
+    return traffic
 
 
 def _attributes_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, ReferenceAttributes]:
     return {
-        one["name"]: ReferenceAttributes(
-            tuple(one["angles"]),
-            None if one["expected"] is None else RewardPair(**one["expected"]),
+        row["name"]: ReferenceAttributes(
+            tuple(row["angles"]),
+            None if row["expected"] is None else RewardPair(**row["expected"]),
         )
-        for one in rows
+        for row in rows
     }
+
+
+OF_A_RERUN = frozenset(f"report.{path}" for path in (*ALWAYS, *OF_CODE)) | {
+    # These follow from others, of which a rerun compares the decision.
+    "report.caveats",
+    "report.consistency",
+    "report.references[].record.isolation",
+    "report.left_out[].record.isolation",
+    "report.episodes.median[].film",
+    "report.episodes.worst[].film",
+}
+"""Places that may differ in a rerun: claims of the auditor, isolation, films."""
+
+
+def differences(
+    old: Any,
+    new: Any,
+    ignored: Set[str] = OF_A_RERUN,
+    relative: float = 0.0,
+) -> list[str]:
+    """Return the places where two reports differ, those of the verdict and its tests first.
+
+    Args:
+        old: Content of a `report.json`.
+        new: The same of another.
+        ignored: Places that are not compared, with [] for every row of a list.
+        relative: Largest difference of two numbers that are not both integers, as a share of the
+            larger, or of 1 if both are smaller. By default numbers must agree to the last digit,
+            as they do on the same machine with the same versions.
+    """
+    return sorted(_differences(old, new, ignored, relative, "report"), key=_rank)
+
+
+_FIRST = ("report.verdict", "report.tests.regret", "report.tests.competence", "report.tests")
+
+
+def _rank(path: str) -> int:
+    """Return a number that is smaller for a place that matters more."""
+    ranks = (number for number, above in enumerate(_FIRST) if path.startswith(above))
+    return next(ranks, len(_FIRST))
+
+
+def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: str) -> list[str]:
+    """Return the places below one place, in the order of the fields' names."""
+    if _ROW.sub("[]", path) in ignored:
+        return []
+    if isinstance(old, dict) and isinstance(new, dict):
+        missing = object()
+        pairs = [
+            (old.get(name, missing), new.get(name, missing), f"{path}.{name}")
+            for name in sorted(old.keys() | new.keys())
+        ]
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        pairs = [(*pair, f"{path}[{row}]") for row, pair in enumerate(zip(old, new, strict=True))]
+    else:
+        return [] if _same(old, new, relative) else [path]
+    return [
+        difference
+        for old_value, new_value, below in pairs
+        for difference in _differences(old_value, new_value, ignored, relative, below)
+    ]
+
+
+_ROW = re.compile(r"\[\d+\]")
+
+
+def _same(old: Any, new: Any, relative: float) -> bool:
+    if relative and {type(old), type(new)} in ({float}, {float, int}):
+        return math.isclose(old, new, rel_tol=relative, abs_tol=relative)
+    return _text(old) == _text(new)
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, default=str)

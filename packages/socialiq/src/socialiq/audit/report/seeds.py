@@ -6,13 +6,9 @@ import datetime
 from collections.abc import Mapping
 from typing import Any
 
-from socialiq.audit.looks.look import Look, Opened
-from socialiq.audit.looks.spending import spend
+from socialiq.audit.looks.look import Look, Opened, spend
 from socialiq.audit.report.folder import REPORT
-from socialiq.audit.seeds.beacon import CHAIN, Round
-from socialiq.audit.seeds.commitment import Commitment, Draw, reveal
-from socialiq.audit.seeds.nonce import Nonce
-from socialiq.audit.seeds.worth import worth
+from socialiq.audit.seeds import CHAIN, Commitment, Draw, Nonce, Round, reveal, worth
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.to_json import to_json
 
@@ -42,13 +38,13 @@ def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
     }
 
 
-def _beacon(one: Round) -> dict[str, Any]:
+def _beacon(beacon: Round) -> dict[str, Any]:
     return {
         "chain_sha256": CHAIN,
-        "round": one.number,
-        "time": one.time.isoformat(),
-        "signature": one.signature,
-        "randomness": one.randomness,
+        "round": beacon.number,
+        "time": beacon.time.isoformat(),
+        "signature": beacon.signature,
+        "randomness": beacon.randomness,
     }
 
 
@@ -78,43 +74,43 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
     Raises:
         UserError: If the seed is a beacon's, and the library that checks signatures is missing.
     """
-    drawn, look = opened_of(report)
-    found = []
+    draw, look = opened_of(report)
+    faults = []
     if look is not None:
         spent = spend(whole_error(report["declaration"]["confidence"]), look.number)
         if look.error != spent.error:
-            found.append(f"{REPORT}: the error of look {look.number} is not its share")
+            faults.append(f"{REPORT}: the error of look {look.number} is not its share")
     if report["verdict"]["error"] != _error_of(report, look):
-        found.append(f"{REPORT}: the error of the verdict is not that of the look")
-    if drawn.revealed is not None:
-        found += _of_revealed(drawn, look)
-    elif drawn.source not in ("system entropy", "auditor's seed"):
-        found.append(f"{REPORT}: there is no {drawn.source}")
-    elif drawn.source == "auditor's seed" and look is not None:
-        found.append(f"{REPORT}: a log takes no audit whose seed was known before")
-    if not found and to_json(seeds_of(drawn, report["seeds"]["episodes"])) != report["seeds"]:
-        found.append(f"{REPORT}: its statements about the seed are not those of its source")
-    return found
+        faults.append(f"{REPORT}: the error of the verdict is not that of the look")
+    if draw.revealed is not None:
+        faults += _of_revealed(draw, look)
+    elif draw.source not in ("system entropy", "auditor's seed"):
+        faults.append(f"{REPORT}: there is no {draw.source}")
+    elif draw.source == "auditor's seed" and look is not None:
+        faults.append(f"{REPORT}: a log takes no audit whose seed was known before")
+    if not faults and to_json(seeds_of(draw, report["seeds"]["episodes"])) != report["seeds"]:
+        faults.append(f"{REPORT}: its statements about the seed are not those of its source")
+    return faults
 
 
 def _error_of(report: Mapping[str, Any], look: Look | None) -> float:
     return whole_error(report["declaration"]["confidence"]) if look is None else look.error
 
 
-def _of_revealed(drawn: Draw, look: Look | None) -> list[str]:
+def _of_revealed(draw: Draw, look: Look | None) -> list[str]:
     """Derive the seed again from the nonce or the beacon's round."""
-    assert drawn.revealed is not None
+    assert draw.revealed is not None
     if look is None:
-        return [f"{REPORT}: a seed of the {drawn.source} needs a log"]
-    found = []
-    if reveal(drawn.commitment, look.entry, drawn.revealed) != drawn:
-        found.append(f"{REPORT}: the seed does not follow from commitment and {drawn.source}")
-    if isinstance(drawn.revealed, Round):
-        if not drawn.revealed.is_genuine():
-            found.append(f"{REPORT}: the beacon did not sign this round")
-        if not _is_before(look.committed, drawn.revealed):
-            found.append(f"{REPORT}: the round was published before the commitment")
-    return found
+        return [f"{REPORT}: a seed of the {draw.source} needs a log"]
+    faults = []
+    if reveal(draw.commitment, look.entry, draw.revealed) != draw:
+        faults.append(f"{REPORT}: the seed does not follow from commitment and {draw.source}")
+    if isinstance(draw.revealed, Round):
+        if not draw.revealed.is_genuine():
+            faults.append(f"{REPORT}: the beacon did not sign this round")
+        if not _is_before(look.committed, draw.revealed):
+            faults.append(f"{REPORT}: the round was published before the commitment")
+    return faults
 
 
 def _is_before(committed: str, published: Round) -> bool:

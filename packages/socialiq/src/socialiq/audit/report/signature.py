@@ -125,18 +125,18 @@ def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> 
         signature = key.sign(body)
     else:
         signature = key.sign(body, ec.ECDSA(hashes.SHA256()))  # in DER, as sigstore and TUF
-    own = key_id(key.public_key())
-    others: list[dict[str, str]] = []
+    signer = key_id(key.public_key())
+    earlier: list[dict[str, str]] = []
     if envelope is not None:
-        payload, others = _opened(envelope)
-        kept = others if payload == statement else []
-        others = [one for one in kept if one["keyid"] != own]
-    if len(others) >= MOST_SIGNATURES:
+        payload, earlier = _opened(envelope)
+        valid = earlier if payload == statement else []
+        earlier = [entry for entry in valid if entry["keyid"] != signer]
+    if len(earlier) >= MOST_SIGNATURES:
         raise UserError(f"{SIGNATURES} has {MOST_SIGNATURES} signatures already")
     content = {
         "payload": base64.b64encode(statement).decode(),
         "payloadType": PAYLOAD_TYPE,
-        "signatures": [*others, {"keyid": own, "sig": base64.b64encode(signature).decode()}],
+        "signatures": [*earlier, {"keyid": signer, "sig": base64.b64encode(signature).decode()}],
     }
     return (json.dumps(content, indent=2) + "\n").encode()
 
@@ -158,7 +158,7 @@ def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]
         return [f"the signature in {SIGNATURES} is of another statement than {STATEMENT}"]
     # The key's id is a hint that anyone can write: what counts is the signature.
     body = encoded(PAYLOAD_TYPE, payload)
-    if any(_is_valid(one["sig"], body, key) for one in signatures):
+    if any(_is_valid(entry["sig"], body, key) for entry in signatures):
         return []
     return [f"no signature in {SIGNATURES} is by the key {key_id(key)}"]
 
@@ -181,7 +181,7 @@ def _opened(envelope: bytes) -> tuple[bytes, list[dict[str, str]]]:
         content = json.loads(envelope)
         if content["payloadType"] != PAYLOAD_TYPE:
             raise ValueError("payload type")
-        signatures = [_signature(one) for one in content["signatures"]]
+        signatures = [_signature(entry) for entry in content["signatures"]]
         payload = _from_base64(content["payload"])
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UserError(f"{SIGNATURES} is not an envelope of a statement: sign again") from error
@@ -190,11 +190,14 @@ def _opened(envelope: bytes) -> tuple[bytes, list[dict[str, str]]]:
     return payload, signatures
 
 
-def _signature(one: Any) -> dict[str, str]:
-    found = {"keyid": one.get("keyid", "") if isinstance(one, dict) else None, "sig": one["sig"]}
-    if not all(isinstance(text, str) for text in found.values()):
+def _signature(entry: Any) -> dict[str, str]:
+    fields = {
+        "keyid": entry.get("keyid", "") if isinstance(entry, dict) else None,
+        "sig": entry["sig"],
+    }
+    if not all(isinstance(text, str) for text in fields.values()):
         raise ValueError("signature")
-    return found
+    return fields
 
 
 def _from_base64(text: str) -> bytes:

@@ -1,7 +1,8 @@
-"""Verify a report's folder: hash every file, and make again what follows from the episodes."""
+"""Verify a report's folder: its hashes, what follows from its episodes, and its audit log."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +11,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.evidence.context_table import PATH as CONTEXTS
+from socialiq.audit.evidence.table import CONTEXTS
+from socialiq.audit.looks.log import RESULT, SEED, AuditLog, Subject, read
+from socialiq.audit.looks.look import Look, origin_of
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import (
     MANIFEST,
@@ -25,8 +28,8 @@ from socialiq.audit.report.folder import (
     views_of,
 )
 from socialiq.audit.report.recompute import recomputed_differences
-from socialiq.audit.report.seeds import faults_of_seeds
-from socialiq.audit.seeds.commitment import Commitment
+from socialiq.audit.report.seeds import faults_of_seeds, opened_of
+from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
@@ -93,10 +96,10 @@ def fault_of(value: Any, schema: dict[str, Any]) -> str:
         error = error.context[0]
     if error is None:
         return ""
-    place = "the report" + "".join(
+    path_in_report = "the report" + "".join(
         f"[{step}]" if isinstance(step, int) else f".{step}" for step in error.absolute_path
     )
-    return one_line(f"{place} {_fault(error)}")
+    return one_line(f"{path_in_report} {_fault(error)}")
 
 
 def _validator(schema: dict[str, Any]) -> Any:
@@ -104,7 +107,7 @@ def _validator(schema: dict[str, Any]) -> Any:
 
     # JSON Schema takes 1.0 for an integer, but a count of episodes has to be one in Python too.
     types = Draft202012Validator.TYPE_CHECKER.redefine(
-        "integer", lambda _, one: isinstance(one, int) and not isinstance(one, bool)
+        "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
     return validators.extend(Draft202012Validator, type_checker=types)(schema)
 
@@ -140,7 +143,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
     """
     if not (folder / MANIFEST).is_file() or not (folder / REPORT).is_file():
         raise UserError(f"{folder} has no report: name a folder that `socialiq audit` wrote")
-    found: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     size = 0
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
@@ -150,13 +153,13 @@ def content_of(folder: Path) -> dict[str, bytes]:
         if not path.is_file():
             raise UserError(f"{path} is not a plain file: a report's folder has plain files only")
         size += path.stat().st_size
-        if len(found) >= MOST_FILES or size > LARGEST_FOLDER:
+        if len(contents) >= MOST_FILES or size > LARGEST_FOLDER:
             raise UserError(f"{folder} holds more than an audit writes: {path.name}")
         try:
-            found[path.relative_to(folder).as_posix()] = path.read_bytes()
+            contents[path.relative_to(folder).as_posix()] = path.read_bytes()
         except OSError as error:
             raise UserError(f"cannot read {path}: {error.strerror}") from error
-    return found
+    return contents
 
 
 @dataclass(frozen=True)
@@ -186,21 +189,21 @@ def check_folder(folder: Path) -> Findings:
         UserError: As `content_of`, or if its report or declaration can't be read.
     """
     files = content_of(folder)
-    found = _of_manifest(files)
-    if found:
-        return Findings(found)
+    damage = _of_manifest(files)
+    if damage:
+        return Findings(damage)
     # A forger can change hashes too; the files must still be consistent with the report.
     report = parse_report(files[REPORT], folder / REPORT)
-    found = [*_of_statement(files, report), *_of_profile(files, report)]
-    if found:
-        return Findings(found)
+    damage = [*_of_statement(files, report), *_of_profile(files, report)]
+    if damage:
+        return Findings(damage)
     try:
         numbers = recomputed_differences(files, report)
     except UserError as error:
         return Findings([str(error)])
     pages = _other_views(files, report)
-    faults = [f"{one} is not the page of {REPORT}" for one in pages]
-    faults += [f"{one} does not follow from the episodes" for one in numbers]
+    faults = [f"{page} is not the page of {REPORT}" for page in pages]
+    faults += [f"{number} does not follow from the episodes" for number in numbers]
     if faults and (_is_ours(report) or DECISION in numbers):
         return Findings(faults)
     episodes = f"{report['seeds']['episodes']} episodes"
@@ -227,14 +230,14 @@ def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
     if listed is None:
         return [f"{MANIFEST} is damaged"]
     there = files.keys() - {MANIFEST, SIGNATURES}
-    found = [f"{name} is missing" for name in sorted(listed.keys() - there)]
-    found += [f"{name} was added" for name in sorted(there - listed.keys())]
+    damage = [f"{name} is missing" for name in sorted(listed.keys() - there)]
+    damage += [f"{name} was added" for name in sorted(there - listed.keys())]
     fresh = _listed(manifest(files)) or {}
     same = sorted(there & listed.keys())
-    found += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
-    if not found and manifest(files) != files[MANIFEST]:
-        found = [f"{MANIFEST} was changed"]
-    return found
+    damage += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
+    if not damage and manifest(files) != files[MANIFEST]:
+        damage = [f"{MANIFEST} was changed"]
+    return damage
 
 
 def _listed(content: bytes) -> dict[str, str] | None:
@@ -257,12 +260,12 @@ def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[s
     hashes = report["hashes"]
     committed = Commitment(hashes["policy"], hashes["profile"]).sha256
     declared = parse(files[PROFILE], PROFILE)
-    found = []
+    damage = []
     if declared.sha256 != hashes["profile"]:
-        found.append(f"{PROFILE} is not the declaration of {REPORT}")
+        damage.append(f"{PROFILE} is not the declaration of {REPORT}")
     if committed != report["seeds"]["commitment_sha256"]:
-        found.append(f"the commitment in {REPORT} is not that of its hashes")
-    return found or faults_of_seeds(report)
+        damage.append(f"the commitment in {REPORT} is not that of its hashes")
+    return damage or faults_of_seeds(report)
 
 
 def _is_ours(report: Mapping[str, Any]) -> bool:
@@ -277,9 +280,72 @@ def _other_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[
 
 def _unknown(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
     """Return the files that no audit writes."""
-    episodes = [one for rows in report["episodes"].values() for one in rows]
+    episodes = [row for rows in report["episodes"].values() for row in rows]
     traffic = report["shift"]["traffic"] if report["shift"] else []
-    known = {REPORT, PROFILE, *SEALS, *views_of(report), *(one["film"] for one in episodes)}
-    known |= {evidence_path(number) for number in range(len(traffic) + 1)}
-    known |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
-    return sorted(files.keys() - known)
+    expected = {REPORT, PROFILE, *SEALS, *views_of(report), *(row["film"] for row in episodes)}
+    expected |= {evidence_path(number) for number in range(len(traffic) + 1)}
+    expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
+    return sorted(files.keys() - expected)
+
+
+def faults_by_log(folder: Path, path: Path) -> list[str]:
+    """Return how a report differs from a log, nothing if it is the look that it claims to be.
+
+    The log may have grown since. Every commitment before the report's counts as a look, so a report
+    that hides one has another number than the log.
+
+    Args:
+        folder: Folder of the report, without faults of its own.
+        path: File of the log.
+
+    Raises:
+        UserError: If the log can't be read, or its chain is broken.
+    """
+    report = read_report(folder / REPORT)
+    _, look = opened_of(report)
+    if look is None:
+        return [f"{REPORT} names no audit log"]
+    declared = report["declaration"]
+    subject = Subject(declared["owner"], declared["scenario"]["sha256"])
+    log = AuditLog(path, subject.sha256, read(path, subject.sha256))
+    number = log.look_of(look.entry)
+    if number == 0:
+        return [f"{path} has no look {look.number} of {REPORT}: one of them was written again"]
+    differing = []
+    if number != look.number:
+        differing.append(
+            f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"
+        )
+    differing += _of_entry(report, look, log)
+    result = log.following(RESULT, look.entry)
+    sha256 = hashlib.sha256((folder / REPORT).read_bytes()).hexdigest()
+    if result is None or result["report_sha256"] != sha256:
+        differing.append(f"{path} has another result for look {number}, or none")
+    return differing
+
+
+def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]:
+    """Compare the lines of commitment and seed."""
+    entry = next(line for line in log.entries if line["sha256"] == look.entry)
+    seed = log.following(SEED, look.entry)
+    claims = {
+        "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
+        "declaration": (entry["profile_sha256"], report["hashes"]["profile"]),
+        "number of episodes": (entry["episodes"], report["seeds"]["episodes"]),
+        "selection of actions": (entry["soft"], not report["policy"]["deterministic"]),
+        "time of the commitment": (entry["time"], look.committed),
+        "line before it": (entry["previous"], look.before),
+        "source of the seed": (entry["seed"], _origin(report)),
+        "seed": (seed and seed["seed"], report["seeds"]["seed"]),
+    }
+    return [
+        f"{REPORT}: its {what} is not that of {log.path}"
+        for what, (logged, told) in claims.items()
+        if logged != told
+    ]
+
+
+def _origin(report: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the origin of the seed as the commitment names it."""
+    draw = opened_of(report).drawn
+    return {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed)

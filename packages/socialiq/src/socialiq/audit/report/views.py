@@ -3,17 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.names import names_of
 from socialiq.audit.profile.junction import is_junction
+from socialiq.audit.profile.profile import world_of
 from socialiq.audit.report import pictures
-from socialiq.audit.report.angle_picture import angles
 from socialiq.audit.report.animations import moving
-from socialiq.audit.report.watch import replays
+from socialiq.audit.report.pictures import angles
+from socialiq.audit.report.words import names_of
 from socialiq.foreign import Markdown, printable, templates
+from socialiq.page.bundle import program
+from socialiq.page.content import core
+from socialiq.page.write import embedded, source_hash
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
+
+_KEPT = ("seed", "r_env", "r_social", "ending", "decisions")
+
+
+class Replays(NamedTuple):
+    """Program and data that replay episodes in a page.
+
+    Attributes:
+        program: The script.
+        data: Its data as JSON: the core, its layout, and the episodes.
+        allowed: Sources of scripts that the page's content security policy allows.
+    """
+
+    program: str
+    data: str
+    allowed: str
+
+
+def replays(report: Mapping[str, Any]) -> Replays | None:
+    """Return the replays of a report's episodes; None where none has decisions.
+
+    Args:
+        report: Content of `report.json`.
+
+    Raises:
+        UserError: If its scenario is not one of the intersection's.
+    """
+    rows = [
+        {"kind": kind, "number": number, "actions": row["trace"]["actions"]}
+        | {name: row[name] for name in _KEPT}
+        for kind, rows in sorted(report["episodes"].items(), reverse=True)
+        for number, row in enumerate(rows, 1)
+        if row["trace"] and row["trace"]["actions"]
+    ]
+    scenario = report["declaration"]["scenario"]
+    if not rows or scenario["world"] != "intersection":
+        return None
+    world = world_of(scenario["world"], scenario["options"])
+    assert isinstance(world, Intersection)
+    script = program("watch")
+    data = embedded({**core(world.options), "episodes": rows})
+    return Replays(script, data, f"{source_hash(script)} 'wasm-unsafe-eval'")
+
 
 Real = int | float
 """A number of JSON, where a whole number is an int."""
@@ -57,31 +104,31 @@ def arc(low: Real, high: Real) -> str:
     return f"{degrees(first)} to {degrees(first + high - low)}"
 
 
-def arcs(found: Sequence[dict[str, Real]]) -> str:
+def arcs(ranges: Sequence[dict[str, Real]]) -> str:
     """Return arcs in one line."""
-    return ", ".join(arc(one["low"], one["high"]) for one in found) or "none"
+    return ", ".join(arc(bounds["low"], bounds["high"]) for bounds in ranges) or "none"
 
 
 def meaning(angle: Real) -> str:
     """Return the meaning of an angle for a driver."""
-    own, others = "its own progress", "the ease of the others"
+    progress, ease = "its own progress", "the ease of the others"
     exact = {
-        0.0: f"only {own} counts",
-        45.0: f"{own} and {others} count alike",
-        90.0: f"only {others} counts",
-        180.0: f"losing {own} is all that counts",
+        0.0: f"only {progress} counts",
+        45.0: f"{progress} and {ease} count alike",
+        90.0: f"only {ease} counts",
+        180.0: f"losing {progress} is all that counts",
         270.0: "hindering the others is all that counts",
     }
     if angle in exact:
         return exact[angle]
     if angle < 90.0:
-        more, less = (own, others) if angle < 45.0 else (others, own)
-        return f"{more} counts more than {less}"
+        heavier, less = (progress, ease) if angle < 45.0 else (ease, progress)
+        return f"{heavier} counts more than {less}"
     if angle < 180.0:
-        return f"{others} counts, and {own} counts against it"
+        return f"{ease} counts, and {progress} counts against it"
     if angle < 270.0:
-        return f"both {own} and {others} count against it"
-    return f"{own} counts, and {others} counts against it"
+        return f"both {progress} and {ease} count against it"
+    return f"{progress} counts, and {ease} counts against it"
 
 
 def outcome(decision: str) -> str:
@@ -91,43 +138,50 @@ def outcome(decision: str) -> str:
 
 def compatible(report: Mapping[str, Any]) -> str:
     """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
-    found = report["tests"]["rationalised"]
-    if found["arcs"]:
-        where = "every angle" if arcs(found["arcs"]) == "every angle" else arcs(found["arcs"])
-        return f"In the blue part of the curve it is within the margin: {where}."
+    nearest = report["tests"]["rationalised"]
+    if nearest["arcs"]:
+        return f"In the blue part of the curve it is within the margin: {arcs(nearest['arcs'])}."
     return (
-        f"At no angle is it within the margin. It is nearest at {degrees(found['least_angle'])} "
-        f"(circle), {number(found['least'])} below the best, where {number(found['margin'])} is "
-        "allowed."
+        f"At no angle is it within the margin. It is nearest at {degrees(nearest['least_angle'])} "
+        f"(circle), {number(nearest['least'])} below the best, where "
+        f"{number(nearest['margin'])} is allowed."
     )
 
 
-def others(report: Mapping[str, Any], named: int = 3) -> str:
+def others(report: Mapping[str, Any], most: int = 3) -> str:
     """Return how many other drivers would pass the declaration, in a sentence.
 
     Args:
         report: Content of `report.json`.
-        named: Largest number of their names in it.
+        most: Largest number of their names in it.
     """
-    found, names = report["discrimination"], names_of(report)
-    if not found["of"]:
+    tried, names = report["discrimination"], names_of(report)
+    if not tried["of"]:
         return "There is no other driver that could be judged by this declaration."
-    if not found["would_pass"]:
-        return f"None of {found['of']} other drivers would pass this declaration."
-    passing: list[str] = [one["name"] for one in found["drivers"] if one["decision"] == "pass"]
-    more = f" and {len(passing) - named} more" if len(passing) > named else ""
-    which = f": {'; '.join(names.get(one, one) for one in passing[:named])}{more}" if named else ""
-    return f"{found['would_pass']} of {found['of']} other drivers would pass it too{which}."
+    if not tried["would_pass"]:
+        return f"None of {tried['of']} other drivers would pass this declaration."
+    passing: list[str] = [
+        names.get(row["name"], row["name"]) for row in tried["drivers"] if _passes(row)
+    ]
+    remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
+    which = f": {'; '.join(passing[:most])}{remaining}" if most else ""
+    return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
+
+
+def _passes(row: Mapping[str, Any]) -> bool:
+    return row["decision"] == "pass"
 
 
 def compatible_angles(context: Mapping[str, Any]) -> str:
     """Return the angles that are compatible with the driving in a context of a rule."""
-    return ", ".join(degrees(one["angle"]) for one in context["by_angle"] if one["compatible"])
+    return ", ".join(
+        degrees(candidate["angle"]) for candidate in context["by_angle"] if candidate["compatible"]
+    )
 
 
-def options(found: dict[str, Any]) -> str:
+def options(values: dict[str, Any]) -> str:
     """Return the options of a world in one line."""
-    return ", ".join(f"{name} = {value}" for name, value in found.items()) or "defaults"
+    return ", ".join(f"{name} = {value}" for name, value in values.items()) or "defaults"
 
 
 def headline(decision: str) -> str:
@@ -151,8 +205,8 @@ def blank(who: str) -> Markdown:
 
 
 FILTERS = {
-    one.__name__: one
-    for one in (
+    function.__name__: function
+    for function in (
         number,
         percent,
         measured,
@@ -210,7 +264,9 @@ def _add_words(pages: Any) -> None:
 
 def _words(report: Mapping[str, Any]) -> dict[str, Any]:
     """Return the variables of both pages that follow from the report."""
-    decisions = {one["name"]: one["decision"] for one in report["discrimination"]["drivers"]}
+    decisions = {
+        driver["name"]: driver["decision"] for driver in report["discrimination"]["drivers"]
+    }
     names = names_of(report)
     return {
         "report": report,

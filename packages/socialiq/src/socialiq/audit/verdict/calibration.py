@@ -15,8 +15,11 @@ from jaxtyping import Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.verdict.decision import Decision
+from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle import angle_difference
+from socialiq.social.angle_rule import AngleRule, angle_words
 from socialiq.statistics.bootstrap import resampled_means
+from socialiq.statistics.comparisons import paired_difference
 
 _DECIMALS = 6  # of an angle: neighbouring intervals share their ends up to rounding
 
@@ -61,9 +64,11 @@ def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
     """
     first = 90.0 * max(0, math.ceil(declared / 90.0) - 1)  # 90 is the end of the first
     rows: list[tuple[float, float, int]] = []
-    for number, one in enumerate(references):
-        for turn in (-360.0, 0.0, 360.0) if one.angles else ():
-            low, high = (round(end + turn, _DECIMALS) for end in (one.angles[0], one.angles[-1]))
+    for number, reference in enumerate(references):
+        for turn in (-360.0, 0.0, 360.0) if reference.angles else ():
+            low, high = (
+                round(end + turn, _DECIMALS) for end in (reference.angles[0], reference.angles[-1])
+            )
             clipped = {max(low, first), min(high, first + 90.0)}
             if max(low, first) <= min(high, first + 90.0):
                 rows += [(angle, (low + high) / 2, number) for angle in sorted(clipped)]
@@ -76,7 +81,7 @@ def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
 
 def preimage(
     angle: Float[np.ndarray, " point"],
-    shown: Float[np.ndarray, "resample point"],
+    alpha: Float[np.ndarray, "resample point"],
     sought: Float[np.ndarray, " resample"],
 ) -> Preimage:
     """Invert the curve, taken as straight lines between its points.
@@ -86,13 +91,13 @@ def preimage(
 
     Args:
         angle: Angle of each point, rising, at least two.
-        shown: α̂ of the points, unwrapped along the curve.
+        alpha: α̂ of the points, unwrapped along the curve.
         sought: α̂ to invert, unwrapped likewise.
     """
     low = np.full(len(sought), np.inf)
     high = np.full(len(sought), -np.inf)
     for left in range(len(angle) - 1):
-        y, z = shown[:, left], shown[:, left + 1]
+        y, z = alpha[:, left], alpha[:, left + 1]
         inside = (np.minimum(y, z) - _LEVEL <= sought) & (sought <= np.maximum(y, z) + _LEVEL)
         flat = np.abs(z - y) <= _LEVEL
         way = np.divide(sought - y, z - y, out=np.zeros_like(y), where=~flat).clip(0.0, 1.0)
@@ -100,7 +105,7 @@ def preimage(
         low = np.minimum(low, np.where(inside, np.where(flat, angle[left], at), np.inf))
         high = np.maximum(high, np.where(inside, np.where(flat, angle[left + 1], at), -np.inf))
     beyond = np.isinf(low)
-    nearest = np.abs(shown - sought[:, None]).argmin(axis=1)
+    nearest = np.abs(alpha - sought[:, None]).argmin(axis=1)
     low = np.where(beyond, angle[nearest], low)
     return Preimage(low, np.where(beyond, angle[nearest], high), beyond)
 
@@ -175,32 +180,34 @@ def calibrate(
         resamples: Number of resamples.
     """
     points = points_of(evidence.references, declared)
-    drivers = [*(evidence.references[place] for place in points.driver), evidence.policy]
-    estimates = np.array([one.mean for one in drivers], np.float64)
+    drivers = [*(evidence.references[number] for number in points.driver), evidence.policy]
+    estimates = np.array([driver.mean for driver in drivers], np.float64)
     angles = np.degrees(np.arctan2(estimates[:, 1], estimates[:, 0]))
-    shown = np.unwrap(angles[:-1], period=360.0)
+    alphas = np.unwrap(angles[:-1], period=360.0)
     curve = tuple(
-        CurvePoint(one.name, angle, alpha)
-        for one, angle, alpha in zip(drivers, points.angle.tolist(), shown.tolist(), strict=False)
+        CurvePoint(driver.name, angle, alpha)
+        for driver, angle, alpha in zip(
+            drivers, points.angle.tolist(), alphas.tolist(), strict=False
+        )
     )
-    monotone = bool((np.diff(shown) >= -1e-9).all())
+    monotone = bool((np.diff(alphas) >= -1e-9).all())
     if len(set(points.angle.tolist())) < 2 or not identified:
         status: Status = "no direction" if not identified else "no curve"
         undecided = Decision.INCONCLUSIVE
         return Calibration(
             status, undecided, declared, margin, None, None, None, error, monotone, curve
         )
-    middle = float(shown.min() + shown.max()) / 2
-    centre = np.append(shown, middle + angle_difference(float(angles[-1]), middle))
-    means = resampled_means(np.stack([one.totals for one in drivers]), seed, resamples)
-    drawn = np.degrees(np.arctan2(means[..., 1], means[..., 0]))
-    drawn = centre + _wrapped(drawn - angles)
+    middle = float(alphas.min() + alphas.max()) / 2
+    centre = np.append(alphas, middle + angle_difference(float(angles[-1]), middle))
+    means = resampled_means(np.stack([driver.totals for driver in drivers]), seed, resamples)
+    resampled = np.degrees(np.arctan2(means[..., 1], means[..., 0]))
+    resampled = centre + _wrapped(resampled - angles)
     at = preimage(points.angle, centre[None, :-1], centre[-1:])
-    found = preimage(points.angle, drawn[:, :-1], drawn[:, -1])
-    low = float(np.quantile(found.low, error))
-    high = float(np.quantile(found.high, 1.0 - error))
+    inverse = preimage(points.angle, resampled[:, :-1], resampled[:, -1])
+    low = float(np.quantile(inverse.low, error))
+    high = float(np.quantile(inverse.high, 1.0 - error))
     # An end of the curve may be inside the interval; if all of it is beyond, there is no angle.
-    beyond = bool(found.beyond.mean() > 1.0 - error)
+    beyond = bool(inverse.beyond.mean() > 1.0 - error)
     first = declared + 360.0 * round((points.angle.mean() - declared) / 360.0)
     return Calibration(
         status="beyond the curve" if beyond else "calibrated",
@@ -226,3 +233,79 @@ def _tost(low: float, high: float, declared: float, margin: float) -> Decision:
 def _wrapped(degrees: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Return differences of angles in [-180, 180)."""
     return (degrees + 180.0) % 360.0 - 180.0
+
+
+@dataclass(frozen=True)
+class CandidateLoss:
+    """Decision loss of a context at an angle in degrees, reward per episode.
+
+    Attributes:
+        angle: The angle.
+        loss: Mean loss.
+        compatible: Whether it is not significantly larger than the least one.
+    """
+
+    angle: float
+    loss: float
+    compatible: bool
+
+
+@dataclass(frozen=True)
+class FollowedAngle:
+    """A policy in one context of a declared rule.
+
+    Attributes:
+        context: The context in words.
+        declared: Its declared angle in words.
+        decisions: Mean number of decisions in an episode.
+        loss: Mean decision loss at the declared angle, reward per episode.
+        low: Lower end of its two-sided interval (Student).
+        high: Upper end.
+        by_angle: Loss at other angles: the policy follows the angle of the least one.
+    """
+
+    context: str
+    declared: str
+    decisions: float
+    loss: float
+    low: float
+    high: float
+    by_angle: tuple[CandidateLoss, ...]
+
+
+def followed_angles(
+    rule: AngleRule, losses: ContextLosses, candidates: tuple[float, ...], confidence: float
+) -> tuple[FollowedAngle, ...]:
+    """Return the angle that a policy follows in each context.
+
+    Args:
+        rule: The declared rule.
+        losses: Decision losses of the policy.
+        candidates: Angles of `by_angle`, in degrees.
+        confidence: Confidence of the intervals, and of each comparison of two angles.
+    """
+    followed = []
+    for number, context in enumerate(rule.contexts):
+        by_angle, declared = losses.by_angle[:, number], losses.declared[:, number]
+        least = by_angle[:, int(by_angle.mean(axis=0).argmin())]
+        interval = paired_difference(declared, np.zeros_like(declared), confidence)
+        rows = [
+            CandidateLoss(
+                angle,
+                float(loss.mean()),
+                bool(paired_difference(loss, least, confidence).low <= 0.0),
+            )
+            for angle, loss in zip(candidates, by_angle.T, strict=True)
+        ]
+        followed.append(
+            FollowedAngle(
+                context=context,
+                declared=angle_words(rule.angles[number]),
+                decisions=float(losses.decisions[:, number].mean()),
+                loss=interval.mean,
+                low=interval.low,
+                high=interval.high,
+                by_angle=tuple(rows),
+            )
+        )
+    return tuple(followed)

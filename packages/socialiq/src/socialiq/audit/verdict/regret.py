@@ -8,14 +8,14 @@ from typing import Literal
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.decision import Decision, decide
-from socialiq.audit.verdict.declared_loss import (
+from socialiq.audit.verdict.bounds import (
     LossBounds,
+    Regrets,
     exceeds,
     loss_bounds,
     needed_with,
 )
-from socialiq.audit.verdict.regrets import Regrets
+from socialiq.audit.verdict.decision import Decision, decide
 from socialiq.social.angle import Arc, arcs_of_grid, complement
 
 
@@ -114,22 +114,22 @@ def regret_test(
     estimate, losses = regrets.estimate(angle), regrets.losses(angle)
     error = pass_error if estimate <= margin else fail_error
     if largest_loss is None:
-        found, needed = usual, regrets.needed(angle, margin, error)
+        bounds, needed = usual, regrets.needed(angle, margin, error)
     else:
-        found = loss_bounds(losses, compared, margin, largest_loss, pass_error, fail_error)
+        bounds = loss_bounds(losses, compared, margin, largest_loss, pass_error, fail_error)
         needed = needed_with(losses, compared, margin, largest_loss, error)
-    high = float(found.highs[compared].max())
+    high = float(bounds.highs[compared].max())
     most = np.where(compared, losses.max(axis=1), -np.inf)
     broken = largest_loss is not None and exceeds(float(most.max()), largest_loss)
-    names = [one.name for one in evidence.references]
-    means, highs = regrets.means(angle).tolist(), found.highs.tolist()
+    names = [reference.name for reference in evidence.references]
+    means, highs = regrets.means(angle).tolist(), bounds.highs.tolist()
     rows = zip(names, means, highs, compared.tolist(), strict=True)
     return RegretTest(
-        decision=Decision.FAIL if broken else decide(found.low, high, margin),
+        decision=Decision.FAIL if broken else decide(bounds.low, high, margin),
         angle=angle,
         margin=margin,
         regret=estimate,
-        low=found.low,
+        low=bounds.low,
         high=high,
         pass_error=pass_error,
         fail_error=fail_error,

@@ -16,10 +16,9 @@ import numpy as np
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import Profile
-from socialiq.audit.profile.scenario import World, scenario_sha256, world_of
+from socialiq.audit.profile.profile import Profile, World, scenario_sha256, world_of
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import decide_on
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
@@ -99,7 +98,7 @@ class Shift:
     @property
     def shown(self) -> tuple[Change, ...]:
         """Significant changes."""
-        return tuple(one for one in self.changes if one.shown)
+        return tuple(change for change in self.changes if change.shown)
 
 
 OTHER_TRAFFIC = (*INTERSECTIONS, "crossing7")
@@ -122,20 +121,25 @@ def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
     world = profile.world() if declared.world in OTHER_TRAFFIC else None
     if world is None or isinstance(world, Environment | Junction):
         raise UserError(f"{declared.world} has one traffic only: leave out --shift")
-    found: list[tuple[str, dict[str, Any]]] = []
+    variants: list[tuple[str, dict[str, Any]]] = []
     if isinstance(world, Intersection):
-        others = [name for name in POPULATIONS if name != world.options.population]
-        found = [(f"drivers of population {one}", {"population": one}) for one in others]
-        seen = not world.options.connected_lanes
-        sight = "who see across connected lanes" if seen else "who see their own lane only"
-        found.append((f"drivers {sight}", {"connected_lanes": seen}))
+        populations = [name for name in POPULATIONS if name != world.options.population]
+        variants = [
+            (f"drivers of population {population}", {"population": population})
+            for population in populations
+        ]
+        connected = not world.options.connected_lanes
+        sight = "who see across connected lanes" if connected else "who see their own lane only"
+        variants.append((f"drivers {sight}", {"connected_lanes": connected}))
     else:
         usual = world.options.spawn_probability
-        other = 2 * usual if 0.0 < usual <= 0.5 else 0.3
-        found = [(f"vehicles spawning at {other:g} a step", {"spawn_probability": other})]
+        probability = 2 * usual if 0.0 < usual <= 0.5 else 0.3
+        variants = [
+            (f"vehicles spawning at {probability:g} a step", {"spawn_probability": probability})
+        ]
     return tuple(
         Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
-        for name, changed in found
+        for name, changed in variants
     )
 
 
@@ -165,22 +169,22 @@ def shift_of(
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
     margin, floor = profile.margin.regret, profile.competence
     largest = profile.margin.largest_loss
-    found = []
-    for one, evidence in zip(traffic, there, strict=True):
+    shifts = []
+    for variant, evidence in zip(traffic, there, strict=True):
         regrets = Regrets(evidence, seed, resamples, largest)
         decisive = decide_on(evidence, regrets, profile.angle, margin, floor, error)
-        found.append(
+        shifts.append(
             Shift(
-                one.name,
-                dict(one.options),
-                scenario_sha256(one.world),
+                variant.name,
+                dict(variant.options),
+                scenario_sha256(variant.world),
                 evidence.episodes,
                 decisive.decision,
                 decisive.regret.best,
                 changes(declared, evidence, profile.angle, confidence),
             )
         )
-    return tuple(found)
+    return tuple(shifts)
 
 
 def changes(
@@ -195,38 +199,40 @@ def changes(
         confidence: Confidence of each interval.
     """
     old, new = _regrets(declared, angle), _regrets(there, angle)
-    found = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
-    before, after = (events_of(one.policy) for one in (declared, there))
-    best_before, best_after = (events_of(_best(one, angle)) for one in (declared, there))
+    rows = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
+    before, after = (events_of(evidence.policy) for evidence in (declared, there))
+    best_before, best_after = (events_of(_best(evidence, angle)) for evidence in (declared, there))
     for name in CRITERIA:
-        counts = [(int(one[name].sum()), len(one[name])) for one in (after, before)]
+        counts = [(int(events[name].sum()), len(events[name])) for events in (after, before)]
         contrast = share_contrast(*counts[0], *counts[1], confidence)
         reference = float(best_after[name].mean() - best_before[name].mean())
         shares = before[name].mean(), after[name].mean()
-        found.append(_change(name, *shares, contrast, reference))
-    return tuple(found)
+        rows.append(_change(name, *shares, contrast, reference))
+    return tuple(rows)
 
 
 def sentence_of(shifts: Sequence[Shift]) -> str:
     """Return the result of the shift check in plain words."""
-    changed = [f"{one.name}: {_changes_text(one)}" for one in shifts if one.shown]
-    same = ", ".join(one.name for one in shifts if not one.shown)
+    changed = [f"{shift.name}: {_changes_text(shift)}" for shift in shifts if shift.shown]
+    same = ", ".join(shift.name for shift in shifts if not shift.shown)
     if not changed:
         return f"In other traffic ({same}) its driving does not change significantly."
-    rest = f" No significant change: {same}." if same else ""
-    return f"In other traffic it drives differently. With {'; with '.join(changed)}.{rest}"
+    unchanged = f" No significant change: {same}." if same else ""
+    return f"In other traffic it drives differently. With {'; with '.join(changed)}.{unchanged}"
 
 
 def _changes_text(shift: Shift) -> str:
-    parts = []
-    for one in shift.shown:
-        if one.measure == "regret":
-            way = "more" if one.change > 0 else "less"
-            parts.append(f"regret is {abs(one.change):.3g} {way}")
+    texts = []
+    for change in shift.shown:
+        if change.measure == "regret":
+            way = "more" if change.change > 0 else "less"
+            texts.append(f"regret is {abs(change.change):.3g} {way}")
         else:
-            way = "more often" if one.change > 0 else "less often"
-            parts.append(f"it {CRITERIA[one.measure]} {way}, by {100 * abs(one.change):.3g} points")
-    return ", ".join(parts)
+            way = "more often" if change.change > 0 else "less often"
+            texts.append(
+                f"it {CRITERIA[change.measure]} {way}, by {100 * abs(change.change):.3g} points"
+            )
+    return ", ".join(texts)
 
 
 def _change(
@@ -238,7 +244,9 @@ def _change(
 
 def _best(evidence: Evidence, angle: float) -> Outcomes:
     """Return the apparently best reference at an angle."""
-    return max(evidence.references, key=lambda one: score(exact_weights(angle), one.mean))
+    return max(
+        evidence.references, key=lambda reference: score(exact_weights(angle), reference.mean)
+    )
 
 
 def _regrets(evidence: Evidence, angle: float) -> np.ndarray:

@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.verdict.decision import Decision, FloorTest, floor_tests, joint_decision
 from socialiq.audit.verdict.regret import (
     CompatibleAngles,
     RegretTest,
     compatible_angles,
     regret_test,
 )
-from socialiq.audit.verdict.regrets import Regrets
-from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
@@ -116,14 +115,14 @@ def decide(
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    found = decide_on(evidence, regrets, angle, margin.regret, floor, error)
-    return replace(found, regret=replace(found.regret, angle=profile.angle))
+    decisive = decide_on(evidence, regrets, angle, margin.regret, floor, error)
+    return replace(decisive, regret=replace(decisive.regret, angle=profile.angle))
 
 
 def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
     """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
     competence = floor_tests(policy, floor, error, error / 2)
-    decision = joint_decision(one.decision for one in (regret, *competence))
+    decision = joint_decision(test.decision for test in (regret, *competence))
     return Decisive(decision, regret, competence)
 
 
@@ -172,18 +171,18 @@ def judge(
     resamples = enough_resamples(error, resamples)
     angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
-    found = decide(profile, evidence, seed, resamples, error, regrets)
-    undecided = found.decision is Decision.INCONCLUSIVE
+    decisive = decide(profile, evidence, seed, resamples, error, regrets)
+    undecided = decisive.decision is Decision.INCONCLUSIVE
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
     env, social = evidence.policy.totals.T.copy()
     return Verdict(
-        decision=found.decision,
-        reason=reason_of(found, profile.rule is not None),
+        decision=decisive.decision,
+        reason=reason_of(decisive, profile.rule is not None),
         episodes=evidence.episodes,
-        needed=_needed(found) if undecided else None,
+        needed=_needed(decisive) if undecided else None,
         error=error,
-        regret=found.regret,
+        regret=decisive.regret,
         rationalised=compatible_angles(regrets, margin.regret, error, error / 2),
         alpha_hat=estimate_angle(env, social, seed, profile.confidence, resamples)
         if identified
@@ -192,31 +191,31 @@ def judge(
         calibration=calibrate(
             curve or evidence, angle, margin.degrees, identified, seed, error, resamples
         ),
-        competence=found.competence,
+        competence=decisive.competence,
     )
 
 
-def _needed(found: Decisive) -> int | None:
+def _needed(decisive: Decisive) -> int | None:
     """Return the number of episodes for the slowest open test, None if no number is enough."""
-    tests = (found.regret, *found.competence)
-    needs = [one.needed for one in tests if one.decision is Decision.INCONCLUSIVE]
-    known = [one for one in needs if one is not None]
-    return max(known) if len(known) == len(needs) else None
+    tests = (decisive.regret, *decisive.competence)
+    needs = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
+    counts = [count for count in needs if count is not None]
+    return max(counts) if len(counts) == len(needs) else None
 
 
-def reason_of(found: Decisive, by_rule: bool = False) -> str:
+def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence.
 
     Args:
-        found: Tests and decision.
+        decisive: Tests and decision.
         by_rule: Whether a rule of the angle is declared.
     """
-    regret, competence = found.regret, found.competence
+    regret, competence = decisive.regret, decisive.competence
     where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
-    if found.decision is Decision.FAIL:
-        broken = [one for one in competence if one.decision is Decision.FAIL]
+    if decisive.decision is Decision.FAIL:
+        broken = [test for test in competence if test.decision is Decision.FAIL]
         return _failed(regret, broken, where)
-    if found.decision is Decision.PASS:
+    if decisive.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         text = (
             f"{where} the policy earns {less} per episode than the best reference "
@@ -224,10 +223,11 @@ def reason_of(found: Decisive, by_rule: bool = False) -> str:
             "safety floor."
         )
         return _assumed(regret) + text if regret.bound == "bootstrap" else _capital(text)
-    open_tests = [CRITERIA[one.name] for one in competence if one.decision is not Decision.PASS]
+    open_tests = [CRITERIA[test.name] for test in competence if test.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
     doubts += [
-        f"{one} often enough" if one == "arrives" else f"{one} too often" for one in open_tests
+        f"{event} often enough" if event == "arrives" else f"{event} too often"
+        for event in open_tests
     ]
     return (
         f"{regret.episodes} episodes are too few to decide whether the policy "
@@ -245,28 +245,28 @@ def _capital(text: str) -> str:
 
 
 def _failed(regret: RegretTest, broken: list[FloorTest], where: str) -> str:
-    parts = []
+    clauses = []
     if regret.broken:
-        parts.append(
+        clauses.append(
             f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
             f"where at most {_number(regret.largest_loss or 0.0)} was declared"
         )
     elif regret.decision is Decision.FAIL:
         assumed = "; if no loss of that driver is too rare to show"
-        parts.append(
+        clauses.append(
             f"{where} it earns at least {_number(regret.low)} "
             f"less per episode than the best reference driver ({_number(regret.margin)} less is "
             f"allowed{assumed if regret.bound == 'bootstrap' else ''})"
         )
-    for one in broken:
-        least = one.side == "at least"
-        bound = f"at most {_percent(one.high)}" if least else f"at least {_percent(one.low)}"
+    for test in broken:
+        least = test.side == "at least"
+        bound = f"at most {_percent(test.high)}" if least else f"at least {_percent(test.low)}"
         allowed = "needed" if least else "allowed"
-        parts.append(
-            f"it {CRITERIA[one.name]} in {bound} of episodes "
-            f"({one.side} {_percent(one.limit)} {allowed})"
+        clauses.append(
+            f"it {CRITERIA[test.name]} in {bound} of episodes "
+            f"({test.side} {_percent(test.limit)} {allowed})"
         )
-    return f"The policy does not behave as declared: {', and '.join(parts)}."
+    return f"The policy does not behave as declared: {', and '.join(clauses)}."
 
 
 def _number(value: float) -> str:

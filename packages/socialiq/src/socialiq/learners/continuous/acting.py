@@ -17,7 +17,7 @@ from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
-from socialiq.nn.dial_network import angle_columns
+from socialiq.nn.dial_policy import angle_columns
 from socialiq.types import ContinuousSimulator, Ending, RewardPair
 
 STEPS_PER_ANGLE = 100

@@ -16,8 +16,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.kernel import Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
-from socialiq.nn import squashed_gaussian
-from socialiq.nn.actor import Actor
+from socialiq.nn.actor import Actor, log_density
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.types import Transitions
 
@@ -53,7 +52,7 @@ class BehaviourCloning(behaviour_cloning.BehaviourCloning):
     ) -> tuple[Float[Array, ""], Terms]:
         """-E[log π(a|s)]."""
         mean, log_std = jax.vmap(network)(batch.observation)
-        loss = -jnp.mean(jax.vmap(squashed_gaussian.log_density)(batch.action, mean, log_std))
+        loss = -jnp.mean(jax.vmap(log_density)(batch.action, mean, log_std))
         return loss, {"loss": loss}
 
     def policy(

@@ -11,8 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn import squashed_gaussian
-from socialiq.nn.actor import Actor, TwinCritics
+from socialiq.nn.actor import Actor, TwinCritics, draw
 
 Scalar = Float[Array, ""]
 
@@ -35,7 +34,7 @@ def draw_actions(
     """Draw so many actions in each state, with gradients to the actor."""
     mean, log_std = jax.vmap(actor)(seen)
     noise = jax.random.normal(key, (count, *mean.shape))
-    of_rows = jax.vmap(squashed_gaussian.draw)
+    of_rows = jax.vmap(draw)
     return Drawn(*jax.vmap(of_rows, in_axes=(0, None, None))(noise, mean, log_std))
 
 

@@ -16,7 +16,7 @@ from socialiq.learners.collect import VectorCollector, columns_by_run, stepped
 from socialiq.learners.dial.acting import stratified
 from socialiq.learners.state import Runs
 from socialiq.nn.actor import Actor
-from socialiq.nn.dial_network import angle_columns
+from socialiq.nn.dial_policy import angle_columns
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
 

@@ -25,8 +25,8 @@ from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.schedules import cosine
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
-from socialiq.nn.dial_network import DialNetwork, knots_between
-from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Simulator, Transitions
 

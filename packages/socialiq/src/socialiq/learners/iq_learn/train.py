@@ -22,7 +22,7 @@ from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
 from socialiq.learners.kernel import Learner, Terms, Trained, described
 from socialiq.learners.state import HyperparameterArrays, TrainState
-from socialiq.nn.dueling_network import DuelingNetwork
+from socialiq.nn.q_network import DuelingNetwork
 from socialiq.types import Ending, Simulator, Transitions
 
 ENDINGS_SHARE = 0.01

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners.offline.config import StaticConfig
-from socialiq.nn.q_network import Encoding, affine_layers, encoding, through
+from socialiq.nn.q_network import affine_layers, encoding, through
+from socialiq.nn.view import Encoding
 from socialiq.types import RewardPair
 
 

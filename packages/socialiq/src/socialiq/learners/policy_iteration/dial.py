@@ -34,8 +34,8 @@ from socialiq.learners.policy_iteration.train import (
     trained,
 )
 from socialiq.learners.state import HyperparameterArrays, TrainState
-from socialiq.nn.dial_network import DialNetwork, angle_columns, knots_between
-from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy, angle_columns, knots_between
 from socialiq.nn.view import CHOICES
 from socialiq.social.angle import score
 from socialiq.types import RewardPair

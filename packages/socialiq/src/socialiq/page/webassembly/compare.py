@@ -47,29 +47,29 @@ class Equality:
     largest: float
 
 
-def compared(one: Replay, other: Replay, policy: Any = None) -> Equality:
+def compared(native: Replay, compiled: Replay, policy: Any = None) -> Equality:
     """Count what is equal in two replays with the same decisions.
 
     Args:
-        one: First replay.
-        other: Second replay.
+        native: First replay.
+        compiled: Second replay.
         policy: Driver that is asked again on what it sees in the second replay; None if it
             doesn't look, so that every decision is the same.
     """
-    decided = one.actions >= 0
+    decided = native.actions >= 0
     there = np.vstack([np.ones_like(decided[:1]), decided])  # states that an episode reached
-    mine, theirs = one.arrays, other.arrays
-    seen = (mine["observation"] == theirs["observation"]).all(axis=(2, 3))
-    apart = np.abs(mine["rewards"] - theirs["rewards"]).max(axis=2)[1:]
-    ended = mine["ending"] == theirs["ending"]
-    equal, gap = _states(mine, theirs)
+    ours, arrays = native.arrays, compiled.arrays
+    equal_inputs = (ours["observation"] == arrays["observation"]).all(axis=(2, 3))
+    apart = np.abs(ours["rewards"] - arrays["rewards"]).max(axis=2)[1:]
+    ended = ours["ending"] == arrays["ending"]
+    equal, gap = _states(ours, arrays)
     return Equality(
         episodes=decided.shape[1],
         same_endings=int((ended | ~there).all(axis=0).sum()),
         decisions=int(decided.sum()),
-        same_decisions=int((_again(other, policy) == one.actions)[decided].sum()),
+        same_decisions=int((_again(compiled, policy) == native.actions)[decided].sum()),
         observations=int(there.sum()),
-        equal_observations=int(seen[there].sum()),
+        equal_observations=int(equal_inputs[there].sum()),
         equal_rewards=int((apart == 0)[decided].sum()),
         close_rewards=int((apart <= CLOSE)[decided].sum()),
         equal_states=int((equal & (gap == 0))[there].sum()),
@@ -82,30 +82,30 @@ def _again(replay: Replay, policy: Any) -> np.ndarray:
     """Return the decisions that a driver takes on the observations of a replay."""
     if policy is None:
         return replay.actions
-    seen = replay.arrays["observation"][:-1]
-    asked = seen.reshape(-1, seen.shape[2] * seen.shape[3])
-    return np.asarray(policy.predict(asked, deterministic=True)[0]).reshape(replay.actions.shape)
+    observations = replay.arrays["observation"][:-1]
+    inputs = observations.reshape(-1, observations.shape[2] * observations.shape[3])
+    return np.asarray(policy.predict(inputs, deterministic=True)[0]).reshape(replay.actions.shape)
 
 
 def _states(
-    mine: dict[str, np.ndarray], theirs: dict[str, np.ndarray]
+    ours: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
 ) -> tuple[Bool[np.ndarray, "step episode"], Float[np.ndarray, "step episode"]]:
     """Return whether all but floats is equal, and the largest difference of floats."""
-    count = mine["episodes"]["vehicles"]
-    absent = np.arange(mine["vehicles"].shape[2]) >= count[..., None]
+    count = ours["episodes"]["vehicles"]
+    absent = np.arange(ours["vehicles"].shape[2]) >= count[..., None]
     equal, gap = np.ones(count.shape, bool), np.zeros(count.shape)
     for name in EPISODE.names or ():
-        _note(mine["episodes"][name], theirs["episodes"][name], None, equal, gap)
+        _note(ours["episodes"][name], arrays["episodes"][name], None, equal, gap)
     for name in VEHICLE.names or ():
-        _note(mine["vehicles"][name], theirs["vehicles"][name], absent, equal, gap)
+        _note(ours["vehicles"][name], arrays["vehicles"][name], absent, equal, gap)
     return equal, gap
 
 
-def _note(one: Any, other: Any, absent: Any, equal: np.ndarray, gap: np.ndarray) -> None:
-    if one.dtype.kind != "f":
-        same = one == other
+def _note(left: Any, right: Any, absent: Any, equal: np.ndarray, gap: np.ndarray) -> None:
+    if left.dtype.kind != "f":
+        same = left == right
         equal &= same if absent is None else (same | absent).all(axis=2)
         return
     with np.errstate(invalid="ignore"):  # infinity less infinity: a speed without a limit
-        apart = np.where(one == other, 0.0, np.abs(one - other))
+        apart = np.where(left == right, 0.0, np.abs(left - right))
     np.maximum(gap, apart if absent is None else np.where(absent, 0.0, apart).max(axis=2), out=gap)

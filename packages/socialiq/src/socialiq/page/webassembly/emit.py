@@ -62,9 +62,9 @@ def compiled(code: str) -> bytes:
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     module = llvm.parse_assembly(code)
-    for one in (*module.functions, *module.global_variables):
-        if not one.is_declaration and one.name != SYMBOL:
-            one.linkage = "internal"
+    for symbol in (*module.functions, *module.global_variables):
+        if not symbol.is_declaration and symbol.name != SYMBOL:
+            symbol.linkage = "internal"
     target = llvm.Target.from_triple(TRIPLE)
     machine = target.create_target_machine(opt=3, features=FEATURES)
     options = llvm.create_pipeline_tuning_options(speed_level=3)

@@ -26,7 +26,7 @@ def entry_of(options: Options) -> Callable[..., None]:
     # Not from the cache of the native one.
     run: Any = numba.njit(step.run.py_func, error_model="numpy")
     capacity, frames = options.capacity, options.frames
-    seen, features, signals_of = options.observed_vehicles, len(FEATURES), len(SIGNALS)
+    observed, features, signals_of = options.observed_vehicles, len(FEATURES), len(SIGNALS)
 
     def entry(
         episodes, vehicles, before, after, present, reached, observation, signals, rewards,
@@ -39,8 +39,8 @@ def entry_of(options: Options) -> Callable[..., None]:
             carray(before, (rows, capacity)),
             carray(after, (rows, capacity)),
             carray(present, (rows, 2)),
-            carray(reached, (rows, seen, features)),
-            carray(observation, (rows, seen, features)),
+            carray(reached, (rows, observed, features)),
+            carray(observation, (rows, observed, features)),
             carray(signals, (rows, signals_of)),
             carray(rewards, (rows, 2)),
             carray(classical, (rows, 2)),
@@ -51,8 +51,8 @@ def entry_of(options: Options) -> Callable[..., None]:
             carray(braking, (rows, capacity)),
             carray(trace, (traced, frames, capacity)),
         )
-        given = carray(commands, (rows,)), carray(entropy, (rows,)), carray(seeded, (rows,))
-        run(buffers, *given, carray(actions, (rows,)), carray(settings, (1,)), 0, rows)
+        inputs = carray(commands, (rows,)), carray(entropy, (rows,)), carray(seeded, (rows,))
+        run(buffers, *inputs, carray(actions, (rows,)), carray(settings, (1,)), 0, rows)
 
     return entry
 
@@ -60,5 +60,5 @@ def entry_of(options: Options) -> Callable[..., None]:
 def signature_of(options: Options) -> Any:
     """Return the entry's Numba signature: a pointer for each array, then rows and traced rows."""
     arrays = [array.dtype for array in buffers_of(options, 1, traced=True)]
-    pointers = [types.CPointer(numba.from_dtype(one)) for one in (*arrays, *ARGUMENTS.values())]
+    pointers = [types.CPointer(numba.from_dtype(array)) for array in (*arrays, *ARGUMENTS.values())]
     return types.void(*pointers, types.int32, types.int32)

@@ -83,11 +83,11 @@ def counted(config: Config) -> dict[str, Any]:
     drivers |= {name: reference_policy(name) for name in config.rules}
     rows = {}
     for name, driver in drivers.items():
-        parts = [
+        chunks = [
             _of_chunk(driver, None if name == "random" else driver, first, config)
             for first in range(config.first, config.first + config.episodes, config.chunk)
         ]
-        rows[name] = dataclasses.asdict(together(parts))
+        rows[name] = dataclasses.asdict(together(chunks))
     return {
         "episodes": config.episodes,
         "first": config.first,
@@ -99,17 +99,17 @@ def counted(config: Config) -> dict[str, Any]:
 def _of_chunk(driver: Any, asked: Any, first: int, config: Config) -> Equality:
     count = min(config.chunk, config.first + config.episodes - first)
     seeds = np.arange(first, first + count)
-    one = native(Options(), seeds, driver)
-    return compared(one, in_node(Options(), seeds, one.actions, config.core), asked)
+    replay = native(Options(), seeds, driver)
+    return compared(replay, in_node(Options(), seeds, replay.actions, config.core), asked)
 
 
-def together(parts: list[Equality]) -> Equality:
+def together(chunks: list[Equality]) -> Equality:
     """Return the sums of counts, and the largest difference of all."""
     sums: dict[str, Any] = {
-        field.name: sum(getattr(part, field.name) for part in parts)
+        field.name: sum(getattr(chunk, field.name) for chunk in chunks)
         for field in dataclasses.fields(Equality)
     }
-    largest = max(part.largest for part in parts)
+    largest = max(chunk.largest for chunk in chunks)
     return dataclasses.replace(Equality(**sums), largest=largest)
 
 

@@ -32,7 +32,9 @@ def layout(options: Options) -> dict[str, Any]:
         shape of a row, in the order of the entry point's arguments; `settings`; names and numbers.
     """
     buffers = buffers_of(options, 1, traced=True)
-    arrays = [_array(name, one.dtype, one.shape[1:]) for name, one in buffers._asdict().items()]
+    arrays = [
+        _array(name, array.dtype, array.shape[1:]) for name, array in buffers._asdict().items()
+    ]
     arrays += [_array(name, kind, ()) for name, kind in ARGUMENTS.items()]
     weights = [getattr(options, f"{name}_weight") for name in SIGNALS]
     return {
@@ -59,12 +61,12 @@ def layout(options: Options) -> dict[str, Any]:
 
 
 def _array(name: str, kind: np.dtype, shape: tuple[int, ...]) -> dict[str, Any]:
-    record = next((key for key, one in _RECORDS.items() if one == kind), None)
+    record = next((key for key, dtype in _RECORDS.items() if dtype == kind), None)
     return {"name": name, "type": record or kind.name, "bytes": kind.itemsize, "shape": shape}
 
 
 def _record(kind: np.dtype) -> dict[str, Any]:
-    fields = {name: (str(one[0].base), one[1]) for name, one in (kind.fields or {}).items()}
+    fields = {name: (str(dtype[0].base), dtype[1]) for name, dtype in (kind.fields or {}).items()}
     return {"size": kind.itemsize, "fields": fields}
 
 

@@ -61,7 +61,7 @@ def native(options: Options, seeds: np.ndarray, policy: Any) -> Replay:
         alive = alive & (batch.buffers.ending == int(Ending.NONE))
         states.append(_copied(batch.buffers))
     return Replay(
-        np.stack(actions), {name: np.stack([one[name] for one in states]) for name in KEPT}
+        np.stack(actions), {name: np.stack([state[name] for state in states]) for name in KEPT}
     )
 
 
@@ -91,9 +91,11 @@ def in_node(options: Options, seeds: np.ndarray, actions: np.ndarray, core: Path
         files = [core, folder / "layout.json", folder / "job.json", folder / "out.bin"]
         run_node("replay.mjs", *map(str, files))
         rows = buffers_of(options, len(seeds))
-        kind = np.dtype([(one, getattr(rows, one).dtype, getattr(rows, one).shape) for one in KEPT])
-        found = np.fromfile(folder / "out.bin", kind)
-    return Replay(actions, {one: found[one] for one in KEPT})
+        kind = np.dtype(
+            [(name, getattr(rows, name).dtype, getattr(rows, name).shape) for name in KEPT]
+        )
+        records = np.fromfile(folder / "out.bin", kind)
+    return Replay(actions, {name: records[name] for name in KEPT})
 
 
 def run_node(script: str, *words: str) -> str:

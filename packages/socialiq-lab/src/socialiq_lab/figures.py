@@ -1,0 +1,211 @@
+"""Figures that a STUDY.toml declares: panels of lines, points, bars or a heat map, from tables.
+
+A `[[figure]]` is a row of panels: one for each column in `y`, times one for each value of the
+column `panels`. In a panel, `lines` gives a colour to each value of a column, and `styles` a line
+style. `layers` draw several tables into the same panels.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.errors import one_of
+from socialiq.plotting.rows import spread
+from socialiq.plotting.style import COLORS, figure, finish
+from socialiq.types import Row
+from socialiq_lab.results import Results
+from socialiq_lab.tables import where
+
+KINDS = ("lines", "points", "band", "bars", "heatmap")
+PALETTE = ("#2166ac", "#c23b22", "#1b7837", "#e08214", "#762a83", "#888888", "#1f9e89", "#d6604d")
+STYLES = ("-", "--", ":", "-.")
+_MARKS = "osD^vP*X"
+
+
+class _Panel(NamedTuple):
+    """A panel: its column of y, and the value of the column `panels` (None without)."""
+
+    y: str
+    value: Any
+
+
+def draw(specification: Mapping[str, Any], results: Results) -> Figure:
+    """Draw a `[[figure]]` of a STUDY.toml.
+
+    Args:
+        specification: `table`, `where`, `kind` (one of `KINDS`), `x`, `y` (a column, or several),
+            `lines`, `styles`, `panels`, `error` (columns of a lower and an upper end), `layers`
+            (tables of these keys, laid over the others), `titles`, `xlabel`, `ylabel`, `xscale`,
+            `yscale`, `xlim`, `ylim`, `hline`, `vline`, `diagonal`, `legend` (false for none),
+            `title`, `size` (of a panel, in inches), `columns` (panels side by side).
+        results: Results whose tables are drawn.
+    """
+    layers = [{**specification, **layer} for layer in specification.get("layers", [{}])]
+    rows = _rows(layers[0], results)
+    panels = _panels(specification, rows)
+    side_by_side = min(specification.get("columns", len(panels)), len(panels))
+    width, height = specification.get("size", (4.4, 4.0))
+    down = math.ceil(len(panels) / side_by_side)
+    drawn = figure(width * side_by_side, height * down)
+    grid = drawn.subplots(down, side_by_side, squeeze=False).ravel()
+    for number, (axes, panel) in enumerate(itertools.zip_longest(grid, panels)):
+        if panel is None:
+            axes.axis("off")
+            continue
+        for layer in layers:
+            _layer(axes, layer, panel, _rows(layer, results))
+        _finish(axes, specification, panel, number)
+    if "title" in specification:
+        drawn.suptitle(specification["title"], fontsize=10)
+    return drawn
+
+
+def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
+    """Return a colour for each name: the thesis' modes have theirs, many numbers a scale."""
+    if set(names) <= set(COLORS):
+        return {name: COLORS[name] for name in names}
+    numbers = all(isinstance(name, int | float) for name in names)
+    if len(names) > len(PALETTE) or (numbers and len(names) > 3):
+        scale = matplotlib.colormaps["viridis"](np.linspace(0, 0.95, len(names)))
+        return dict(zip(names, scale, strict=True))
+    return dict(zip(names, PALETTE, strict=False))
+
+
+def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
+    return where(results.tables.get(layer["table"], []), layer.get("where", {}))
+
+
+def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
+    """Return the distinct values of a column in order of appearance; [None] without a column."""
+    return list(dict.fromkeys(row[name] for row in rows)) if name else [None]
+
+
+def _panels(specification: Mapping[str, Any], rows: Sequence[Row]) -> list[_Panel]:
+    columns = specification["y"]
+    columns = [columns] if isinstance(columns, str) else columns
+    values = _values(rows, specification.get("panels"))
+    return [_Panel(column, value) for column in columns for value in values]
+
+
+def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) -> None:
+    """Draw the rows of a layer that belong to a panel."""
+    kind = layer.get("kind", "lines")
+    one_of("kind of figure", kind, KINDS)
+    if panel.value is not None:
+        rows = [row for row in rows if row[layer["panels"]] == panel.value]
+    y = panel.y if "layers" not in layer or "y" not in layer else layer["y"]
+    y = panel.y if isinstance(y, list) else y
+    rows = [row for row in rows if row.get(y, "") != "" and row[layer["x"]] != ""]
+    if kind == "heatmap":
+        _heatmap(axes, layer, rows, y)
+        return
+    colors = colors_of(_values(rows, layer.get("lines")))
+    styles = _values(rows, layer.get("styles"))
+    if kind == "bars":
+        _bars(axes, layer, rows, y, colors)
+        return
+    for (place, (name, color)), (number, style) in itertools.product(
+        enumerate(colors.items()), enumerate(styles)
+    ):
+        chosen = {layer[key]: v for key, v in (("lines", name), ("styles", style)) if v is not None}
+        series = where(rows, chosen)
+        if not series:
+            continue
+        words = [str(word) for word in (name, style) if word is not None]
+        look = {"color": layer.get("color", color), "label": ", ".join(words) or layer.get("label")}
+        _series(axes, layer, series, y, kind, look, STYLES[number % 4], _MARKS[place % 8])
+
+
+def _series(
+    axes: Any,
+    layer: Mapping[str, Any],
+    rows: list[Row],
+    y: str,
+    kind: str,
+    look: dict[str, Any],
+    style: str,
+    mark: str,
+) -> None:
+    """Draw a line, points, or means over equal x with a band from the least to the largest."""
+    x = [row[layer["x"]] for row in rows]
+    values = [row[y] for row in rows]
+    if kind == "band":
+        places, mean, low, high = spread(rows, layer["x"], y)
+        axes.fill_between(places, low, high, color=look["color"], alpha=0.15, linewidth=0)
+        axes.plot(places, mean, style, marker=".", **look)
+        return
+    if "error" in layer:
+        low, high = ([row[name] for row in rows] for name in layer["error"])
+        ends = np.abs(np.array([low, high], float) - np.array(values, float))
+        axes.errorbar(x, values, ends, fmt="none", ecolor=look["color"], alpha=0.5, capsize=2)
+    if kind == "points":
+        axes.plot(x, values, linestyle="none", marker=mark, alpha=layer.get("alpha", 0.8), **look)
+    else:
+        axes.plot(x, values, style, marker=".", alpha=layer.get("alpha", 1.0), **look)
+
+
+def _bars(
+    axes: Any, layer: Mapping[str, Any], rows: list[Row], y: str, colors: Mapping[Any, Any]
+) -> None:
+    """Draw bars, side by side for the values of `lines`."""
+    places = _values(rows, layer["x"])
+    width = 0.8 / len(colors)
+    for number, (name, color) in enumerate(colors.items()):
+        series = rows if name is None else where(rows, {layer["lines"]: name})
+        at = [places.index(row[layer["x"]]) - 0.4 + (number + 0.5) * width for row in series]
+        heights = np.array([row[y] for row in series], float)
+        ends = None
+        if "error" in layer:
+            edges = [[row[name] for row in series] for name in layer["error"]]
+            ends = np.abs(np.array(edges) - heights)
+        axes.bar(at, heights, 0.9 * width, yerr=ends, color=color, label=name, capsize=2)
+    axes.set_xticks(range(len(places)), list(map(str, places)), rotation=layer.get("rotation", 0))
+
+
+def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -> None:
+    """Draw a column as colour over two others, `x` and `by`; white where there is no row."""
+    across, down = sorted(_values(rows, layer["x"])), sorted(_values(rows, layer["by"]))
+    picture = np.full((len(down), len(across)), np.nan)
+    for row in rows:
+        picture[down.index(row[layer["by"]]), across.index(row[layer["x"]])] = row[value]
+    limits = layer.get("limits", (None, None))
+    shape = {"origin": "lower", "aspect": "auto"}
+    image = axes.imshow(picture, **shape, vmin=limits[0], vmax=limits[1], cmap="viridis")
+    axes.set_xticks(range(len(across)), [f"{place:g}" for place in across])
+    axes.set_yticks(range(len(down)), [f"{place:g}" for place in down])
+    axes.figure.colorbar(image, ax=axes, shrink=0.7, label=layer.get("zlabel", ""))
+
+
+def _finish(axes: Any, specification: Mapping[str, Any], panel: _Panel, number: int) -> None:
+    """Give a panel its lines, labels, limits, title and legend."""
+    for name, line in (("hline", axes.axhline), ("vline", axes.axvline)):
+        if name in specification:
+            line(specification[name], color="#999999", linewidth=0.8, linestyle=":")
+    if specification.get("diagonal"):
+        axes.axline((0.0, 0.0), slope=1.0, color="#999999", linewidth=0.8, linestyle=":")
+    properties = {
+        name: specification[name]
+        for name in ("xscale", "yscale", "xlim", "ylim")
+        if name in specification
+    }
+    labels = specification.get("ylabels", {})
+    title = "" if panel.value is None else str(panel.value)
+    if isinstance(panel.value, float):
+        title = f"{specification['panels'].replace('_', ' ')} {panel.value:g}"
+    handles, _ = axes.get_legend_handles_labels()
+    wants_legend = number == 0 and specification.get("legend", True) and handles
+    finish(
+        axes,
+        specification.get("titles", {}).get(title, title),
+        8 if wants_legend else None,
+        xlabel=specification.get("xlabel", specification["x"]),
+        ylabel=labels.get(panel.y, specification.get("ylabel", panel.y.replace("_", " "))),
+        **properties,
+    )

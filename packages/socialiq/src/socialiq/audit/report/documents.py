@@ -1,0 +1,277 @@
+"""Documents beside a report: credibility of the simulation, tree of claims, bill of materials.
+
+Simulation is evidence as far as its scope, its assumptions, its uncertainty and its validation are
+known. This module has the facts about the package's own worlds; an environment's are its owner's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from socialiq.audit.profile.junction import is_junction
+from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.policies.card import Metric, bill_of_materials
+from socialiq.policies.interface import Interface
+from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES
+
+INTERSECTION = "intersection"
+
+CONTINUOUS = "intersection with continuous actions"
+
+JUNCTION = "recorded junction"
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """A comparison of the compiled intersection with highway-env, decision by decision.
+
+    Attributes:
+        command: Command of one run.
+        runs: Variations of the command.
+        episodes: Number of episodes of all runs.
+        decisions: Number of decisions of all runs.
+        compared: Options of the world that the runs vary; the others have their defaults.
+    """
+
+    command: str
+    runs: str
+    episodes: int
+    decisions: int
+    compared: tuple[str, ...]
+
+
+CONFORMANCE = Conformance(
+    command="socialiq conformance --episodes 150 --seed 50000",
+    runs="with --population highway_env and thesis, each with and without --connected",
+    episodes=600,
+    decisions=7282,
+    compared=("population", "connected_lanes"),
+)
+"""The run that docs/worlds/intersection.md describes: no difference in any field."""
+
+_YIELDING = (
+    "Other vehicles follow the Intelligent Driver Model and yield by highway-env's rules; none "
+    "of them is a person."
+)
+_EXACT = (
+    "Observations are exact, for a limited number of vehicles: no noise, no delay.",
+    "A collision is an overlap of two rectangles; its severity is not modelled.",
+)
+
+ASSUMPTIONS = {
+    INTERSECTION: (
+        _YIELDING,
+        "The ego follows its lane; its policy chooses between target speeds once per decision.",
+        *_EXACT,
+    ),
+    CONTINUOUS: (
+        _YIELDING,
+        "The policy's acceleration, and where it steers the angle of the front wheels, are held "
+        "until the next decision; nothing else steers the ego.",
+        *_EXACT,
+    ),
+    "gridworld": (
+        "The road is a grid, time is in whole steps, and vehicles move by rule in both.",
+        "The state is observed exactly.",
+    ),
+    JUNCTION: (
+        "Other vehicles follow the Intelligent Driver Model along recorded ways, with parameters "
+        "calibrated on the recordings; none of them is a person, and none changes lanes.",
+        "Lines are closed where a recorded vehicle stood without a reason that the model knows; "
+        "nothing is known of lights and of entries after the end of a recording.",
+        "The ego drives a recorded vehicle's way; its policy chooses an acceleration per decision.",
+        *_EXACT,
+    ),
+}
+
+
+def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the facts for the page `credibility.md`.
+
+    Args:
+        report: Content of `report.json`.
+
+    Returns:
+        `kind`: `INTERSECTION`, `CONTINUOUS`, `JUNCTION`, "gridworld" or "environment".
+        `assumptions`: sentences.
+        `conformance`: the comparison with highway-env, if the world is the intersection. `beyond`:
+        declared options that were not part of it.
+    """
+    scenario = report["declaration"]["scenario"]
+    world = scenario["world"]
+    kind = "gridworld" if world in GRIDWORLDS else "environment"
+    if world in INTERSECTIONS:
+        kind = INTERSECTION if world == INTERSECTION else CONTINUOUS
+    if is_junction(world):
+        kind = JUNCTION
+    compared = CONFORMANCE if kind == INTERSECTION else None
+    beyond = [name for name in scenario["options"] if name not in CONFORMANCE.compared]
+    return {
+        "kind": kind,
+        "assumptions": ASSUMPTIONS.get(kind, ()),
+        "conformance": compared,
+        "beyond": beyond if compared else [],
+    }
+
+
+Status = Literal["supported", "contradicted", "undecided", "to be filled"]
+
+_OF: dict[str, Status] = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
+_NO_EVIDENCE: Status = "to be filled"
+
+
+class Claim(NamedTuple):
+    """A node of the tree, in the words of Goal Structuring Notation.
+
+    Attributes:
+        id: G for a goal, S for a strategy, Sn for a solution, C for context.
+        text: Text of the node.
+        status: Status by the evidence.
+        evidence: Place in the report, or the person who must fill it in.
+        below: Ids of the nodes that support it.
+    """
+
+    id: str
+    text: str
+    status: Status
+    evidence: str
+    below: tuple[str, ...] = ()
+
+
+def claims(report: Mapping[str, Any]) -> list[Claim]:
+    """Return the nodes of the tree, the root first."""
+    where = f"at {report['declaration']['angle']:g} degrees"
+    where = "by its rule of the angle" if "angle_rule" in report["declaration"] else where
+    world = report["declaration"]["scenario"]["world"]
+    tests = report["tests"]
+    floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
+    verdict, regret = report["verdict"]["decision"], tests["regret"]["decision"]
+    return [
+        Claim(
+            "G0",
+            "The vehicle's social conduct is acceptably safe in its domain of use",
+            _NO_EVIDENCE,
+            "to be filled by the operator: simulation alone can't show it",
+            ("G1", "G2", "G3"),
+        ),
+        Claim(
+            "G1",
+            f"In the simulated world {world} the policy behaves as declared {where}",
+            _OF[verdict],
+            "report.json: verdict",
+            ("C1", "S1"),
+        ),
+        Claim("C1", "The declaration", "supported", "profile.toml; report.json: declaration"),
+        Claim(
+            "S1",
+            "Argument over tests on common episodes, drawn after the commitment",
+            "supported",
+            "report.json: seeds",
+            ("Sn1", "Sn2", "Sn3"),
+        ),
+        Claim(
+            "Sn1",
+            "Regret at the declared angle is within the margin",
+            _OF[regret],
+            "report.json: tests.regret",
+        ),
+        Claim(
+            "Sn2",
+            "The safety floor is kept",
+            _OF[floor],
+            "report.json: tests.competence",
+        ),
+        Claim("Sn3", "Results by kind of episode", *_strata(report)),
+        Claim(
+            "G2",
+            "The simulation represents the domain of use credibly",
+            _NO_EVIDENCE,
+            "to be filled by the assessor of the simulation",
+        ),
+        Claim(
+            "G3",
+            "Behaviour in service is monitored, and deviations lead to action",
+            _NO_EVIDENCE,
+            "to be filled by the operator",
+        ),
+    ]
+
+
+def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
+    if report["strata"] or report["declaration"]["scenario"]["world"] in NAMES:
+        return "supported", "report.json: strata"
+    return (
+        _NO_EVIDENCE,
+        "to be filled by the owner of the environment: no kinds are known",
+    )
+
+
+def as_objects(tree: list[Claim]) -> list[dict[str, Any]]:
+    """Return the tree as the content of `claims.json`."""
+    return [{**claim._asdict(), "below": list(claim.below)} for claim in tree]
+
+
+def mermaid(tree: list[Claim]) -> str:
+    """Return the tree as a Mermaid diagram, which contains no user-provided text."""
+    nodes = [f'  {claim.id}["{claim.id}: {claim.text}<br>({claim.status})"]' for claim in tree]
+    edges = [f"  {claim.id} --> {below}" for claim in tree for below in claim.below]
+    return "\n".join(["flowchart TD", *nodes, *edges])
+
+
+_CODE = ("process", "python", "rule")
+"""Kinds of policies that are not one file."""
+
+
+def materials(report: Mapping[str, Any]) -> bytes:
+    """Return the bill of materials as CycloneDX 1.7.
+
+    Training data are not known to an audit, so they are left out.
+
+    Args:
+        report: Content of `report.json`.
+    """
+    record, declared = report["policy"]["record"], report["declaration"]
+    verdict, hashes = report["verdict"], report["hashes"]
+    is_file = record["kind"] not in _CODE
+    return bill_of_materials(
+        record["source"],
+        str(report["versions"].get("socialiq", "")),
+        file_sha256=record["sha256"] if is_file else "",
+        inputs=f"{record['n_features']} numbers",
+        outputs=Interface.of_json(record).answer,
+        metrics=_metrics(report),
+        limits=report["limits"],
+        properties={
+            "socialiq:kind": record["kind"],
+            "socialiq:sha256": record["sha256"],
+            "socialiq:hash-covers": record["covers"],
+            "socialiq:declared-angle": declared["angle_rule"]["words"]
+            if "angle_rule" in declared
+            else f"{declared['angle']:g} degrees",
+            "socialiq:decision": verdict["decision"],
+            "socialiq:episodes": str(verdict["episodes"]),
+            "socialiq:world": declared["scenario"]["world"],
+            "socialiq:scenario-sha256": hashes["scenario"],
+            "socialiq:reward-sha256": hashes["reward"],
+            "socialiq:declaration-sha256": hashes["profile"],
+        },
+    )
+
+
+def _metrics(report: Mapping[str, Any]) -> list[Metric]:
+    tests = report["tests"]
+    regret = tests["regret"]
+    name = f"regret at {regret['angle']:g} degrees per episode"
+    if "angle_rule" in report["declaration"]:
+        name = "decision loss at the declared rule per episode"
+    metrics = [_metric(name, regret, regret["regret"])]
+    metrics += [
+        _metric(f"share of {test['name']}", test, test["share"]) for test in tests["competence"]
+    ]
+    return metrics
+
+
+def _metric(name: str, test: Mapping[str, Any], value: float) -> Metric:
+    return Metric(name, f"{value:.6g}", f"{test['low']:.6g}", f"{test['high']:.6g}")

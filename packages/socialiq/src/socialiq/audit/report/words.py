@@ -1,0 +1,281 @@
+"""Words of a report: names of drivers, caveats, and claims that only its auditor makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+from socialiq.audit.evidence.drive_junction import DRIVER
+from socialiq.audit.evidence.outcomes import AS_DECLARED
+from socialiq.audit.evidence.trivial import PREFIX, RANDOM
+from socialiq.audit.looks.look import Look
+from socialiq.audit.seeds import Draw, worth
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import RegretTest
+from socialiq.audit.verdict.results import Discrimination
+from socialiq.policies.isolation import NONE
+from socialiq.social.angle_rule import AngleRule
+
+OPTIMUM = "optimum_"
+"""Beginning of the names of exact optima (`evidence.drive_grid.exact_optima`)."""
+
+_SIMPLER = "simpler network, "
+
+_TRAINED = {
+    "egoistic": "trained for 0°: own progress alone",
+    "prosocial": "trained for 45°: own progress and others alike",
+    "altruistic": "trained for 90°: others alone",
+}
+
+_NAMES = {
+    "go": "always goes",
+    "wait": "always waits",
+    "idm": "Intelligent Driver Model: follows the car in front and gives way",
+    DRIVER: "calibrated driver of the recording",
+    "gap_2s": "goes at gaps of 2 s",
+    "gap_3s": "goes at gaps of 3 s",
+    "gap_4s": "goes at gaps of 4 s",
+    RANDOM: "chooses at random",
+    AS_DECLARED: "decides as declared",
+    **{f"set_{mode}": text for mode, text in _TRAINED.items()},
+    **{f"expert_{mode}": f"{_SIMPLER}{text}" for mode, text in _TRAINED.items()},
+}
+
+
+def plain_name(name: str, angles: Sequence[float] = ()) -> str:
+    """Return the name of one of the package's drivers in words; another's is returned as it is.
+
+    Args:
+        name: Name of the driver in the report.
+        angles: Ends of the interval of angles for which an exact optimum is the best.
+    """
+    if name.startswith(OPTIMUM) and angles:
+        low, high = (_degrees(angle) for angle in (angles[0], angles[-1]))
+        return f"best possible for {low} to {high}"
+    if name.startswith(PREFIX) and name not in _NAMES:
+        return f"always chooses “{name.removeprefix(PREFIX).replace('_', ' ')}”"
+    return _NAMES.get(name, name)
+
+
+def names_of(report: Mapping[str, Any]) -> dict[str, str]:
+    """Return the name in words of every reference and trivial driver of a report, by its name.
+
+    A driver of the user's keeps its name, even if the package has a driver of that name.
+    """
+    rows = [*report["references"], *report["left_out"]]
+    names = {row["name"]: _named(row) if _shipped(row) else row["name"] for row in rows}
+    return names | {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
+
+
+def _named(reference: Mapping[str, Any]) -> str:
+    name, record = plain_name(reference["name"], reference["angles"]), reference["record"]
+    # There is one family with continuous actions, so none is the simpler.
+    one_family = record is not None and "action_size" in record
+    return name.removeprefix(_SIMPLER) if one_family else name
+
+
+def _shipped(reference: Mapping[str, Any]) -> bool:
+    """Whether a reference is the package's own: without a record, or a rule, or of the atlas."""
+    record = reference["record"]
+    return record is None or record["kind"] == "rule" or record["source"].startswith("atlas:")
+
+
+def _degrees(angle: float) -> str:
+    turned = -((180.0 - angle) % 360.0 - 180.0)
+    return f"{round(turned, 1) + 0.0:g}°".replace("-", "−")
+
+
+About = Literal["rule", "loss", "margin", "look", "seed", "code", "episodes"]
+
+
+class Caveat(NamedTuple):
+    """An assumption of the verdict, or a weakness of its evidence.
+
+    Attributes:
+        about: Subject.
+        text: One or two sentences.
+    """
+
+    about: About
+    text: str
+
+
+def caveats(
+    draw: Draw,
+    look: Look | None,
+    policy: Mapping[str, Any],
+    discrimination: Discrimination,
+    world: str,
+) -> list[Caveat]:
+    """Return the caveats of an audit, those of its log and its seed among them.
+
+    Args:
+        draw: Commitment and seed.
+        look: The look; None without a log.
+        policy: The policy's record as JSON.
+        discrimination: Other drivers that would pass the declaration.
+        world: Name of the declared world.
+    """
+    return [
+        *_of_margin(discrimination),
+        _of_look(look),
+        Caveat("seed", worth(draw)),
+        *_of_code(policy),
+        *_of_world(world),
+    ]
+
+
+def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
+    """Return a caveat if a policy that takes its best actions drove otherwise when asked again.
+
+    Args:
+        shown: Number of chosen episodes that were the same when they were run again.
+        chosen: Number of chosen episodes.
+    """
+    if shown == chosen:
+        return []
+    text = (
+        f"{chosen - shown} of {chosen} chosen episodes were others when they were run again, one "
+        "by one: the policy's answers depend on more than the observation alone."
+    )
+    return [Caveat("episodes", text)]
+
+
+def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
+    """Return what a declared rule of the angle means for the rest of the report.
+
+    Args:
+        rule: The rule; None without one.
+        angle: Declared angle at which whole episodes are weighed, degrees.
+    """
+    if rule is None:
+        return []
+    text = (
+        f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
+        "what each decision costs by the angle of its situation, if the best reference of that "
+        f"angle drives on. Other tables and pictures weigh whole episodes at {angle:g} degrees "
+        "and don't decide."
+    )
+    return [Caveat("rule", text)]
+
+
+def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:
+    """Return the assumption of the bounds of regret, none if the reward's own limits give them.
+
+    Args:
+        regret: The primary test.
+        possible_loss: Largest loss of an episode that the reward's own limits allow; None if they
+            are not known.
+    """
+    if regret.largest_loss is None:
+        # The share of episodes with an event that stays unseen in this share of audits.
+        share = 1.0 - regret.pass_error ** (1.0 / regret.episodes)
+        text = (
+            "The declaration has no largest loss of an episode. The bounds of regret assume that "
+            f"no loss is too rare to show: one in {100 * share:.2g} % of episodes, of whatever "
+            f"size, stays unseen in {100 * regret.pass_error:.3g} % of audits of "
+            f"{regret.episodes:,} episodes."
+        )
+        return [Caveat("loss", text)]
+    if possible_loss is not None and regret.largest_loss >= possible_loss:
+        return []
+    basis = (
+        "the limits of this environment's rewards are not known to the audit"
+        if possible_loss is None
+        else f"the rewards allow {possible_loss:.4g}"
+    )
+    text = (
+        "The verdict rests on the owner's statement that no episode loses more than "
+        f"{regret.largest_loss:.4g}; {basis}. The largest loss seen is {regret.seen_loss:.3g}."
+    )
+    return [Caveat("loss", text)]
+
+
+def _of_margin(discrimination: Discrimination) -> list[Caveat]:
+    """Return a caveat if a driver that pays no attention to the traffic would pass too."""
+    passing = [
+        driver
+        for driver in discrimination.drivers
+        if driver.trivial and driver.decision is Decision.PASS
+    ]
+    if not passing:
+        return []
+    names = ", ".join(f"one that {plain_name(driver.name)}" for driver in passing)
+    text = (
+        f"The declaration excludes little: {discrimination.would_pass} of {discrimination.of} "
+        f"other drivers would pass it too, among them {names}."
+    )
+    return [Caveat("margin", text)]
+
+
+def _of_look(look: Look | None) -> Caveat:
+    if look is None:
+        text = "No audit log was kept: how often this owner has tried before is not known."
+    else:
+        text = (
+            f"This is look {look.number} of this owner at this scenario by the audit log "
+            f"{look.log}, with an error of at most {100 * look.error:.3g} %. Audits outside that "
+            "log are not known."
+        )
+    return Caveat("look", text)
+
+
+def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
+    isolation = policy["isolation"]
+    if isolation["kind"] != NONE:
+        return []
+    text = (
+        f"The policy is the owner's code and was not isolated ({isolation['why']}): it could read "
+        "the seed and change the evidence. The evidence is self-attested."
+    )
+    return [Caveat("code", text)]
+
+
+def _of_world(world: str) -> list[Caveat]:
+    if ":" not in world:  # of this package, or registered by an installed one
+        return []
+    text = (
+        "The scenario's code ran in the auditor's process: unless the auditor wrote or read it, "
+        "the evidence is self-attested."
+    )
+    return [Caveat("code", text)]
+
+
+ALWAYS = (
+    "timing",
+    "command",
+    "machine",
+    "versions",
+    "hashes.package",
+    "reference_files",
+    "policy.record.source",
+)
+"""Claims of every report, as paths in `report.json`."""
+
+OF_CODE = (
+    "policy.record.isolation",
+    "policy.record.start",
+    "policy.record.step",
+    "policy.record.memory",
+)
+"""Claims about a policy that is its owner's code: its isolation, limits of its time and memory."""
+
+
+OF_A_LOG = "look"
+"""Claim of an audit with a log; `audit verify --log` holds it against the log itself."""
+
+
+def claims_of_auditor(policy: Mapping[str, Any], draw: Draw, look: Look | None) -> list[str]:
+    """Return the paths of the claims in a report.
+
+    A signature of the statement covers them: then it is known whose claims they are.
+
+    Args:
+        policy: The policy's record as JSON.
+        draw: Commitment and seed. That a seed is derived from a nonce or a beacon can be checked.
+        look: The look; None without a log.
+    """
+    code = policy["kind"] in ("process", "python")
+    of_code = [path for path in OF_CODE if code and path.rpartition(".")[2] in policy]
+    seed = ["seeds.source"] if draw.revealed is None else []
+    return [*ALWAYS, *of_code, *seed, *([OF_A_LOG] if look else [])]

@@ -1,1 +1,0 @@
-"""Seeds that come after the commitment: their sources, and what each is worth."""

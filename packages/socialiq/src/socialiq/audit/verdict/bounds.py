@@ -1,0 +1,261 @@
+"""Bounds of a policy's regret: by the bootstrap at any angle, and by a declared largest loss.
+
+Regret is ρ = max_k J_α(reference k) - J_α(policy), on common random numbers: every difference is
+taken within an episode, so the effect of a seed on all drivers cancels.
+
+The bootstrap takes the sample for the distribution. A loss so rare that the sample hardly shows it
+is then as good as impossible, whatever its size. With a declared largest loss the bounds of
+`statistics.betting` count on it in every episode.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.verdict.decision import POWER, episodes_needed
+from socialiq.social.angle import exact_weights, score
+from socialiq.statistics import betting
+from socialiq.statistics import rare_events as rare
+from socialiq.statistics.bootstrap import (
+    Moments,
+    Studentised,
+    largest_exceeds,
+    largest_lower_bound,
+    upper_bounds,
+)
+from socialiq.types import RewardPair
+
+Rows = Int64[np.ndarray, " row"]
+
+
+class Regrets:
+    """Regret and its bounds at any angle, from one set of resamples.
+
+    References with exact expectations are the complete set of optima (`drive.exact_optima`): the
+    best one at an angle is then known, not selected by the data, and it alone is compared; no
+    other driver can be better.
+
+    Args:
+        evidence: Policy and references.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
+        largest_loss: Declared largest loss of an episode at the declared angle, or None.
+    """
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        seed: int,
+        resamples: int = 2000,
+        largest_loss: float | None = None,
+    ) -> None:
+        self.largest_loss = largest_loss
+        self._evidence = evidence
+        self._gains = evidence.gains()
+        self.moments = Moments.of(self._gains, seed, resamples)
+        drivers = (evidence.policy, *evidence.references)
+        self._totals = np.concatenate([driver.totals for driver in drivers])
+
+    def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
+        """Return which references are compared at an angle."""
+        weights = exact_weights(angle)
+        exact = [
+            -np.inf if reference.expected is None else float(score(weights, reference.expected))
+            for reference in self._evidence.references
+        ]
+        if np.isneginf(exact).all():
+            return np.ones(len(exact), bool)
+        return np.arange(len(exact)) == int(np.argmax(exact))
+
+    def means(self, angle: float) -> Float[np.ndarray, " reference"]:
+        """Return the estimated regret towards each reference at an angle in degrees."""
+        return np.asarray(score(exact_weights(angle), RewardPair(*self.moments.mean.T)))
+
+    def losses(self, angle: float) -> Float[np.ndarray, "reference episode"]:
+        """Return R(α) of each reference less the policy's in each episode."""
+        gains = np.moveaxis(self._gains, 2, 0)
+        return np.asarray(score(exact_weights(angle), RewardPair(*gains)))
+
+    def best(self, angle: float) -> int:
+        """Return the compared reference with the largest estimate."""
+        return int(np.where(self.compared(angle), self.means(angle), -np.inf).argmax())
+
+    def estimate(self, angle: float) -> float:
+        """Return the estimate of ρ at an angle."""
+        return float(self.means(angle)[self.best(angle)])
+
+    def highs(self, angle: float, error: float) -> Float[np.ndarray, " reference"]:
+        """Return an upper bound of the regret towards each reference.
+
+        The largest of the compared ones bounds ρ without a correction (`upper_bounds`).
+        """
+        return self._at(angle, np.arange(len(self._gains))).highs(error)
+
+    def low(self, angle: float, error: float) -> float:
+        """Return a lower bound of ρ."""
+        gains = self._at(angle, np.flatnonzero(self.compared(angle)))
+        lows = gains.rare_lows(error)
+        if not gains.rare.all():
+            lows.append(
+                largest_lower_bound(
+                    gains.found.of(~gains.rare), error * float((~gains.rare).mean())
+                )
+            )
+        return max(lows)
+
+    def band(
+        self, angle: float, margin: float, pass_error: float, fail_error: float
+    ) -> tuple[bool, bool]:
+        """Whether ρ is significantly within a margin, and whether significantly beyond it.
+
+        The same as an upper bound <= margin and `low` > margin, but fast enough for every degree.
+        """
+        gains = self._at(angle, np.flatnonzero(self.compared(angle)))
+        within = bool((gains.highs(pass_error) <= margin).all())
+        if max(gains.rare_lows(fail_error), default=-np.inf) > margin:
+            return within, True
+        share = fail_error * float((~gains.rare).mean())
+        return within, share > 0 and largest_exceeds(gains.found.of(~gains.rare), margin, share)
+
+    def needed(self, angle: float, margin: float, error: float) -> int | None:
+        """Return the number of episodes that would decide, if the estimate is true."""
+        gains = self._at(angle, np.array([self.best(angle)]))
+        distance = margin - self.estimate(angle)
+        if gains.rare[0]:
+            common = float(np.median(gains.values[0]))
+            count = rare.deviating(gains.values[0], gains.reach)
+            return rare.episodes_needed(distance, common, gains.reach, count, error)
+        deviation = float(gains.found.error[0]) * self.moments.episodes**0.5
+        return episodes_needed(distance, deviation, error)
+
+    def _at(self, angle: float, rows: Rows) -> _Gains:
+        weights = exact_weights(angle)
+        gains = np.moveaxis(self._gains[rows], 2, 0)
+        values = np.asarray(score(weights, RewardPair(*gains)))
+        reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
+        seldom = [rare.seldom(gain, reach) for gain in values]
+        return _Gains(self.moments.at(weights, rows), values, reach, np.array(seldom))
+
+
+class _Gains(NamedTuple):
+    """Gains of references over the policy at one angle.
+
+    Attributes:
+        found: Means and their bootstrap.
+        values: Gain in each episode.
+        reach: Largest possible difference: the range of the rewards of all drivers.
+        rare: Whether nearly all differences of a reference are equal (`statistics.rare_events`).
+    """
+
+    found: Studentised
+    values: Float[np.ndarray, "reference episode"]
+    reach: float
+    rare: Bool[np.ndarray, " reference"]
+
+    def highs(self, error: float) -> Float[np.ndarray, " reference"]:
+        """Return the upper bound of each."""
+        highs = upper_bounds(self.found, error)
+        for row in np.flatnonzero(self.rare):
+            highs[row] = rare.bounds(self.values[row], self.reach, error, error).high
+        return highs
+
+    def rare_lows(self, error: float) -> list[float]:
+        """Return lower bounds of the rare ones, each at its share of an error (Bonferroni)."""
+        share = error / len(self.rare)
+        rows = np.flatnonzero(self.rare)
+        return [rare.bounds(self.values[row], self.reach, share, share).low for row in rows]
+
+
+_ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
+
+
+@dataclass(frozen=True)
+class LossBounds:
+    """Bounds of the regret by a declared largest loss.
+
+    Attributes:
+        low: Lower bound; the smallest gain, which says nothing, if a reference lost more than
+            the declared loss against the policy.
+        highs: Upper bound towards each reference; the largest loss, which says nothing, if the
+            policy lost more than the declared loss against it.
+    """
+
+    low: float
+    highs: Float[np.ndarray, " reference"]
+
+
+def exceeds(loss: float, largest_loss: float) -> bool:
+    """Whether the loss of an episode shows that a declared largest loss is false."""
+    return loss > largest_loss * (1.0 + _ROUNDING)
+
+
+def loss_bounds(
+    losses: Float[np.ndarray, "reference episode"],
+    compared: Bool[np.ndarray, " reference"],
+    margin: float,
+    largest_loss: float,
+    pass_error: float,
+    fail_error: float,
+) -> LossBounds:
+    """Bound the largest mean loss either way.
+
+    The largest of the upper bounds has the error of one (`bootstrap.upper_bounds` says why).
+
+    Args:
+        losses: R(α) of each reference less the policy's, in the order in which the episodes were
+            drawn.
+        compared: References that the test uses.
+        margin: Margin, reward per episode.
+        largest_loss: Declared largest absolute value of a loss.
+        pass_error: Error of each upper bound.
+        fail_error: Error of the lower bound.
+    """
+    within = _without_rounding(losses, largest_loss)
+    below = betting.levels(margin, largest_loss)
+    highs = betting.upper_bounds(within, below, largest_loss, pass_error)
+    above = betting.levels(margin, largest_loss, between=True)
+    low = betting.lower_bound_of_largest(within[compared], above, largest_loss, fail_error)
+    return LossBounds(
+        low=low if np.isfinite(low) else float(losses[compared].min()),
+        highs=np.where(np.isfinite(highs), highs, losses.max(axis=1)),
+    )
+
+
+def needed_with(
+    losses: Float[np.ndarray, "reference episode"],
+    compared: Bool[np.ndarray, " reference"],
+    margin: float,
+    largest_loss: float,
+    error: float,
+) -> int | None:
+    """Return the number of episodes that would decide, if the losses so far are typical.
+
+    A pass needs every reference's bound, a fail the best reference's.
+
+    Args:
+        losses: As for `loss_bounds`.
+        compared: References that the test uses.
+        margin: Margin, reward per episode.
+        largest_loss: Declared largest absolute value of a loss.
+        error: Error of the test that the estimate would decide.
+    """
+    rows = _without_rounding(losses, largest_loss)[compared]
+    means = rows.mean(axis=1)
+    if means.max() > margin:
+        best = -rows[means.argmax()]
+        return betting.episodes_needed(best, -margin, largest_loss, error, POWER)
+    needs = [betting.episodes_needed(row, margin, largest_loss, error, POWER) for row in rows]
+    counts = [count for count in needs if count is not None]
+    return max(counts) if len(counts) == len(needs) else None
+
+
+def _without_rounding(
+    losses: Float[np.ndarray, "reference episode"], largest_loss: float
+) -> Float[np.ndarray, "reference episode"]:
+    nearly = np.abs(losses) <= largest_loss * (1.0 + _ROUNDING)
+    return np.where(nearly, losses.clip(-largest_loss, largest_loss), losses)

@@ -1,0 +1,214 @@
+"""Results of an audit: the verdict, which other drivers would pass, and the shift check.
+
+A margin can be so wide, and a floor so open, that no driver breaks the declaration. A pass is then
+no evidence of the policy's behaviour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.evidence.trivial import GO_AND_WAIT
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
+from socialiq.audit.verdict.verdict import Verdict, decide, enough_resamples, judge, whole_error
+from socialiq.worlds.registry import INTERSECTIONS
+
+
+class Finding(NamedTuple):
+    """A reason why a policy can't pass, whatever the tests say.
+
+    Attributes:
+        about: Subject.
+        text: One or two sentences.
+    """
+
+    about: str
+    text: str
+
+
+def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
+    """Return the verdict of an audit: INCONCLUSIVE where a finding forbids a pass.
+
+    A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
+    episodes would not decide.
+
+    Args:
+        verdict: Result of `judge`.
+        findings: Findings of the audit.
+    """
+    if verdict.decision is Decision.FAIL or not findings:
+        return verdict
+    reason = " ".join(finding.text for finding in findings)
+    return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
+
+
+def dependence(consistency: Consistency | None) -> list[Finding]:
+    """Return on what a policy's answers depend besides the observation, or nothing.
+
+    How it drove in the episodes is then no evidence about how it drives elsewhere.
+
+    Args:
+        consistency: Answers to repeated queries; None if the policy was not asked.
+    """
+    influences = consistency.dependences if consistency else []
+    if not influences:
+        return []
+    assert consistency is not None
+    differing, queries = (
+        sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
+    )
+    text = (
+        f"The policy's answers depend on {' and on '.join(influences)}: {differing:,} of "
+        f"{queries:,} repeated queries got another answer, so its episodes don't show how it "
+        "drives elsewhere."
+    )
+    return [Finding("code", text)]
+
+
+@dataclass(frozen=True)
+class OtherDriver:
+    """Decision on another driver, had it been the policy of this declaration.
+
+    Attributes:
+        name: Name of the driver.
+        trivial: Whether it acts without regard to what it observes: one action always, or random
+            ones.
+        decision: Decision by the same tests with the same margin, floor and error.
+    """
+
+    name: str
+    trivial: bool
+    decision: Decision
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """Drivers that would pass a declaration.
+
+    Attributes:
+        would_pass: Number of drivers that would pass.
+        of: Number of drivers.
+        excludes_nothing: Whether every trivial driver would pass.
+        drivers: Decision on each driver.
+    """
+
+    would_pass: int
+    of: int
+    excludes_nothing: bool
+    drivers: tuple[OtherDriver, ...]
+
+
+def discriminate(
+    profile: Profile,
+    evidence: Evidence,
+    seed: int,
+    resamples: int = 2000,
+    error: float | None = None,
+) -> Discrimination:
+    """Judge every other driver by the declaration of the policy.
+
+    Each is compared with the other references, as the policy is. Drivers that are the policy itself
+    are left out of the evidence (`Evidence.without`).
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence of the verdict.
+        seed: Seed of the resampling.
+        resamples: Smallest number of resamples, as for `judge`.
+        error: Error of the tests; None for 1 - confidence.
+    """
+    level = whole_error(profile.confidence) if error is None else error
+    count = enough_resamples(level, resamples)
+    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
+    drivers = [(driver, driver.name in constant) for driver in evidence.references]
+    drivers += [(driver, True) for driver in evidence.trivial]
+    decided = []
+    for driver, trivial in drivers:
+        references = tuple(
+            reference for reference in evidence.references if reference is not driver
+        )
+        if references:
+            swapped = replace(evidence, policy=driver, references=references, trivial=())
+            decision = _decision(profile, swapped, level, seed, count)
+            decided.append(OtherDriver(driver.name, trivial, decision))
+    passing = [driver for driver in decided if driver.decision is Decision.PASS]
+    without_regard = {driver.decision for driver in decided if driver.trivial}
+    return Discrimination(
+        would_pass=len(passing),
+        of=len(decided),
+        excludes_nothing=without_regard == {Decision.PASS},
+        drivers=tuple(decided),
+    )
+
+
+def finding_of(discrimination: Discrimination) -> list[Finding]:
+    """Return why a policy can't pass a declaration that excludes nothing, or nothing."""
+    if not discrimination.excludes_nothing:
+        return []
+    text = (
+        "The declaration excludes nothing: constant actions and random ones would pass it too. "
+        "Declare a smaller margin, or a stricter floor."
+    )
+    return [Finding("margin", text)]
+
+
+def _decision(
+    profile: Profile, evidence: Evidence, error: float, seed: int, resamples: int
+) -> Decision:
+    return decide(profile, evidence, seed, resamples, error).decision
+
+
+class Judged(NamedTuple):
+    """Results of an audit.
+
+    Attributes:
+        verdict: Result of `judge`, as far as no finding forbids it (`conclude`).
+        discrimination: Result of `discriminate`.
+        shifts: Result of `shift_of`, or None without other traffic.
+    """
+
+    verdict: Verdict
+    discrimination: Discrimination
+    shifts: tuple[Shift, ...] | None
+
+
+def judged(
+    profile: Profile,
+    evidence: Evidence,
+    left_out: Collection[str],
+    seed: int,
+    traffic: Sequence[Traffic] = (),
+    elsewhere: Sequence[Evidence] = (),
+    error: float | None = None,
+    findings: Sequence[Finding] = (),
+) -> Judged:
+    """Judge a policy by its evidence.
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence in the declared traffic, of all references.
+        left_out: Names of the references that are the policy itself. The regret towards them is
+            0; estimating it would only widen the bounds.
+        seed: Seed of the resampling.
+        traffic: Result of `other_traffic`, or none.
+        elsewhere: Evidence in each of these, of all references.
+        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
+        findings: Findings beside the tests that forbid a pass.
+
+    Raises:
+        UserError: If the evidence is of another scenario.
+    """
+    compared, *there = [drives.without(left_out) for drives in (evidence, *elsewhere)]
+    discrimination = discriminate(profile, compared, seed, error=error)
+    tested = judge(profile, compared, seed, curve=evidence, error=error)
+    return Judged(
+        verdict=conclude(tested, [*findings, *finding_of(discrimination)]),
+        discrimination=discrimination,
+        shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,
+    )

@@ -1,0 +1,293 @@
+"""Saved form of policies: one file of `storage` for each, its kind in a registry.
+
+A file's checksum detects damage; it is not a signature, and anyone can make it again. So the
+header is checked against the arrays before anything is computed with them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.nn.view import ROW, Choice, Encoding, OneHot, View, row_width
+from socialiq.storage import kind_of, load_arrays, save_arrays
+
+Arrays = Mapping[str, np.ndarray]
+Header = Mapping[str, Any]
+
+Form = TypeVar("Form", bound="Saved")
+Network = TypeVar("Network", bound="SavedNetwork")
+
+FORMS: dict[str, type[Saved]] = {}
+"""Class of each kind of file."""
+
+MOST_LAYERS = 100
+MOST_TIMES = 10_000
+"""Values of the time that a view may tell apart."""
+
+_FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+"""Exceptions of a header that doesn't fit its arrays, when a policy is made of them."""
+
+
+class Saved(ABC):
+    """Base class of what is saved in one safetensors file; `KIND` registers a subclass.
+
+    Attributes:
+        KIND: Kind of content in the file's header.
+        VERSIONS: Schema versions that are read.
+    """
+
+    KIND: ClassVar[str]
+    VERSIONS: ClassVar[tuple[int, ...]] = (1,)
+
+    def __init_subclass__(cls) -> None:
+        """Enter the class into the registry."""
+        super().__init_subclass__()
+        if "KIND" in vars(cls):
+            FORMS[cls.KIND] = cls
+
+    @property
+    def version(self) -> int:
+        """Schema version that is written."""
+        return self.VERSIONS[0]
+
+    @abstractmethod
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the file."""
+
+    @classmethod
+    @abstractmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
+        """Build the object from a file's content, after a check that its parts agree.
+
+        Args:
+            path: The file, for messages.
+            arrays: Its arrays.
+            header: Its header, with `sha256` in it.
+
+        Raises:
+            UserError: If they don't agree.
+        """
+
+    def save(self, path: Path, replace: bool = True) -> str:
+        """Write one safetensors file.
+
+        Args:
+            path: The file; its folder must exist.
+            replace: Whether a file there is replaced.
+
+        Returns:
+            SHA-256 of the content.
+
+        Raises:
+            UserError: If the file can't be written.
+        """
+        return save_arrays(path, self.KIND, self.version, *self.content(), replace=replace)
+
+    @classmethod
+    def load(cls: type[Form], path: Path) -> Form:
+        """Read a file that `save` wrote.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
+        return cls.checked(path, *load_arrays(path, cls.KIND, cls.VERSIONS))
+
+
+def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
+    """Read a file of one of several classes.
+
+    Args:
+        path: The file.
+        classes: Subclasses of `Saved`; a file of none of them is refused as the last one's.
+
+    Raises:
+        UserError: If the file is missing, damaged, or holds something else.
+    """
+    form = FORMS.get(kind_of(path), classes[-1])
+    return (form if form in classes else classes[-1]).load(path)
+
+
+def refusal(path: Path, fault: str) -> UserError:
+    """Return the error of a file whose parts don't agree."""
+    return UserError(f"{path} {fault}: make the file again")
+
+
+ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "relu": lambda x: np.maximum(x, 0.0),
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+    "tanh": np.tanh,  # for imported policies; this project's networks are trained with the others
+}
+"""Activations of a policy, by name."""
+
+
+class SavedNetwork(Saved):
+    """Multi-layer perceptron of a policy, in NumPy, over the observation or a view of it.
+
+    Attributes:
+        weights: Weight matrix of each layer, (outputs, inputs).
+        biases: Bias of each layer.
+        activation: One of `ACTIVATIONS`, applied between layers.
+        provenance: JSON-compatible record of how the policy was made.
+        view: Encoding of the observation that the first layer reads, with NumPy weights.
+        sha256: SHA-256 of the file's content, for a policy that was loaded.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    activation: str
+    provenance: Mapping[str, Any]
+    view: Encoding | None
+    sha256: str
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.view.n_features if self.view else self.weights[0].shape[1]
+
+    def forward(self, batch: np.ndarray) -> np.ndarray:
+        """Return the outputs of the last layer for a batch of checked observations."""
+        return self.layers(self.view(batch) if self.view else batch)
+
+    def layers(self, inputs: np.ndarray) -> np.ndarray:
+        """Return the outputs of the last layer for the first layer's inputs, (batch, inputs)."""
+        value, activation = inputs, ACTIVATIONS[self.activation]
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            value = (activation(value) if number else value) @ weight.T + bias
+        return value
+
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """Return the fields beside layers, view and provenance, as the header has them."""
+
+    @abstractmethod
+    def has_sound_settings(self) -> bool:
+        """Whether these fields are of their types and ranges, and fit the last layer."""
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the policy's file."""
+        arrays = _named_layers("", self.weights, self.biases)
+        header = {
+            "activation": self.activation,
+            **self.settings(),
+            "layers": len(self.weights),
+            **self._empty_view,
+            "provenance": dict(self.provenance),
+        }
+        if isinstance(self.view, OneHot):
+            header |= {"one_hot": {"lows": self.view.lows, "sizes": self.view.sizes}}
+        elif self.view is not None:
+            header |= {"view": _view_header(self.view)}
+            arrays |= _named_layers("view_", self.view.weights, self.view.biases)
+        return arrays, header
+
+    _empty_view: ClassVar[dict[str, None]] = {}
+    """What the header has in the place of a view that there is not."""
+
+    @classmethod
+    def checked(
+        cls: type[Network], path: Path, arrays: Arrays, header: Header, extra: int = 0
+    ) -> Network:
+        """Build the policy as `Saved.checked`; `extra` inputs are not part of the observation."""
+        count = header.get("layers")
+        if type(count) is not int or not 1 <= count <= MOST_LAYERS:
+            raise refusal(path, f"must have 1 to {MOST_LAYERS} layers")
+        for array in arrays.values():
+            if array.dtype.kind != "f" or not np.isfinite(array).all():
+                raise refusal(path, "has a weight that is not a finite number")
+        try:
+            policy = cls.of_content(arrays, header)
+            consistent = policy._agrees(extra)
+        except _FAULTS as error:
+            raise refusal(path, "has a header that doesn't fit its arrays") from error
+        if not consistent:
+            raise refusal(path, "has layers that don't follow one another")
+        return policy
+
+    @classmethod
+    @abstractmethod
+    def of_content(cls, arrays: Arrays, header: Header) -> Any:
+        """Build the policy from a file's content, the inverse of `content`, without checks."""
+
+    def _agrees(self, extra: int) -> bool:
+        known = self.activation in ACTIVATIONS and isinstance(self.provenance, dict)
+        if not (known and self.has_sound_settings() and view_is_possible(self.view)):
+            return False
+        # Before anything is computed with them: widths that a header claims could be of any size.
+        width = self.view.width if self.view else self.weights[0].shape[1] - extra
+        return width > 0 and _chained(self.weights, self.biases, width + extra)
+
+
+def layers_of_content(arrays: Arrays, header: Header) -> dict[str, Any]:
+    """Return the fields of a `SavedNetwork` in a file's content."""
+    view: Encoding | None = None
+    if places := header.get("one_hot"):
+        view = OneHot(tuple(places["lows"]), tuple(places["sizes"]))
+    elif described := header["view"]:
+        weights, biases = _layers_named("view_", described["layers"], arrays)
+        times, choice = described.get("times", 0), Choice.of_described(described)
+        view = View(weights, biases, choice, described["n_features"], times)
+    weights, biases = _layers_named("", header["layers"], arrays)
+    return {
+        "weights": weights,
+        "biases": biases,
+        "activation": header["activation"],
+        "provenance": header["provenance"],
+        "view": view,
+        "sha256": header["sha256"],
+    }
+
+
+def _named_layers(prefix: str, weights: Sequence[Any], biases: Sequence[Any]) -> dict[str, Any]:
+    arrays = {f"{prefix}weight_{number}": weight for number, weight in enumerate(weights)}
+    return arrays | {f"{prefix}bias_{number}": bias for number, bias in enumerate(biases)}
+
+
+def _layers_named(prefix: str, count: int, arrays: Arrays) -> tuple[Any, Any]:
+    weights = tuple(arrays[f"{prefix}weight_{number}"] for number in range(count))
+    return weights, tuple(arrays[f"{prefix}bias_{number}"] for number in range(count))
+
+
+def _view_header(view: View) -> dict[str, Any]:
+    """Return what a header says of a view; the time only where there is one."""
+    sizes = {"layers": len(view.weights), "n_features": view.n_features}
+    return {**view.choice.described(), **sizes, **({"times": view.times} if view.times else {})}
+
+
+def view_is_possible(view: Any) -> bool:
+    """Whether a view's numbers are ones that `View` and `OneHot` produce."""
+    if view is None:
+        return True
+    if isinstance(view, OneHot):
+        return len(view.lows) == len(view.sizes) and all(
+            type(low) is int and type(size) is int and size > 0
+            for low, size in zip(view.lows, view.sizes, strict=True)
+        )
+    pooled, relative, scale, ahead = view.choice
+    flags = all(type(flag) is bool for flag in (pooled, relative, ahead))
+    plain = isinstance(scale, float) and flags and (relative or not ahead)
+    if not (type(view.n_features) is int and type(view.times) is int):
+        return False
+    listed = view.n_features - bool(view.times)
+    rows = listed % ROW == 0 and listed > ROW and 0 <= view.times <= MOST_TIMES
+    if not (plain and rows and np.isfinite(scale) and pooled == bool(view.weights)):
+        return False
+    if not pooled:
+        return True
+    encoded = (view.width - view.times - (ROW - 1)) // 2
+    inputs = row_width(view.choice)
+    return _chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
+
+
+def _chained(weights: Sequence[Any], biases: Sequence[Any], inputs: int) -> bool:
+    """Whether each layer takes what the one before it gives, the first so many inputs."""
+    for weight, bias in zip(weights, biases, strict=True):
+        if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
+            return False
+        inputs = len(bias)
+    return inputs > 0

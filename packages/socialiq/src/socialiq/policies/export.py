@@ -1,0 +1,344 @@
+"""Exports of policies: ONNX graphs, PyTorch modules, and weights under PyTorch's names.
+
+A graph is written node by node, without a tracing library. Only operators of `policies.onnx_graph`
+are used, so `policies.load` reads the files. All vehicles of a pooled view share one set of weights
+in the file.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+
+from socialiq.foreign import optional
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.nn.ensemble import EnsemblePolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, OneHot, View, row_width
+
+Exported = QPolicy | EnsemblePolicy | ActorPolicy
+"""Policies that are exported; of a dial, `at` gives the policy at an angle."""
+
+OPSET = 17
+IR_VERSION = 8
+INPUT, SCORES, ACTIONS = "observation", "q_values", "actions"
+"""Names of the input and of the two outputs."""
+
+# Places in a row of (x, y) of position, velocity and heading; and of the same as (y, x).
+_TURNS = {"along": (1, 2, 3, 4, 5, 6), "across": (2, 1, 4, 3, 6, 5)}
+_ACTIVATIONS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}
+
+
+def to_onnx(policy: Exported) -> bytes:
+    """Return a policy as the bytes of an ONNX file.
+
+    It takes float32 (batch, features) and has two outputs: `q_values`, float32 (batch, actions),
+    and `actions`, int64 (batch,), the best action, of equal ones the first, as `QPolicy.predict`.
+    An actor has one output, `actions`, float32 (batch, size): its deterministic action in [-1, 1].
+
+    Raises:
+        UserError: If the extra `onnx` is not installed.
+    """
+    onnx = optional("onnx", "onnx", "ONNX files")
+    helper, kinds, info = onnx.helper, onnx.TensorProto, onnx.helper.make_tensor_value_info
+    graph, temperature = _Graph(onnx), ""
+    if isinstance(policy, ActorPolicy):
+        graph.actor(policy)
+        outputs = [info(ACTIONS, kinds.FLOAT, ["batch", policy.action_size])]
+    else:
+        if isinstance(policy, EnsemblePolicy):
+            graph.mean(policy.members)
+        else:
+            graph.network(policy)
+        graph.add("ArgMax", [SCORES], ACTIONS, axis=1, keepdims=0)
+        temperature = repr(policy.temperature)
+        scores = info(SCORES, kinds.FLOAT, ["batch", policy.n_actions])
+        outputs = [scores, info(ACTIONS, kinds.INT64, ["batch"])]
+    inputs = [info(INPUT, kinds.FLOAT, ["batch", policy.n_features])]
+    constants = [
+        onnx.numpy_helper.from_array(array, name) for name, array in graph.constants.items()
+    ]
+    model = helper.make_model(
+        helper.make_graph(graph.nodes, "policy", inputs, outputs, constants),
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="socialiq",
+        producer_version=importlib.metadata.version("socialiq"),
+    )
+    entries = {
+        "socialiq.policy_sha256": policy.sha256,
+        "socialiq.temperature": temperature,
+        "socialiq.provenance": json.dumps(dict(policy.provenance)),
+    }
+    helper.set_model_props(model, {name: text for name, text in entries.items() if text})
+    onnx.checker.check_model(model, full_check=True)
+    return model.SerializeToString()
+
+
+class _Graph:
+    """Nodes and constants of a graph, added from the observation onwards."""
+
+    def __init__(self, onnx: Any) -> None:
+        self._onnx = onnx
+        self.nodes: list[Any] = []
+        self.constants: dict[str, np.ndarray] = {}
+
+    def add(self, operator: str, inputs: list[str], name: str, **attributes: Any) -> str:
+        """Add a node with one output of the same name; return the name."""
+        node = self._onnx.helper.make_node(operator, inputs, [name], name=name, **attributes)
+        self.nodes.append(node)
+        return name
+
+    def constant(self, name: str, array: np.ndarray) -> str:
+        """Add a constant unless it exists; return its name."""
+        self.constants.setdefault(name, array)
+        return name
+
+    def affine(
+        self, value: str, weight: np.ndarray, bias: np.ndarray, name: str, output: str = ""
+    ) -> str:
+        """Add an affine layer; layers of one name share weights, so their outputs need names."""
+        inputs = [
+            value,
+            self.constant(f"{name}.weight", np.asarray(weight, np.float32)),
+            self.constant(f"{name}.bias", np.asarray(bias, np.float32)),
+        ]
+        return self.add("Gemm", inputs, output or name, transB=1)
+
+    def gather(self, places: list[int], name: str, value: str = INPUT) -> str:
+        """Add the selection of some elements of a value, in the given order."""
+        index = self.constant(f"{name}.places", np.array(places, np.int64))
+        return self.add("Gather", [value, index], name, axis=1)
+
+    def scaled(self, value: str, scales: list[float], name: str) -> str:
+        """Add the product of a value and constants."""
+        factor = self.constant(f"{name}.factor", np.array(scales, np.float32))
+        return self.add("Mul", [value, factor], name)
+
+    def network(self, policy: QPolicy) -> None:
+        """Add a network, from the observation to its values."""
+        self.layers(policy, list(zip(policy.weights, policy.biases, strict=True)), SCORES)
+
+    def layers(
+        self, policy: QPolicy | ActorPolicy, layers: list[tuple[np.ndarray, np.ndarray]], name: str
+    ) -> str:
+        """Add the view of a policy, and layers with its activation between them.
+
+        Args:
+            policy: The policy.
+            layers: Weights and biases.
+            name: Name of the last layer's output; "" for its own.
+
+        Returns:
+            That name.
+        """
+        value = INPUT
+        if isinstance(policy.view, OneHot):
+            value = self._one_hot(policy.view)
+        elif policy.view is not None:
+            value = self._view(policy.view)
+        for number, (weight, bias) in enumerate(layers):
+            if number:
+                value = self.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
+            output = name if number == len(layers) - 1 else ""
+            value = self.affine(value, weight, bias, f"layer_{number}", output)
+        return value
+
+    def actor(self, policy: ActorPolicy) -> None:
+        """Add an actor, from the observation to the deterministic action."""
+        size, layers = policy.action_size, list(zip(policy.weights, policy.biases, strict=True))
+        weight, bias = layers[-1]
+        layers[-1] = weight[:size], bias[:size]  # the means, without deviations
+        value = self.layers(policy, layers, "")
+        if policy.squash == "tanh":
+            self.add("Tanh", [value], ACTIONS)
+            return
+        # Within ±1 as relu(u + 1) - relu(u - 1) - 1, by operators that are read again.
+        ones = self.constant("one", np.ones(size, np.float32))
+        above = self.add("Relu", [self.add("Add", [value, ones], "raised")], "above")
+        beyond = self.add("Relu", [self.add("Sub", [value, ones], "lowered")], "beyond")
+        self.add("Sub", [self.add("Sub", [above, beyond], "within"), ones], ACTIONS)
+
+    def mean(self, members: Sequence[QPolicy]) -> None:
+        """Add several networks and the mean of their values, in the order of `EnsemblePolicy`."""
+        total = ""
+        for number, member in enumerate(members):
+            graph = _Graph(self._onnx)
+            graph.network(member)
+            value = self._take(graph, f"member_{number}.")
+            total = self.add("Add", [total, value], f"sum_{number}") if number else value
+        count = self.constant("members", np.array([len(members)], np.float32))
+        self.add("Div", [total, count], SCORES)
+
+    def _take(self, graph: _Graph, prefix: str) -> str:
+        """Add all of another graph under names with a prefix; return the name of its values."""
+        for node in graph.nodes:
+            inputs = [name if name == INPUT else prefix + name for name in node.input]
+            node.name = prefix + node.output[0]
+            node.input[:], node.output[:] = inputs, [node.name]
+        self.nodes += graph.nodes
+        self.constants |= {prefix + name: array for name, array in graph.constants.items()}
+        return prefix + SCORES
+
+    def _one_hot(self, view: OneHot) -> str:
+        places = np.repeat(np.arange(view.n_features), view.sizes).tolist()
+        values = [
+            low + step
+            for low, size in zip(view.lows, view.sizes, strict=True)
+            for step in range(size)
+        ]
+        constant = self.constant("one_hot.values", np.array(values, np.float32))
+        equal = self.add("Equal", [self.gather(places, "one_hot.read"), constant], "one_hot.equal")
+        return self.add("Cast", [equal], "one_hot", to=self._onnx.TensorProto.FLOAT)
+
+    def _view(self, view: View) -> str:
+        """Add the ego's row and the other vehicles: encoded, summed and maximised, or listed."""
+        scale = view.choice.scale
+        own = self.gather(list(range(1, ROW)), "own.read")
+        own = self.scaled(own, [scale] * 4 + [1.0] * 2, "own")
+        if view.choice.relative:
+            self._ego()
+        others = range(1, view.n_features // ROW)
+        rows = [self._vehicle(view, number) for number in others]
+        first = [own]
+        if view.times:  # the last feature, one place for each value
+            read = self.gather([view.n_features - 1] * view.times, "time.read")
+            values = self.constant("time.values", np.arange(view.times, dtype=np.float32))
+            equal = self.add("Equal", [read, values], "time.equal")
+            first = [self.add("Cast", [equal], "time", to=self._onnx.TensorProto.FLOAT), own]
+        if not view.choice.pooled:
+            return self.add("Concat", [*first, *rows], "view", axis=1)
+        total = most = rows[0]
+        for number, row in zip(others[1:], rows[1:], strict=True):
+            total = self.add("Add", [total, row], f"sum_{number}")
+            most = self.add("Max", [most, row], f"most_{number}")
+        return self.add("Concat", [*first, total, most], "view", axis=1)
+
+    def _vehicle(self, view: View, number: int) -> str:
+        """Add another vehicle as the view lists or encodes it; all zeros where there is none."""
+        name, first, scale = f"vehicle_{number}", number * ROW, view.choice.scale
+        row = self.gather(list(range(first, first + ROW)), f"{name}.read")
+        columns = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
+        if view.choice.relative:
+            turned = self._turned(name, first)
+            columns.append(self.scaled(turned, [scale] * 4 + [1.0] * 2, f"{name}.relative"))
+            if view.choice.ahead:
+                columns.append(self._closeness(name, turned))
+        value = columns[0]
+        if len(columns) > 1:
+            value = self.add("Concat", columns, f"{name}.told", axis=1)
+        width = row_width(view.choice)
+        value = self._where_present(value, first, width, f"{name}.shown")
+        for layer, (weight, bias) in enumerate(zip(view.weights, view.biases, strict=True)):
+            value = self.affine(value, weight, bias, f"encoder_{layer}", f"{name}.layer_{layer}")
+            value = self.add("Relu", [value], f"{name}.relu_{layer}")
+            width = len(bias)
+        if not view.weights:
+            return value
+        return self._where_present(value, first, width, f"{name}.counted")
+
+    def _where_present(self, value: str, first: int, width: int, name: str) -> str:
+        return self.add("Mul", [value, self.gather([first] * width, f"{name}.presence")], name)
+
+    def _turned(self, name: str, first: int) -> str:
+        """Add position, velocity and heading along the ego's heading and to its left.
+
+        A vector (x, y) turned by the heading (cos, sin) is (x cos + y sin, y cos - x sin).
+        """
+        turned = []
+        for label, places in _TURNS.items():
+            read = self.gather([first + index for index in places], f"{name}.{label}.read")
+            offset = self.add("Sub", [read, f"ego.{label}"], f"{name}.{label}.offset")
+            turned.append(self.add("Mul", [offset, f"ego.{label}.heading"], f"{name}.{label}"))
+        return self.add("Add", turned, f"{name}.turned")
+
+    def _closeness(self, name: str, turned: str) -> str:
+        """Add `nn.view.closeness`; a hat is relu(1 - relu(u) - relu(-u))."""
+        ones = self.constant("closeness.one", np.ones(len(SECONDS), np.float32))
+        hats, seconds = [], np.array(SECONDS)
+        for axis, (label, unit) in enumerate((("ahead", ALONG), ("beside", BESIDE))):
+            weight, value = np.zeros((len(SECONDS), 6)), ones
+            weight[:, axis], weight[:, 2 + axis] = 1 / unit, PER_SECOND / unit * seconds
+            for sign, side, name_left in ((1.0, "plus", "left"), (-1.0, "minus", "rest")):
+                shared, output = f"closeness.{label}.{side}", f"{name}.{label}.{side}"
+                bias = np.zeros(len(SECONDS))
+                distance = self.affine(turned, sign * weight, bias, shared, output)
+                slope = self.add("Relu", [distance], f"{output}.part")
+                value = self.add("Sub", [value, slope], f"{name}.{label}.{name_left}")
+            hats.append(self.add("Relu", [value], f"{name}.{label}.hat"))
+        close = self.add("Mul", hats, f"{name}.close")
+        ahead = self.add("Mul", [close, f"{name}.ahead.plus"], f"{name}.close_ahead")
+        return self.add("Concat", [close, ahead], f"{name}.closeness", axis=1)
+
+    def _ego(self) -> None:
+        """Add the reference for the relative view; headings are rotated, but not shifted."""
+        for label, places in _TURNS.items():
+            read = self.gather(list(places), f"ego.{label}.read")
+            self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")
+            cos = label == "along"
+            heading = self.gather([5 if cos else 6] * 6, f"ego.{label}.heading.read")
+            signs = [1.0, 1.0 if cos else -1.0] * 3
+            self.scaled(heading, signs, f"ego.{label}.heading")
+
+
+def as_torch_module(policy: Exported) -> Any:
+    """Return the policy's network as a `torch.nn.Module` of (batch, features), float32.
+
+    It gives Q values, whose greedy action is `argmax(dim=1)`; of an actor the deterministic action
+    in [-1, 1]. Its weights are copies and can be trained.
+
+    Args:
+        policy: Any policy or ensemble.
+
+    Raises:
+        UserError: If PyTorch is not installed.
+    """
+    torch = optional("torch", "torch", "PyTorch modules")
+    from socialiq.policies.torch_network import module_of
+
+    module = module_of(policy)
+    module.load_state_dict(
+        {name: torch.from_numpy(array.copy()) for name, array in state_dict(policy).items()}
+    )
+    return module
+
+
+def state_dict(policy: Exported) -> dict[str, np.ndarray]:
+    """Return the weights under the module's names, float32; needs no PyTorch."""
+    if isinstance(policy, EnsemblePolicy):
+        return {
+            f"members.{number}.{name}": array
+            for number, member in enumerate(policy.members)
+            for name, array in state_dict(member).items()
+        }
+    arrays = _named("layers", policy.weights, policy.biases)
+    if isinstance(policy.view, View):
+        arrays |= _named("view.layers", policy.view.weights, policy.view.biases)
+    return arrays
+
+
+def to_safetensors(policy: Exported) -> bytes:
+    """Return `state_dict` as a plain safetensors file, for `safetensors.torch.load_file`.
+
+    Its metadata hold the activation, the view and the provenance, as JSON.
+
+    Args:
+        policy: Any policy or ensemble.
+    """
+    _, header = policy.content()
+    metadata = {"format": "pt", "policy_sha256": policy.sha256, "policy": json.dumps(header)}
+    return safetensors.numpy.save(state_dict(policy), metadata=metadata)
+
+
+def _named(prefix: str, weights: Any, biases: Any) -> dict[str, np.ndarray]:
+    pairs = enumerate(zip(weights, biases, strict=True))
+    return {
+        f"{prefix}.{number}.{kind}": np.ascontiguousarray(array, np.float32)
+        for number, pair in pairs
+        for kind, array in zip(("weight", "bias"), pair, strict=True)
+    }

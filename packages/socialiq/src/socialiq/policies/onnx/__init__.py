@@ -1,1 +1,0 @@
-"""ONNX policies: read within a checked subset of operators, and exported."""

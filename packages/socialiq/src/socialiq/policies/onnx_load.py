@@ -1,0 +1,315 @@
+"""Policies in ONNX: checked field by field and operator by operator, then run by onnxruntime.
+
+In Protocol Buffers, messages of two bytes each can ask for millions of objects, so fields are
+counted on the wire before any library parses the file. onnxruntime evaluates the graph because the
+policy's author tests with it. It gets the checked model, serialised again, never the file itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line, optional
+from socialiq.policies import onnx_graph
+from socialiq.policies.interface import BatchPolicy, Interface
+from socialiq.policies.onnx_graph import GraphFault, Shape, Values
+
+ROWS = 1_024
+"""Observations of one call; larger batches are split, so that memory stays bounded."""
+
+MOST_FIELDS = 20_000
+"""Fields of a file, nested ones too."""
+
+IR_VERSION = 10
+"""Newest version of ONNX's file format that is passed to onnxruntime."""
+
+_DOMAINS = ("", "ai.onnx")
+_ACTIONS = "actions"
+
+
+def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
+    """Load a policy from the bytes of an ONNX file.
+
+    Its one input is float32, (batch, ...), with a free batch size; its output is a score for each
+    action, of which the best is taken, or the action itself. Of several outputs the one named
+    "actions" is used. It has no distribution, so it always takes its best action.
+
+    Args:
+        content: The file.
+        source: Its name in messages.
+        world: The interface that the policy must have.
+
+    Returns:
+        The policy, and details from the file.
+
+    Raises:
+        UserError: If the extra `onnx` is not installed; if the file is damaged, does more than the
+            rules of `onnx.graph` allow, or is made for another world.
+    """
+    onnx, onnxruntime = (
+        optional(name, "onnx", "ONNX policies") for name in ("onnx", "onnxruntime")
+    )
+    check_fields(content, source)
+    try:
+        model = onnx.ModelProto.FromString(content)
+        inputs, shape, operators = _checked(onnx, model)
+    except GraphFault as fault:
+        raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
+    # The libraries' exceptions have no common class.
+    except Exception as error:
+        raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
+    n_features, output = math.prod(inputs), model.graph.output[0]
+    session = _session(onnxruntime, model, source)
+    integers = session.get_outputs()[0].type in ("tensor(int64)", "tensor(int32)")
+    if integers and shape not in ((), (1,)):
+        raise UserError(f"{source} answers whole numbers of shape {shape}: it must be one action")
+    if not integers and len(shape) != 1:
+        raise UserError(f"{source} answers scores of shape {shape}: it must be one of each action")
+    if world.action_size and integers:
+        raise UserError(f"{source} answers whole numbers: this world takes continuous actions")
+    if not world.action_size and not integers and output.name == _ACTIONS:
+        raise UserError(
+            f"{source} answers continuous actions: this world's are discrete; an output of scores "
+            f"has another name than {_ACTIONS}"
+        )
+    answers, sizes = "scores", (shape[0] if shape else 0, 0)
+    if world.action_size:
+        answers, sizes = "continuous actions", (0, shape[0])
+    elif integers:
+        answers, sizes = "actions", (world.n_actions, 0)
+    interface = Interface(n_features, *sizes)
+    interface.check(source, world)
+    names = [model.graph.input[0].name, output.name]
+
+    def decide(batch: Float32[np.ndarray, "batch feature"], _deterministic: bool) -> np.ndarray:
+        outputs = _run(session, names, batch.reshape(-1, *inputs), source)
+        if answers == "actions":
+            return outputs.reshape(-1)
+        if answers == "scores":
+            if not np.isfinite(outputs).all():
+                raise UserError(f"{source} answered NaN or infinity: name a sound network")
+            return outputs.argmax(axis=1)  # of equal ones the first
+        return outputs
+
+    return BatchPolicy(source, interface, decide), {"operators": operators, "answers": answers}
+
+
+def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
+    """Return the shapes of input and output for one observation, and the operators used.
+
+    Everything that was not checked is removed from the model, and all outputs but one.
+
+    Raises:
+        GraphFault: If the graph is not a policy.
+    """
+    graph, values = model.graph, Values()
+    for used in model.opset_import:
+        _check_domain(used.domain)
+    for tensor in graph.initializer:
+        values.add_constant(tensor.name, _array(onnx, tensor))
+    free = [value for value in graph.input if value.name not in values.constants]
+    if len(free) != 1:
+        raise GraphFault(f"has {len(free)} inputs, not one")
+    inputs = _input_shape(onnx, free[0])
+    values.add_row(free[0].name, inputs)
+    if len(graph.node) > onnx_graph.MOST_NODES:
+        raise GraphFault(f"has more than {onnx_graph.MOST_NODES:,} nodes")
+    for node in graph.node:
+        _add(onnx, values, node)
+    outputs = [value for value in graph.output if value.name == _ACTIONS or len(graph.output) == 1]
+    if len(outputs) != 1:
+        raise GraphFault(f"has {len(graph.output)} outputs and none is named {_ACTIONS}")
+    shape = values.row(outputs[0].name)
+    for listed, value in ((graph.input, free[0]), (graph.output, outputs[0])):
+        copy = type(value)()
+        copy.CopyFrom(value)
+        del listed[:]
+        listed.append(copy)
+    # Shapes that the file claims, and settings that onnxruntime could take from it, are not needed.
+    del graph.value_info[:], model.metadata_props[:]
+    # Versions of the file format add fields, and which fields there are is checked: an older
+    # onnxruntime can read what is left.
+    model.ir_version = min(model.ir_version, IR_VERSION)
+    return inputs, shape, sorted({node.op_type for node in graph.node})
+
+
+def _check_domain(domain: str) -> None:
+    if domain not in _DOMAINS:
+        raise GraphFault(f"uses operators of the domain {one_line(domain, 40)!r}")
+
+
+def _add(onnx: Any, values: Values, node: Any) -> None:
+    """Check a node of the graph and define its value."""
+    _check_domain(node.domain)
+    get = onnx.helper.get_attribute_value
+    attributes = {attribute.name: get(attribute) for attribute in node.attribute}
+    if len(node.output) != 1 or len(attributes) != len(node.attribute):
+        raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
+    if node.op_type != "Constant":
+        shape = onnx_graph.follow(values, node.op_type, node.input, attributes)
+        values.add_row(node.output[0], shape)
+        return
+    if list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
+        raise GraphFault("has a Constant that is not a tensor")
+    values.add_constant(node.output[0], _array(onnx, attributes["value"]))
+
+
+def _array(onnx: Any, tensor: Any) -> np.ndarray:
+    """Return a constant's numbers; its shape is checked before they are unpacked."""
+    kinds = (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64, onnx.TensorProto.INT32)
+    dims = tuple(tensor.dims)
+    if tensor.data_type not in kinds:
+        raise GraphFault("has a constant that is not float32, int64 or int32")
+    if len(dims) > 2 or any(not 0 <= size <= onnx_graph.MOST_DIMENSION for size in dims):
+        raise GraphFault(f"has a constant of shape {one_line(str(dims), 60)}")
+    return onnx.numpy_helper.to_array(tensor)
+
+
+def _input_shape(onnx: Any, value: Any) -> Shape:
+    kind = value.type.tensor_type
+    dims = list(kind.shape.dim)
+    if kind.elem_type != onnx.TensorProto.FLOAT or not 2 <= len(dims) <= 4:
+        raise GraphFault("takes an input that is not float32 of shape (batch, features)")
+    if dims[0].HasField("dim_value"):
+        raise GraphFault(f"takes {dims[0].dim_value} observations at a time, not any number")
+    shape = tuple(dim.dim_value for dim in dims[1:])
+    if any(not 1 <= size <= onnx_graph.MOST_DIMENSION for size in shape):
+        raise GraphFault(f"takes observations of shape {shape}")
+    return shape
+
+
+def _session(onnxruntime: Any, model: Any, source: str) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # what is wrong comes as an exception
+    try:
+        return onnxruntime.InferenceSession(
+            model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+        )
+    except Exception as error:  # its exceptions have no common class
+        raise UserError(
+            f"{source} can't be run by onnxruntime: {one_line(str(error))}; export it again"
+        ) from error
+
+
+def _run(session: Any, names: list[str], rows: np.ndarray, source: str) -> np.ndarray:
+    """Return a session's outputs, of at most `ROWS` observations at a time."""
+    pieces = [rows[start : start + ROWS] for start in range(0, len(rows), ROWS)]
+    try:
+        return np.concatenate([session.run(names[1:], {names[0]: piece})[0] for piece in pieces])
+    except Exception as error:  # its exceptions have no common class
+        raise UserError(f"{source} failed: {one_line(str(error))}") from error
+
+
+# Fields that a policy may have, by their numbers in onnx.proto. Any other (external data, sparse
+# initialisers, functions, sub-graphs) refuses the file.
+_LEAF = None
+_Message = Mapping[int, "_Message | None"]
+
+_ENTRY: _Message = {1: _LEAF, 2: _LEAF}  # StringStringEntryProto, OperatorSetIdProto
+_DIMENSION: _Message = {1: _LEAF, 2: _LEAF, 3: _LEAF}
+_TENSOR_TYPE: _Message = {1: _LEAF, 2: {1: _DIMENSION}}
+_TYPE: _Message = {1: _TENSOR_TYPE, 6: _LEAF}
+_VALUE: _Message = {1: _LEAF, 2: _TYPE, 3: _LEAF, 4: _ENTRY}
+_TENSOR: _Message = dict.fromkeys((1, 2, 4, 5, 7, 8, 9, 10, 12), _LEAF)
+_ATTRIBUTE: _Message = dict.fromkeys((1, 2, 3, 4, 7, 8, 13, 20), _LEAF) | {5: _TENSOR}
+_NODE: _Message = dict.fromkeys((1, 2, 3, 4, 6, 7), _LEAF) | {5: _ATTRIBUTE, 9: _ENTRY}
+_GRAPH: _Message = {1: _NODE, 2: _LEAF, 5: _TENSOR, 10: _LEAF, 16: _ENTRY} | dict.fromkeys(
+    (11, 12, 13), _VALUE
+)
+_MODEL: _Message = dict.fromkeys(range(1, 7), _LEAF) | {7: _GRAPH, 8: _ENTRY, 14: _ENTRY}
+
+_REFUSED = {
+    ("tensor", 13): "external data",
+    ("tensor", 14): "external data",
+    ("graph", 15): "sparse initialisers",
+    ("attribute", 6): "sub-graphs",
+    ("attribute", 11): "sub-graphs",
+    ("attribute", 22): "sparse tensors",
+    ("model", 20): "training steps",
+    ("model", 25): "functions",
+}
+_NAMES = {
+    id(message): name
+    for name, message in (
+        ("tensor", _TENSOR),
+        ("graph", _GRAPH),
+        ("attribute", _ATTRIBUTE),
+        ("model", _MODEL),
+        ("node", _NODE),
+    )
+}
+
+
+def check_fields(content: bytes, source: str) -> None:
+    """Refuse a file with unknown or too many fields; cheap in time and memory.
+
+    Args:
+        content: The file.
+        source: Its name in messages.
+
+    Raises:
+        UserError: At the first such field, or where the file is damaged.
+    """
+    try:
+        count, waiting = 0, [(_MODEL, 0, len(content))]
+        while waiting:
+            message, start, end = waiting.pop()
+            for number, begin, after in _fields(content, start, end):
+                count += 1
+                if count > MOST_FIELDS:
+                    raise UserError(f"{source} has more than {MOST_FIELDS} fields: simplify it")
+                if number not in message:
+                    name = _NAMES.get(id(message), "type")
+                    what = _REFUSED.get((name, number), f"field {number} of a {name}")
+                    raise UserError(
+                        f"{source} has {what}: export a plain network that holds its own weights"
+                    )
+                inner = message[number]
+                if inner is not None:
+                    waiting.append((inner, begin, after))
+    except (IndexError, ValueError) as error:
+        raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
+
+
+def _fields(content: bytes, start: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Yield number, begin and end of each field of a message, by Protocol Buffers' wire format.
+
+    Raises:
+        ValueError: If one reaches beyond the message, or is of a kind that ONNX doesn't use.
+        IndexError: If the file ends within a number.
+    """
+    position = start
+    while position < end:
+        key, begin = _varint(content, position)
+        kind = key & 7
+        if kind == 0:
+            _, after = _varint(content, begin)
+        elif kind == 2:
+            length, begin = _varint(content, begin)
+            after = begin + length
+        elif kind in (1, 5):
+            after = begin + (8 if kind == 1 else 4)
+        else:
+            raise ValueError("group")
+        if after > end:
+            raise ValueError("beyond the message")
+        yield key >> 3, begin, after
+        position = after
+
+
+def _varint(content: bytes, position: int) -> tuple[int, int]:
+    """Return a number of at most ten bytes, and the position after it."""
+    number = 0
+    for count in range(10):
+        byte = content[position + count]
+        number |= (byte & 127) << (7 * count)
+        if byte < 128:
+            return number, position + count + 1
+    raise ValueError("number of more than ten bytes")

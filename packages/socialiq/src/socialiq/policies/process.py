@@ -1,0 +1,215 @@
+"""Policies in a separate process, in any language, over JSON lines (docs/policies.md)."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shlex
+import shutil
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.policies.child import Child
+from socialiq.policies.interface import BatchPolicy, Interface
+
+PROTOCOL = "socialiq-policy"
+VERSION = 1
+
+_GREETING = 4_096  # bytes of an answer to the first line
+_SHORTEST = 0.001
+_LONGEST = 3_600.0  # seconds
+_MOST_MEMORY = 2**20 * 1024**3  # bytes
+_ANSWER, _PER_ROW = 4_096, 32  # bytes of any other: for all, and for each observation
+
+_ACTIONS, _SIZE = "actions", "action_size"
+"""Field of a greeting with the number of discrete actions, or the length of a continuous one."""
+
+GIB = 1024**3
+LEAST_MEMORY = GIB // 4
+"""Bytes; an interpreter does not start with less."""
+
+
+class Limits(NamedTuple):
+    """Time and memory of a process.
+
+    Attributes:
+        start: Seconds from its start to its first answer.
+        step: Seconds for each batch of observations.
+        memory: Bytes of address space of each of its processes; 0 for any amount. A network of
+            torch or JAX reserves several GiB that it never uses.
+    """
+
+    start: float = 30.0
+    step: float = 5.0
+    memory: int = 8 * GIB
+
+    def check(self) -> None:
+        """Refuse limits that are out of range.
+
+        Raises:
+            UserError: If a number is out of range.
+        """
+        if not all(_SHORTEST <= seconds <= _LONGEST for seconds in (self.start, self.step)):
+            raise UserError(
+                f"seconds for an answer must be at least {_SHORTEST:g} and at most {_LONGEST:g}"
+            )
+        if self.memory and not LEAST_MEMORY <= self.memory <= _MOST_MEMORY:
+            raise UserError(
+                f"memory must be from {LEAST_MEMORY / GIB:g} to {_MOST_MEMORY // GIB} GiB, or 0 "
+                "for any amount"
+            )
+
+
+def limits_of(step_seconds: float, memory_gib: float) -> Limits:
+    """Return limits from the units of the command line.
+
+    Raises:
+        UserError: If a number is out of range.
+    """
+    if not 0.0 <= memory_gib <= _MOST_MEMORY / GIB:
+        raise UserError(f"memory in GiB must be at least 0, got {memory_gib:g}")
+    limits = Limits(step=step_seconds, memory=round(memory_gib * GIB))
+    limits.check()
+    return limits
+
+
+def start_process(
+    command: Sequence[str], source: str, world: Interface, limits: Limits
+) -> tuple[BatchPolicy, dict[str, Any], Child]:
+    """Start a policy's process and exchange the first message.
+
+    Args:
+        command: Program and arguments; no shell is used.
+        source: Its name in messages.
+        world: The interface that the policy must have.
+        limits: Its time and memory.
+
+    Returns:
+        The policy, its own details, and the process, which must be closed.
+
+    Raises:
+        UserError: If it can't be started, doesn't speak the protocol, or is made for another world.
+    """
+    limits.check()
+    child = Child(command, source, limits.memory)
+    kind = {_SIZE: world.action_size} if world.action_size else {_ACTIONS: world.n_actions}
+    greeting = {"protocol": PROTOCOL, "version": VERSION, "features": world.n_features, **kind}
+    answer = _request(child, greeting, limits.start, _GREETING)
+    if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):
+        raise child.failure(f"does not speak {PROTOCOL} version {VERSION}")
+    features, sizes = answer.get("features"), [answer.get(name) for name in (_ACTIONS, _SIZE)]
+    if type(features) is not int or [type(size) for size in sizes if size is not None] != [int]:
+        raise child.failure(
+            f"does not give its numbers of features and {_ACTIONS}, or {_SIZE} if they are "
+            "continuous"
+        )
+    interface = Interface(features, sizes[0] or 0, sizes[1] or 0)
+    try:
+        interface.check(source, world)
+    except UserError:
+        child.close()
+        raise
+    conversation = _Conversation(child, limits.step, interface.action_size)
+    details = {"name": one_line(str(answer.get("name", ""))), **limits._asdict()}
+    return BatchPolicy(source, interface, conversation.decide), details, child
+
+
+def command_of(command_line: str) -> list[str]:
+    """Split a command line into program and arguments.
+
+    Raises:
+        UserError: If there is no program of that name.
+    """
+    try:
+        command = shlex.split(command_line)
+    except ValueError as error:
+        raise UserError(f"cannot read the command {one_line(command_line)}: {error}") from error
+    if not command or not shutil.which(command[0]):
+        name = one_line(command[0]) if command else ""
+        raise UserError(f"no such program: '{name}'; name one after 'process:'")
+    return command
+
+
+def _request(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
+    """Send a message and return its answer, a JSON object.
+
+    Raises:
+        UserError: If it answers anything else; it is killed then.
+    """
+    line = child.exchange(json.dumps(message).encode() + b"\n", seconds, most)
+    try:
+        answer = json.loads(line)
+    except (ValueError, RecursionError):
+        raise child.failure("answered a line that is not JSON") from None
+    if not isinstance(answer, dict):
+        raise child.failure("answered a line that is not a JSON object")
+    if isinstance(answer.get("error"), str):
+        child.close()
+        raise UserError(f"{child.source} {one_line(answer['error'])}")
+    return answer
+
+
+class _Conversation:
+    """Exchange of observations and actions; each answer has the number of its request.
+
+    Args:
+        child: The process.
+        seconds: Time for each answer.
+        size: Length of a continuous action; 0 if actions are discrete.
+    """
+
+    def __init__(self, child: Child, seconds: float, size: int) -> None:
+        self._child, self._seconds, self._number, self._size = child, seconds, 0, size
+
+    def decide(
+        self, batch: Float32[np.ndarray, "batch feature"], deterministic: bool
+    ) -> np.ndarray:
+        """Request the actions of a batch.
+
+        Raises:
+            UserError: If the process fails, or answers anything but a list of integers, or of
+                lists of numbers if actions are continuous; the process is killed then.
+        """
+        self._number += 1
+        request = {
+            "id": self._number,
+            "deterministic": deterministic,
+            "observations": batch.tolist(),
+        }
+        most = _ANSWER + _PER_ROW * len(batch) * max(self._size, 1)
+        answer = _request(self._child, request, self._seconds, most)
+        if answer.get("id") != self._number:
+            raise self._child.failure(f"did not name the request {self._number} that it answers")
+        actions = answer.get("actions")
+        if self._size:
+            self._check_vectors(actions)
+            return np.array(actions, np.float64).reshape(-1, self._size)
+        if not isinstance(actions, list) or any(type(action) is not int for action in actions):
+            raise self._child.failure("answered actions that are not a list of integers")
+        if any(abs(action) >= 2**31 for action in actions):
+            raise self._child.failure("answered an action of more than 32 bits")
+        return np.array(actions, np.int64)
+
+    def _check_vectors(self, actions: Any) -> None:
+        """Refuse all but lists of finite numbers; `Interface.checked` counts the lists."""
+        lists = isinstance(actions, list) and all(isinstance(row, list) for row in actions)
+        if not lists or any(len(row) != self._size for row in actions):
+            raise self._child.failure(
+                f"answered actions that are no list of {self._size} number(s) for each observation"
+            )
+        for number in itertools.chain.from_iterable(actions):
+            if type(number) not in (int, float):
+                raise self._child.failure(
+                    f"answered {one_line(json.dumps(number), 40)} in an action: each must be a "
+                    "number"
+                )
+            if not abs(number) <= 1.0:  # NaN too
+                raise self._child.failure(
+                    f"answered {one_line(str(number), 40)} in an action: continuous ones must be "
+                    "in [-1, 1], the ends being the bounds of the action space"
+                )

@@ -1,1 +1,0 @@
-"""Policies in separate processes, with limits."""

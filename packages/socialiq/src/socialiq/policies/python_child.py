@@ -1,0 +1,102 @@
+"""A Python policy as a program of the line protocol (docs/policies.md); it is never imported.
+
+    python python_child.py PLACE ATTRIBUTE PATHS
+
+PLACE is a module's name, or the path of a file that ends in .py; ATTRIBUTE is a policy (it has
+`predict`), a class that makes one without arguments, or a function of observations; PATHS is a JSON
+list, the module search path. The module's code runs in this process alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+MOST = 400  # characters of an error
+
+
+def main(place: str, attribute: str, paths: list[str]) -> int:
+    """Load the policy and answer every line of the standard input."""
+    # What the module prints goes to the standard error: the standard output is for answers.
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.path[:] = paths
+    policy, size = None, 0
+    for line in sys.stdin:
+        message = json.loads(line)
+        try:
+            if policy is None:
+                policy, size = _loaded(place, attribute), message.get("action_size", 0)
+                answer = message
+            else:
+                answer = {"id": message["id"], **_decided(policy, message, size)}
+        except (Exception, SystemExit) as error:
+            answer = {"error": f"raised {type(error).__name__}: {error}; correct its code"[:MOST]}
+        if isinstance(policy, str):
+            answer = {"error": policy}
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+    return 0
+
+
+def _loaded(place: str, attribute: str) -> Any:
+    """Return the policy, or a text that says why it is none."""
+    policy = getattr(_module(place), attribute)
+    policy = policy() if inspect.isclass(policy) else policy
+    if not callable(getattr(policy, "predict", policy)):
+        return "is not a policy: it must be a function or have `predict`"
+    return policy
+
+
+def _module(place: str) -> Any:
+    if not place.endswith(".py"):
+        return importlib.import_module(place)
+    path = Path(place)
+    sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up there.
+    sys.modules.setdefault(path.stem, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _decided(policy: Any, message: dict[str, Any], size: int) -> dict[str, Any]:
+    """Return the actions of a request, or an error if they are of another type or shape.
+
+    Args:
+        policy: The policy.
+        message: The request.
+        size: Length of a continuous action; 0 if actions are discrete.
+    """
+    import numpy as np
+
+    batch = np.array(message["observations"], np.float32)
+    if hasattr(policy, "predict"):
+        answer = policy.predict(batch, deterministic=message["deterministic"])[0]
+    else:
+        answer = policy(batch)
+    try:
+        actions = np.asarray(answer)
+    except (ValueError, TypeError):  # rows of several lengths
+        return {"error": "must answer one action for each observation"}
+    shape, kinds, what = (len(batch),), "iu", "one integer"
+    if size:
+        shape, kinds, what = (len(batch), size), "iuf", f"{size} number(s)"
+    if actions.shape != shape or actions.dtype.kind not in kinds:
+        return {
+            "error": f"answered {actions.dtype} of shape {actions.shape}: it must be {what} "
+            f"for each of {len(batch)} observations"
+        }
+    return {"actions": actions.tolist()}
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2], json.loads(sys.argv[3])))

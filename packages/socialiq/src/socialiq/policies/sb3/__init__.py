@@ -1,1 +1,0 @@
-"""Policies of Stable-Baselines3, read without running their pickles."""

@@ -1,0 +1,75 @@
+"""When runs of the λ sweep adapt: the updates until their angle is near the optimum's (Fig D.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from socialiq.social.angle import angle_difference, angle_of
+from socialiq.types import Row
+from socialiq_lab.declared import State
+from socialiq_lab.tables import column, groups, matching
+
+KEYS = ("target_kind", "strength", "readout")
+TARGET_ANGLE = 0.0
+WITHIN = 20.0
+"""Largest distance in degrees from the optimum's angle of a run that has adapted (Fig D.1)."""
+
+
+def optimum_angle(state: State) -> float:
+    """Return the angle in degrees of the optimum at the target angle 0."""
+    best = state.ground.optimum.attainable.optimum(TARGET_ANGLE).point
+    return angle_of(best.env, best.social)
+
+
+def adaptation_rows(state: State) -> list[Row]:
+    """Return the first update of each run within 20 degrees of the optimum, and the settled one.
+
+    The thesis writes |α̂ - α_target| < 20 with α_target = 0 and calls -42 degrees reached, so the
+    optimum's own angle must be meant. A run may come near early and leave again, so the table also
+    has the checkpoint from which it stays near. Both are empty if there is none.
+    """
+    goal = optimum_angle(state)
+    table = []
+    for values, steps in groups(state.tables["checkpoints"], *KEYS, "seed").items():
+        near = [abs(angle_difference(row["angle"], goal)) < WITHIN for row in steps]
+        table.append(
+            dict(zip((*KEYS, "seed"), values, strict=True))
+            | {
+                "first_update_within": steps[near.index(True)]["updates"] if any(near) else "",
+                "settled_update": settled(column(steps, "updates"), near),
+                "within_at_end": int(near[-1]),
+            }
+        )
+    return table
+
+
+def settled(updates: Sequence[int], near: Sequence[bool]) -> int | str:
+    """Return the first update from which all are near; empty if the last isn't."""
+    away = [number for number, close in enumerate(near) if not close]
+    after = away[-1] + 1 if away else 0
+    return updates[after] if after < len(updates) else ""
+
+
+def summary(state: State) -> dict[str, Any]:
+    """Return pooled metrics and number of adapted seeds by variant, action selection and λ."""
+    variants: dict[str, dict] = {}
+    for row in state.tables["pooled"]:
+        runs = matching(state.tables["adaptation"], **{key: row[key] for key in KEYS})
+        first, stays = (
+            [value for value in column(runs, name) if value != ""]
+            for name in ("first_update_within", "settled_update")
+        )
+        by_readout = variants.setdefault(row["target_kind"], {})
+        by_readout.setdefault(row["readout"], {})[f"{row['strength']:g}"] = {
+            key: value for key, value in row.items() if key not in KEYS
+        } | {
+            "adapted_at_end": sum(column(runs, "within_at_end")),
+            "adapted_ever": len(first),
+            "mean_first_update": float(np.mean(first)) if first else None,
+            "mean_settled_update": float(np.mean(stays)) if stays else None,
+        }
+    seeds = len(state.config.seeds)
+    return {"optimum_angle": optimum_angle(state), "seeds": seeds, "readings": variants}

@@ -1,0 +1,186 @@
+"""A dial at a recorded junction from recorded drivers alone, without and with practice.
+
+The world is made of recordings (`recordings.world`). Recorded drivers show few of the states that
+their dials get into. With practice the dials drive in this world and learn again from what they
+met. The dials, clones of the same rows, the calibrated drivers and rules of known courtesy drive
+the same episodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.audit.evidence.outcomes import Outcomes
+from socialiq.demonstrations import files
+from socialiq.plotting.style import figure, finish
+from socialiq.statistics.comparisons import paired_difference
+from socialiq.storage import read_json
+from socialiq.types import Ending, Row
+from socialiq_lab.results import Results
+from socialiq_lab.study import Context, Findings, Study, View
+from socialiq_recordings.world.recorded_world import RecordedWorld
+from studies.recorded_junction_practice.work import (
+    HUMAN,
+    MIXTURES,
+    PRACTICE,
+    PRACTISED,
+    VALUES,
+    WORLD,
+    Config,
+    driven,
+    plan,
+    slug,
+)
+
+_SIDES = ("r_env", "r_social")
+_INKS = ("#1b7837", "#762a83")
+_APART = 1.0  # both rewards; the angles of a shorter line are not written
+
+CLONE = "clone: "
+"""Beginning of the name of a clone, before its mixture's."""
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return a row for each driver and angle, and the turn of each mixture's dials."""
+    work = context.work
+    angles: list[Row] = []
+    turns: list[Row] = []
+    values: list[Row] = []
+    drivers = [_row(name, [runs]) for name, runs in driven(work / "drivers").items()]
+    summary = {}
+    for mixture in MIXTURES:
+        outcomes = driven(work / "driven" / slug(mixture))
+        dials = {
+            angle: [outcomes[f"dial {seed} {angle:g}"] for seed in config.seeds]
+            for angle in config.angles
+        }
+        for angle, runs in dials.items():
+            angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
+        clones = [outcomes[f"clone {seed}"] for seed in config.seeds]
+        drivers.append(_row(CLONE + mixture, clones))
+        turned = _turns(mixture, dials)
+        turns += turned
+        summary[mixture] = {row["reward"]: row["difference"] for row in turned}
+        if config.checked:
+            values.append({"mixture": mixture} | read_json(work / "dials" / slug(mixture) / VALUES))
+    counts = files.load(work / "world" / HUMAN).counts().items()
+    world = RecordedWorld.load(work / "world" / WORLD)
+    about = {name: world.provenance[name] for name in ("vehicles", "egos", "closures")}
+    tables = {
+        "angles": angles,
+        "turns": turns,
+        "drivers": drivers,
+        "data": [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts],
+        "values": values,
+        "practice": read_json(work / "dials" / slug(PRACTISED) / PRACTICE),
+    }
+    return Findings(tables, {"world_sha256": world.sha256} | about | summary)
+
+
+def _mean(runs: Sequence[Outcomes]) -> np.ndarray:
+    """Return the totals of each episode, the mean over training seeds."""
+    return np.mean([one.totals for one in runs], axis=0)
+
+
+def _row(name: str, runs: Sequence[Outcomes]) -> Row:
+    """Return means over episodes and seeds; intervals over episodes, ranges over seeds."""
+    row: Row = {"driver": name}
+    for side, values in zip(_SIDES, _mean(runs).T, strict=True):
+        half = 1.96 * float(values.std(ddof=1)) / np.sqrt(len(values))
+        mean = float(values.mean())
+        row |= {side: mean, f"{side}_low": mean - half, f"{side}_high": mean + half}
+        each = [float(one.totals[:, _SIDES.index(side)].mean()) for one in runs]
+        row |= {f"{side}_least": min(each), f"{side}_largest": max(each)}
+    shares = {
+        "arrival": [one.ending == Ending.ARRIVAL for one in runs],
+        "at_fault": [one.at_fault for one in runs],
+        "struck": [one.struck for one in runs],
+        "timeout": [one.ending == Ending.TIMEOUT for one in runs],
+        "closed_line": [one.ending == Ending.OTHER for one in runs],
+    }
+    return row | {name: float(np.mean(found)) for name, found in shares.items()}
+
+
+def _turns(mixture: str, dials: dict[float, list[Outcomes]]) -> list[Row]:
+    """Return the change of both rewards from the first angle to the last, paired by episode."""
+    first, last = (list(dials.values())[place] for place in (0, -1))
+    rows: list[Row] = []
+    for place, side in enumerate(_SIDES):
+        found = paired_difference(_mean(last)[:, place], _mean(first)[:, place])
+        each = [
+            float(new.totals[:, place].mean() - old.totals[:, place].mean())
+            for new, old in zip(last, first, strict=True)
+        ]
+        label = {"mixture": mixture, "reward": side, "difference": found.mean}
+        ends = {"low": found.low, "high": found.high, "p": found.p}
+        rows.append(label | ends | {"least": min(each), "largest": max(each)})
+    return rows
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw r_social over r_env: a line for each mixture's dials, points for the others."""
+    drawn = figure(7.6, 4.6)
+    axes = drawn.subplots()
+    inks = dict(zip(MIXTURES, _INKS, strict=True))
+    for mixture, ink in inks.items():
+        rows = [row for row in results.tables["angles"] if row["mixture"] == mixture]
+        if rows:
+            _line(axes, rows, ink, f"dial: {mixture}")
+    others = iter("*>soD^vP")
+    for row in results.tables["drivers"]:
+        name = row["driver"]
+        of = name.removeprefix(CLONE)
+        ink, marker = (inks[of], "X") if of in inks else ("#6e6e6e", next(others))
+        place = row["r_env"], row["r_social"]
+        axes.plot(*place, label=name, color=ink, marker=marker, markersize=6, linestyle="")
+    finish(axes, xlabel="mean r_env of an episode", ylabel="mean r_social of an episode")
+    handles, names = axes.get_legend_handles_labels()
+    drawn.legend(handles, names, loc="outside right upper", frameon=False, fontsize=7)
+    return {"trade_off": drawn}
+
+
+def _line(axes: Any, rows: Sequence[Row], ink: str, label: str) -> None:
+    """Draw the dials of a mixture, with the angle at both ends if they differ."""
+    x, y = ([row[side] for row in rows] for side in _SIDES)
+    axes.plot(x, y, marker="o", markersize=3, color=ink, label=label)
+    first, last = rows[0], rows[-1]
+    ends = [(first, "left", -4), (last, "right", 4)]
+    if np.hypot(x[-1] - x[0], y[-1] - y[0]) < _APART:
+        ends = []
+    for row, side, shift in ends:
+        place = row["r_env"], row["r_social"]
+        axes.annotate(f"{row['asked']:g}°", place, fontsize=7, textcoords="offset points",
+                      xytext=(-shift, shift), ha=side, color=ink)  # fmt: skip
+
+
+def view(results: Results) -> Sequence[View]:
+    """Return the tables to print."""
+    shown = ("mixture", "asked", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
+    rows = [{name: row[name] for name in shown} for row in results.tables["angles"]]
+    shown = ("driver", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
+    others = [{name: row[name] for name in shown} for row in results.tables["drivers"]]
+    turned = "From the first angle to the last, with 95 % intervals; range over seeds"
+    checked = results.tables.get("values", [])
+    more = [View(checked, "Values of r_env beside rollouts, at the first angle")] if checked else []
+    practised = results.tables.get("practice", [])
+    more += [View(practised, "Practice, all angles together")] if practised else []
+    return [
+        View(rows, "Dials, means over training seeds"),
+        View(results.tables["turns"], turned),
+        View(others, "Beside them"),
+        *more,
+    ]
+
+
+STUDY = Study(
+    name="recorded-junction-practice",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view,
+)

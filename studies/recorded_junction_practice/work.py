@@ -1,0 +1,310 @@
+"""Configuration and jobs of the study: make the world, train with and without practice, drive."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+from socialiq.audit.evidence.outcomes import Outcomes, Reference
+from socialiq.demonstrations import files as tables
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import concatenate
+from socialiq.errors import UserError
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.config import check_counts, check_not_negative
+from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.critic import Critic
+from socialiq.learners.offline.objective import ensemble_values
+from socialiq.learners.offline.train import STAGES, recorded
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.social.angle import weights
+from socialiq.storage import load_arrays, save_arrays, write_json
+from socialiq.types import Ending, RewardPair, Row
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.recorded_practice import Practice, train_with_practice
+from socialiq_recordings.readers.import_file import import_file
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.build import build
+from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.replay import replay
+from socialiq_recordings.world.rollouts import visit
+from studies.recorded_junction_practice.planted import rules
+
+RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
+"""The recorded drivers alone, and with what the dials then met while they drove in the world."""
+
+WORLD, HUMAN, DRIVEN = "world.safetensors", "human.safetensors", "driven.safetensors"
+VALUES, PRACTICE = "values.json", "practice.json"
+_SIDE_BY_SIDE = 500
+_KIND, _VERSION = "study-recorded-junction", 1
+_COLUMNS = ("totals", "ending", "contact", "length")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    The recordings are not part of the package: `recordings` names their folder.
+    """
+
+    recordings: str = "commonroad"
+    """Folder of the CommonRoad scenarios."""
+    files: str = "USA_Lanker*.xml"
+    """Pattern of the files: the scenarios of one junction."""
+    seeds: tuple[int, ...] = (2106, 2107, 2108)
+    """Training seeds. 100 to 199 were used in development."""
+    angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    """Angles at which dials are driven, in degrees."""
+    every: float = 0.2
+    """Seconds between the beginnings of a recorded vehicle's episodes."""
+    practice: Practice = field(default_factory=lambda: Practice(5))
+    """Practice of the mixture that has it."""
+    structure: StaticConfig = field(
+        default_factory=lambda: StaticConfig(updates=1500, view="set_ahead")
+    )
+    """Static config of the dials, without the length of an episode, which is the world's."""
+    numbers: Hyperparameters = field(default_factory=Hyperparameters)
+    """Hyperparameters of the dials, without the seed."""
+    episodes: int = 400
+    """Evaluation episodes of each driver, common to all."""
+    checked: int = 30
+    """Episodes of each mixture's first dial, at the first angle, in whose states the critics'
+    values are compared with rollouts; their seeds follow those of the evaluation. 0: none."""
+    first_episode: int = 66_000_000
+    """Seed of the first evaluation episode. Those from 50,000,000 on were used in development."""
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes."""
+        if not self.seeds or len(self.angles) < 2:
+            raise UserError("name at least one training seed and two angles")
+        check_counts(self, ("episodes",))
+        check_not_negative(self, ("checked",))
+
+    def contents(self) -> dict[str, str]:
+        """Return the SHA-256 of each scenario by its file's name.
+
+        Raises:
+            UserError: If there is none.
+        """
+        paths = sorted(Path(self.recordings).glob(self.files))
+        if not paths:
+            raise UserError(
+                f"no file {self.files} in {self.recordings}: name the folder of the CommonRoad "
+                "scenarios with --recordings"
+            )
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+@dataclass(frozen=True)
+class Made:
+    """Configuration of the world's job."""
+
+    recordings: str
+    contents: dict[str, str]
+    every: float
+
+
+@dataclass(frozen=True)
+class Training:
+    """Configuration of the dials of one mixture."""
+
+    mixture: str
+    seeds: tuple[int, ...]
+    structure: StaticConfig
+    numbers: Hyperparameters
+    angle: float
+    checked: int
+    first_checked: int
+    practice: Practice
+
+    @property
+    def stages(self) -> int:
+        """Return the number of stages of all trainings."""
+        return (1 + self.practice.rounds) * len(STAGES)
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Configuration of the driving of one mixture's dials, or of the references."""
+
+    mixture: str
+    seeds: tuple[int, ...]
+    angles: tuple[float, ...]
+    episodes: int
+    first_episode: int
+
+
+def plan(config: Config) -> list[Job]:
+    """Return every job, each after its inputs."""
+    made = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
+    driving = {"episodes": config.episodes, "first_episode": config.first_episode}
+    jobs = [
+        Job("world", make_world, made, cost=30.0),
+        Job("drivers", drive_references, Driving("", (), (), **driving), ("world",), cost=10.0),
+    ]
+    for mixture in MIXTURES:
+        name = slug(mixture)
+        checks = config.angles[0], config.checked, config.first_episode + config.episodes
+        practice = config.practice if mixture == PRACTISED else Practice(0)
+        run = Training(mixture, config.seeds, config.structure, config.numbers, *checks, practice)
+        cost = (1 + practice.rounds) * len(config.seeds) * config.structure.updates / 30
+        jobs.append(Job(f"dials/{name}", train, run, ("world",), cost=cost))
+        drives = Driving(mixture, config.seeds, config.angles, **driving)
+        jobs.append(
+            Job(f"driven/{name}", drive_dials, drives, ("world", f"dials/{name}"), cost=60.0)
+        )
+    return jobs
+
+
+def slug(mixture: str) -> str:
+    """Return a mixture's name as that of a folder."""
+    return mixture.replace(",", "").replace(" ", "-")
+
+
+def make_world(
+    config: Made, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Make the world and the recorded drivers' demonstrations."""
+    del inputs, on_progress
+    paths = [Path(config.recordings) / name for name in sorted(config.contents)]
+    recordings = [one.recording for path in paths for one in import_file(path)]
+    made = build(recordings, WorldConfig())
+    made.world.save(folder / WORLD)
+    tables.save(folder / HUMAN, replay(made.world, config.every).table, replace=True)
+
+
+def train(
+    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
+    data = tables.load(inputs["world"] / HUMAN)
+    world = RecordedWorld.load(inputs["world"] / WORLD)
+    whole = world.config.decisions
+    static = dataclasses.replace(config.structure, whole_episode=whole)
+    numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
+
+    def callbacks(practised: int, stage: str) -> Callbacks:
+        before, stages = practised * len(STAGES) + STAGES.index(stage), config.stages
+        return Callbacks(lambda one: on_progress((before + one.done / one.total) / stages))
+
+    found = train_with_practice(world, static, numbers, data, config.practice, callbacks)
+    stages = found.stages
+    write_json(folder / PRACTICE, _driven_in_practice(found.driven, config.seeds))
+    clones = stages["behaviour"].state.target_network
+    for run, seed in enumerate(config.seeds):
+        stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
+        clone = QPolicy.of(network_of(clones, run), 1.0, {"clone": config.mixture, "seed": seed})
+        clone.save(folder / f"clone_{seed}.safetensors")
+    if config.checked:
+        critics = jax.tree.map(lambda leaf: leaf[0], stages["critics"].state.target_network)
+        _, unit = recorded(concatenate([data, *found.driven[0]]), whole)
+        row = compared(world, stages["dial"].policy(0), critics, unit, config)
+        write_json(folder / VALUES, row)
+
+
+def _driven_in_practice(driven: list[list[Demonstrations]], seeds: Sequence[int]) -> list[Row]:
+    """Return what each run met in each round, all angles together."""
+    return [
+        {
+            "seed": seed,
+            "round": number + 1,
+            "episodes": len(one.totals().env),
+            "decisions": len(one.action),
+            "r_env": float(one.totals().env.mean()),
+            "r_social": float(one.totals().social.mean()),
+            "collisions": float((one.ending[one.ending > 0] == int(Ending.COLLISION)).mean()),
+        }
+        for seed, own in zip(seeds, driven, strict=True)
+        for number, one in enumerate(own)
+    ]
+
+
+def compared(
+    world: RecordedWorld, dial: DialPolicy, critics: Critic, unit: Any, config: Training
+) -> Row:
+    """Return the critics' r_env beside that of rollouts, in states that a dial visits.
+
+    In some of them the choice decides whether a collision at fault follows.
+    """
+    policy, seeds = dial.at(config.angle), np.arange(config.checked) + config.first_checked
+    batch = JunctionBatch(world, config.checked)
+    found = visit(batch, lambda seen: policy.predict(seen)[0], seeds)
+    time = jnp.asarray(found.time / world.config.decisions)
+    seen, rows = jnp.asarray(found.observation), np.arange(len(found.time))
+    direction = RewardPair(*(jnp.full(len(rows), one) for one in weights(config.angle)))
+    values = np.asarray(ensemble_values(critics, seen, time, direction, unit).mean(axis=0))
+    believed, earned = values[..., 0], found.branched.returns[..., 0]
+    fault = found.branched.at_fault
+    decisive = fault.any(axis=1) & ~fault.all(axis=1)
+    row: Row = {"states": len(rows), "decisive": float(decisive.mean())}
+    row |= {"value": float(believed[rows, found.action].mean())}
+    row |= {"return": float(earned[rows, found.action].mean())}
+    for name, action in (("braking", 0), ("accelerating", world.n_actions - 1)):
+        row |= {f"value_{name}": float(believed[decisive, action].mean())}
+        row |= {f"return_{name}": float(earned[decisive, action].mean())}
+        row |= {f"at_fault_{name}": float(fault[decisive, action].mean())}
+    return row
+
+
+def drive_references(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Drive calibrated drivers, constant ones and the planted ones."""
+    del on_progress
+    world = RecordedWorld.load(inputs["world"] / WORLD)
+    drivers = [*rules_at_junction(world.n_actions)]
+    drivers += [Reference(rule.name, rule) for rule in rules(world)]
+    _drive(world, drivers, config, folder)
+
+
+def drive_dials(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Drive the dials of a mixture at every angle, and the clones."""
+    del on_progress
+    made = next(path for name, path in inputs.items() if name != "world")
+    drivers = []
+    for seed in config.seeds:
+        dial = DialPolicy.load(made / f"dial_{seed}.safetensors")
+        drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
+        clone = QPolicy.load(made / f"clone_{seed}.safetensors")
+        drivers.append(Reference(f"clone {seed}", clone))
+    _drive(RecordedWorld.load(inputs["world"] / WORLD), drivers, config, folder)
+
+
+def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, folder: Path) -> None:
+    seeds = np.arange(config.episodes) + config.first_episode
+    batch = JunctionBatch(world, min(_SIDE_BY_SIDE, len(seeds)))
+    arrays = {}
+    for one in drivers:
+        found = drive_junction(batch, one, seeds)
+        arrays |= {f"{one.name}/{name}": getattr(found, name) for name in _COLUMNS}
+    header = {"drivers": [one.name for one in drivers]}
+    save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)
+
+
+def driven(folder: Path) -> dict[str, Outcomes]:
+    """Return the outcomes in a job's folder, by driver."""
+    arrays, header = load_arrays(folder / DRIVEN, _KIND, _VERSION)
+    return {
+        name: Outcomes(
+            name,
+            arrays[f"{name}/totals"],
+            arrays[f"{name}/ending"],
+            arrays[f"{name}/contact"],
+            arrays[f"{name}/length"],
+        )
+        for name in header["drivers"]
+    }
