@@ -3,7 +3,7 @@
 The frame is that of `tracks`: metres, x to the east, y to the north. Two lanelets cross if their
 centre lines do; they merge if they lead to the same lanelet. Lanelets that follow each other or
 leave the same lanelet also overlap, but their vehicles follow each other: no conflict. Conflicts
-need Shapely (extra `maps`), which only this module and `conflicts.areas` import.
+need Shapely (extra `maps`), which only this module and `conflicts.encounters` use.
 """
 
 from __future__ import annotations
