@@ -2,8 +2,9 @@
 
 A *site* is a piece of road, whatever it is called and in whatever frame it is drawn. A *chain* is
 a set of recordings that are connected by vehicles: its recordings are not independent. Two
-recordings have a vehicle in common if they have moments in common (`common_motion`), or if they show one
-site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive windows.
+recordings have a vehicle in common if they have moments in common (`common_motion`), or if they
+show one site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive
+windows.
 """
 
 from __future__ import annotations
