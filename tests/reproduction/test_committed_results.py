@@ -27,22 +27,17 @@ from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab import results as store
-from socialiq_lab.comparison import EPISODES_EACH
 from socialiq_lab.gridworld_runs import Ground, with_clock
 from socialiq_lab.intersection.demonstration_sets import (
-    RECORDED_EPISODES,
     Recording,
-    atlas_demonstrations,
 )
 from socialiq_lab.intersection.driving import BATCH, Evaluation
-from socialiq_lab.intersection.episodes import LAST
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching

@@ -149,8 +149,7 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     jobs = study.development_jobs(config)
     assert len(fingerprints(jobs)) == len(jobs)
     chosen = {
-        (world, method.name): setting_name(method.settings[1])
-        for world, method in config.rows
+        (world, method.name): setting_name(method.settings[1]) for world, method in config.rows
     }
     fresh = study.fresh_jobs(config, chosen)
     assert len(fingerprints(fresh)) == len(fresh)
