@@ -20,7 +20,7 @@ from studies.dial.config import KEY_ANGLES
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.play import record
+from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
