@@ -18,14 +18,14 @@ from jaxtyping import Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation.simulate import simulate
+from socialiq.evaluation.rollout import columns_of
+from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.config import check_counts, check_seed, check_shares
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.train import train_together
-from socialiq.types import Policy, RewardPair
-from socialiq_recordings.world.batch import JunctionBatch, JunctionSimulator
+from socialiq.types import Policy
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 ANGLES = 7
@@ -144,24 +144,11 @@ def record(
     tables = []
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
-        batch, rows = JunctionBatch(world, episodes), []
-        actor = _Exploring(policy, world.n_actions, share, int(seeds[0]))
-        for step in simulate(JunctionSimulator(batch), actor, seeds):
-            made = step.made
-            columns = (step.episode, step.observation, step.action, made.observation)
-            columns = (*columns, made.ending, *made.rewards)
-            rows.append([column[step.running] for column in columns])
-        joined = [np.concatenate(column) for column in zip(*rows, strict=True)]
-        order = np.argsort(joined[0], kind="stable")
-        episode, seen, action, after, ending, env, social = (one[order] for one in joined)
+        actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
+        columns = columns_of(simulate(world.batch(episodes), actor, seeds)).transitions
         tables.append(
             Demonstrations.of(
-                observation=seen,
-                action=action.astype(np.int32),
-                next_observation=after,
-                ending=ending,
-                rewards=RewardPair(env, social),
-                episode=episode,
+                **columns,
                 mode_names=(name,),
                 n_actions=world.n_actions,
                 source={"made_by": made_by, "first_seed": first_seed, "share": share},
@@ -170,19 +157,16 @@ def record(
     return concatenate(tables)
 
 
-class _Exploring:
-    """Actor that draws some decisions at random, from one stream for all rows."""
+def _exploring(
+    policy: Policy, n_actions: int, share: float, seed: int
+) -> Callable[[int, np.ndarray, np.ndarray], Int64[np.ndarray, " row"]]:
+    """Return a script that draws some decisions at random, from one stream for all rows."""
+    rng = np.random.default_rng(seed)
 
-    def __init__(self, policy: Policy, n_actions: int, share: float, seed: int) -> None:
-        self._policy, self._n_actions, self._share = policy, n_actions, share
-        self._rng = np.random.default_rng(seed)
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: policies have no state here."""
-
-    def decide(self, observation: np.ndarray, running: np.ndarray) -> Int64[np.ndarray, " row"]:
-        """Return its actions."""
+    def decide(_time: int, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
         rows = len(running)
-        drawn = self._rng.integers(self._n_actions, size=rows)
-        chosen, _ = self._policy.predict(observation)
-        return np.where(self._rng.random(rows) < self._share, drawn, np.asarray(chosen))
+        drawn = rng.integers(n_actions, size=rows)
+        chosen, _ = policy.predict(observation)
+        return np.where(rng.random(rows) < share, drawn, np.asarray(chosen))
+
+    return decide

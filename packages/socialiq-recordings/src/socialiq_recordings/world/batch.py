@@ -291,20 +291,6 @@ class JunctionBatch:
         )
 
 
-class JunctionSimulator:
-    """A recorded junction as a back end of `evaluation.simulate`."""
-
-    def __init__(self, batch: JunctionBatch) -> None:
-        self._batch, self.size = batch, batch.size
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Reset some rows."""
-        self._batch.reset(seeds, rows=rows)
-
-    def observe(self) -> Float32[np.ndarray, "row feature"]:
-        """Return the observations of all egos."""
-        return self._batch.observation
-
-    def step(self, action: np.ndarray, running: np.ndarray) -> Decisions:
-        """Take a decision in the running rows."""
-        return self._batch.step(action, rows=running)
+def JunctionSimulator(batch: JunctionBatch) -> JunctionBatch:  # noqa: N802  ends with the audit's next change
+    """Return the batch, which is a simulator."""
+    return batch

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
+from socialiq.evaluation.branching import rollouts
 from socialiq.types import Ending
 from socialiq.worlds.highway.state import Contact
 from socialiq_recordings.world.batch import JunctionBatch
@@ -57,18 +58,15 @@ def branch(batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act)
     """
     count = batch.world.n_actions
     copies = batch.branch(np.repeat(rows, count))
-    action = np.tile(np.arange(count), len(rows))
+    first = np.tile(np.arange(count), len(rows))
     returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
-    running = np.ones(copies.size, bool)
-    while running.any():
-        decisions = copies.step(action, rows=running)
-        returns[running] += np.column_stack(decisions.rewards)[running]
-        ended = running & (decisions.ending != int(Ending.NONE))
+    steps = rollouts(
+        copies, first, np.ones(copies.size, bool), lambda rows: policy(copies.observation[rows])
+    )
+    for decided, decisions in steps:
+        returns[decided] += np.column_stack(decisions.rewards)[decided]
         collided = decisions.ending == int(Ending.COLLISION)
-        at_fault |= ended & collided & (decisions.contact == int(Contact.EGO_STRUCK))
-        running &= ~ended
-        if running.any():
-            action[running] = policy(copies.observation[running])
+        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
     return Branched(returns.reshape(-1, count, 2), at_fault.reshape(-1, count))
 
 

@@ -253,7 +253,7 @@ def observed_with_time(
     observation: Float32[np.ndarray, "batch feature"],
     time: Float32[np.ndarray, " batch"],
     policy: Any,
-) -> Float32[np.ndarray, "batch seen"]:
+) -> Float32[np.ndarray, "batch observed"]:
     """Return what a policy observes: with the time at the end if it has one feature more."""
     if getattr(policy, "n_features", None) != observation.shape[1] + 1:
         return observation

@@ -3,14 +3,15 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.evaluation.off_policy import behaviour, fitted_q, importance
-from socialiq.evaluation.off_policy.estimate import Estimate, Evaluator
-from socialiq.evaluation.off_policy.fitted_q_network import (
+from socialiq.evaluation import fitted_q
+from socialiq.evaluation import logged as sampling
+from socialiq.evaluation.fitted_q import (
     Hyperparameters,
     StaticConfig,
     by_network,
 )
-from socialiq.evaluation.off_policy.logged import Logged
+from socialiq.evaluation.logged import Logged
+from socialiq.evaluation.off_policy import Estimate, Evaluator
 from socialiq.types import Ending, RewardPair
 
 END, CUT, NONE = int(Ending.ARRIVAL), int(Ending.TIMEOUT), int(Ending.NONE)
@@ -77,9 +78,9 @@ def test_of_two_deterministic_demonstrators_only_the_one_that_is_followed_counts
     logged = Logged.of(data)
     shares = np.array([0.8, 0.2])
     chances = logged.chances(always(0.0, 1.0))
-    ratio = importance.ratios(logged, chances, behaviour.by_counts(logged), shares)
+    ratio = sampling.ratios(logged, chances, sampling.by_counts(logged), shares)
     assert ratio[:, 0] == pytest.approx([0.0] * 20 + [5.0] * 5)
-    assert importance.effective_episodes(ratio) == pytest.approx(5)
+    assert sampling.effective_episodes(ratio) == pytest.approx(5)
 
 
 def test_steps_to_go_are_summed_without_discount():
@@ -147,5 +148,5 @@ def test_a_network_finds_what_the_table_has():
 
 def test_clones_know_the_shares_of_a_mode():
     logged = Logged.of(one_step([0, 0, 0, 1] * 10))
-    (found,) = behaviour.by_clones(logged, updates=400)
+    (found,) = sampling.by_clones(logged, updates=400)
     assert found[0] == pytest.approx([0.75, 0.25], abs=0.03)

@@ -1,4 +1,7 @@
-"""Both estimates of a policy with intervals, and whether the episodes can support them."""
+"""Off-policy evaluation: returns of a policy from episodes that others drove.
+
+Both estimates of a policy with intervals, and whether the episodes can support them.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,8 @@ from jaxtyping import Float
 from scipy.stats import t
 
 from socialiq.errors import UserError
-from socialiq.evaluation.off_policy import behaviour, fitted_q, importance
-from socialiq.evaluation.off_policy.fitted_q_network import by_network
-from socialiq.evaluation.off_policy.logged import Chances, Logged
+from socialiq.evaluation import fitted_q, logged
+from socialiq.evaluation.logged import Chances, Logged
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.bootstrap import resample_rows
 
@@ -115,7 +117,7 @@ class Evaluator:
     """Off-policy evaluation on one set of episodes, for any number of policies.
 
     Args:
-        logged: The episodes.
+        episodes: The episodes.
         resamples: Bootstrap resamples of the episodes; networks have at most `NETWORKS`.
         seed: Seed of the bootstrap, and of networks.
         view: Network's view of the observation, where observations hardly recur.
@@ -125,23 +127,23 @@ class Evaluator:
     """
 
     def __init__(
-        self, logged: Logged, resamples: int = 500, seed: int = 0, view: str = "flat"
+        self, episodes: Logged, resamples: int = 500, seed: int = 0, view: str = "flat"
     ) -> None:
         if resamples < 2:
             raise UserError(f"{resamples} resamples have no spread: give 2 or more")
-        self.logged, self._seed, self._view = logged, seed, view
-        count = logged.data.n_episodes
+        self.logged, self._seed, self._view = episodes, seed, view
+        count = episodes.data.n_episodes
         drawn = np.concatenate(list(resample_rows(count, resamples, seed)))
-        once = np.ones((1, count))
-        self._counts = np.concatenate([once, [np.bincount(row, minlength=count) for row in drawn]])
+        plain = np.ones((1, count))
+        self._counts = np.concatenate([plain, [np.bincount(row, minlength=count) for row in drawn]])
         self._behaviour = (
-            behaviour.by_counts(logged)
-            if logged.tabular
-            else behaviour.by_clones(logged, seed=seed, view=view)
+            logged.by_counts(episodes)
+            if episodes.tabular
+            else logged.by_clones(episodes, seed=seed, view=view)
         )
-        modes = behaviour.shown_modes(logged)
-        shown = np.bincount(logged.data.episode_modes, minlength=max(modes) + 1)[modes]
-        self._shares = shown / count
+        modes = logged.shown_modes(episodes)
+        driven = np.bincount(episodes.data.episode_modes, minlength=max(modes) + 1)[modes]
+        self._shares = driven / count
 
     def evaluate(self, policy: Chances) -> OffPolicy:
         """Return both estimates of a policy.
@@ -149,29 +151,29 @@ class Evaluator:
         Args:
             policy: Its probabilities for a batch of observations.
         """
-        logged, counts = self.logged, self._counts
-        chances = logged.chances(policy)
-        ratio = importance.ratios(logged, chances, self._behaviour, self._shares)
-        rewards = logged.by_step(logged.rewards, 0.0)
+        data, counts = self.logged, self._counts
+        chances = data.chances(policy)
+        ratio = logged.ratios(data, chances, self._behaviour, self._shares)
+        rewards = data.by_step(data.rewards, 0.0)
         fitted, left = self._fitted(chances)
         return OffPolicy(
-            _estimate(importance.step_by_step(ratio, rewards, counts)),
-            _estimate(importance.whole_episodes(ratio, rewards, counts)),
-            _estimate(fitted)._replace(guessed=left * np.stack(logged.data.totals(), axis=1)),
-            importance.effective_episodes(ratio),
+            _estimate(logged.step_by_step(ratio, rewards, counts)),
+            _estimate(logged.whole_episodes(ratio, rewards, counts)),
+            _estimate(fitted)._replace(guessed=left * np.stack(data.data.totals(), axis=1)),
+            logged.effective_episodes(ratio),
             left,
-            logged.data.n_episodes,
+            data.data.n_episodes,
         )
 
     def _fitted(self, chances: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the sums of each resample, and how often the policy leaves the data."""
         if self.logged.tabular:
-            found = fitted_q.tabular(self.logged, chances, self._counts)
-            return found.totals, float(found.left[0])
-        found = by_network(self.logged, chances, self._counts[: 1 + NETWORKS])
-        shown = np.einsum("m,msa->sa", self._shares, self._behaviour)
-        rare = np.where(shown < LEAST_CHANCE, chances, 0.0).sum(axis=1)
-        return found, float(rare[self.logged.state].mean())
+            fitted = fitted_q.tabular(self.logged, chances, self._counts)
+            return fitted.totals, float(fitted.left[0])
+        totals = fitted_q.by_network(self.logged, chances, self._counts[: 1 + NETWORKS])
+        driven = np.einsum("m,msa->sa", self._shares, self._behaviour)
+        rare = np.where(driven < LEAST_CHANCE, chances, 0.0).sum(axis=1)
+        return totals, float(rare[self.logged.state].mean())
 
 
 def _estimate(rows: np.ndarray) -> Estimate:
