@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.ground import Ground
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
@@ -43,7 +44,6 @@ from socialiq_lab.comparison_runs import (
     rows_of,
     runs_of,
 )
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import Results, as_csv, from_csv
 from socialiq_lab.study import Context, Findings, Study, View

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Act, Collector, Source, from_env, soft
 from socialiq.learners.dqn import config as dqn
@@ -28,7 +29,6 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.types import Row
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import nearest_mode, of_modes
-from socialiq_lab.gridworld_runs import Ground
 
 Setting = tuple[tuple[str, float], ...]
 """Settings by name that differ from the world's."""

@@ -150,6 +150,11 @@ class RecordedWorld(World):
         return self.config.options(self.max_speed)
 
     @property
+    def whole_episode(self) -> int:
+        """Decisions of an episode; recorded vehicles leave the view before theirs is over."""
+        return self.config.decisions
+
+    @property
     def reward(self) -> dict[str, Any]:
         """Definition of the reward pair: weights of the signals, and the options that matter."""
         return reward_definition(self.options)

@@ -10,6 +10,7 @@ from typing import Any
 
 from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display, to_all
+from socialiq.cli.train.options import RunOptions
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
@@ -30,19 +31,17 @@ PLURALS = {"policy": "policies", "dial": "dials"}
 
 @dataclasses.dataclass(frozen=True)
 class RunFolder:
-    """Output folder of `train` and `train-dial`.
+    """Output folder of `train`.
 
     Attributes:
         out: The folder.
         kind: Of its policies: "policy" or "dial".
-        resume: Whether it is that of a stopped training.
-        tensorboard: Folder of event files, if they are asked for.
+        options: Whether a stopped training goes on, where event files go, and how to print.
     """
 
     out: Path
     kind: str
-    resume: bool
-    tensorboard: Path | None
+    options: RunOptions
 
     @property
     def checkpoint(self) -> Path:
@@ -64,12 +63,12 @@ class RunFolder:
         """
         with ExitStack() as stack:
             listeners = []
-            if self.tensorboard is not None:
+            if self.options.tensorboard is not None:
                 names = [
-                    "_".join(f"{name}_{value:g}" for name, value in one.items()) for one in runs
+                    "_".join(f"{name}_{value:g}" for name, value in row.items()) for row in runs
                 ]
-                listeners.append(stack.enter_context(EventFiles(self.tensorboard, names)))
-            if not self.resume:
+                listeners.append(stack.enter_context(EventFiles(self.options.tensorboard, names)))
+            if not self.options.resume:
                 if not self.out.exists():
                     stack.push(self._remove_if_empty)
                 new_folder(self.out)
@@ -80,7 +79,7 @@ class RunFolder:
                 on_report=to_all([show, *listeners]),
                 monitor=monitor,
                 checkpoint=self.checkpoint,
-                resume=self.resume,
+                resume=self.options.resume,
             )
 
     def _remove_if_empty(self, failed: type[BaseException] | None, *_: Any) -> None:
@@ -99,6 +98,36 @@ class RunFolder:
             {"file": name, "sha256": (change(policy) if change else policy).save(self.out / name)}
             for name, policy in zip(names, policies, strict=True)
         ]
+
+    def finish_policies(
+        self,
+        trained: Trained,
+        labels: Sequence[Row],
+        record: Mapping[str, Any],
+        change: Callable[[Any], Any] | None = None,
+    ) -> int:
+        """Write the policies and their record, and print them; return the exit status.
+
+        Args:
+            trained: The training's outcome.
+            labels: By run, the settings in which it differs.
+            record: Further entries of run.json.
+            change: Applied to each policy before it is written.
+        """
+        arrays = {name: trained.history.array(name) for name in trained.history.values}
+        columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
+        saved = self.save_policies(trained, change)
+        policies = [
+            {**row, **file}
+            | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
+            for run, (row, file) in enumerate(zip(labels, saved, strict=True))
+        ]
+        renamed = [
+            {"angle_target" if name == "angle" else name: value for name, value in row.items()}
+            for row in labels
+        ]
+        self.finish(trained, renamed, policies, record)
+        return self.report(trained, policies)
 
     def finish(
         self,
@@ -127,19 +156,19 @@ class RunFolder:
         write_atomically(self.out / "metrics.csv", as_csv(rows))
         settings = {
             "structure": dataclasses.asdict(trained.static),
-            "numbers": [dataclasses.asdict(one) for one in trained.hyperparameters],
+            "numbers": [dataclasses.asdict(numbers) for numbers in trained.hyperparameters],
         }
         end = {"versions": versions(), "failures": trained.failures, PLURALS[self.kind]: policies}
         write_json(self.out / "run.json", rounded({**settings, **record, **end}))
         self.checkpoint.unlink(missing_ok=True)
 
-    def report(self, trained: Trained, policies: list[Row], as_json: bool) -> int:
+    def report(self, trained: Trained, policies: list[Row]) -> int:
         """Print the policies and complain of failures; return the exit status."""
-        if as_json:
+        if self.options.json:
             print_json({"out": str(self.out), PLURALS[self.kind]: policies})
         else:
             hidden = "sha256" if self.kind == "policy" else ""
-            print_table([{k: v for k, v in one.items() if k != hidden} for one in policies])
+            print_table([{k: v for k, v in row.items() if k != hidden} for row in policies])
         for failure in trained.failures:
             complain(failure)
         return 1 if trained.failures else 0

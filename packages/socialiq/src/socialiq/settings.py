@@ -1,6 +1,6 @@
-"""Settings of a study: the fields of its frozen configuration, changed by name.
+"""Settings: fields of frozen dataclasses, changed by name.
 
-A value comes from the command line (text) or from a STUDY.toml (a TOML value), and gets the type of
+A value comes from the command line (text) or from a TOML file (a TOML value), and gets the type of
 the field. A dot in a name reaches into a field that is itself a dataclass.
 """
 
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
 from socialiq.types import Row
 
 ConfigType = TypeVar("ConfigType")
@@ -31,7 +32,10 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
         UserError: If there is no such setting, or a value has the wrong type.
     """
     current: Any = config
-    kinds = typing.get_type_hints(type(current))
+    try:
+        kinds = typing.get_type_hints(type(current))
+    except NameError:  # of a class of the user's own whose types are not global
+        kinds = {}
     names = [field.name for field in dataclasses.fields(current)]
     changes = {}
     for name, value in values.items():
@@ -48,8 +52,45 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
         elif below:
             raise UserError(f"there is no setting {name}: {first} has no settings of its own")
         else:
-            changes[first] = _typed(value, kinds[first], first)
+            changes[first] = _typed(value, kinds.get(first, type(before)), first)
     return dataclasses.replace(current, **changes)
+
+
+def laid_over(
+    configs: Sequence[Any], values: Mapping[str, Any], hidden: Sequence[str] = ()
+) -> list[Any]:
+    """Return configurations with values laid over them, each in the one that has the setting.
+
+    Args:
+        configs: Frozen dataclasses; of a setting that several have, the first is changed.
+        values: Values by name. The name of a field below needs no dot if no other has it.
+        hidden: Settings that the list of known ones leaves out.
+
+    Raises:
+        UserError: If none has a setting, or a value is refused.
+    """
+    owners: dict[str, int] = {}
+    for number, config in enumerate(configs):
+        for name in _leaves(config):
+            owners.setdefault(name, number)
+    changes: list[dict[str, Any]] = [{} for _ in configs]
+    for name, value in values.items():
+        full = [name] if name in owners else [key for key in owners if key.endswith(f".{name}")]
+        if len(full) != 1:
+            known = ", ".join(sorted(owners.keys() - {*hidden}))
+            raise UserError(f"there is no setting {one_line(name, 80)}: choose one of {known}")
+        changes[owners[full[0]]][full[0]] = value
+    return [changed(config, change) for config, change in zip(configs, changes, strict=True)]
+
+
+def _leaves(config: Any, prefix: str = "") -> Iterator[str]:
+    """Yield the name of each setting, those of dataclasses below with a dot."""
+    for field in _fields(config):
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _leaves(value, f"{prefix}{field.name}.")
+        else:
+            yield prefix + field.name
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
@@ -120,6 +161,8 @@ def _typed(value: Any, kind: Any, name: str) -> Any:
             raise UserError(f"{name} must be {word}, got {value!r}") from None
     if kind in (str, Path) and isinstance(value, str):
         return kind(value)
+    if kind is Any:
+        return value
     raise UserError(f"{name} must be of the kind {getattr(kind, '__name__', kind)}, got {value!r}")
 
 
