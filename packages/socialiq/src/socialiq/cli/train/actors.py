@@ -92,7 +92,7 @@ class TD3BC:
 
 @dataclass(frozen=True)
 class Task:
-    """What a training with continuous actions is given.
+    """Training with continuous actions, of any learner.
 
     Attributes:
         out: Folder to make.
