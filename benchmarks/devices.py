@@ -17,7 +17,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.play import record
+from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig

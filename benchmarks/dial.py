@@ -14,13 +14,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from studies.compare_priors.config import BY_NAME, Run, settings
+from studies.compare_priors.study import dial_settings
 from studies.dial.config import KEY_ANGLES
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.play import record
+from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
@@ -33,7 +34,8 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.gridworld_runs import Ground, seen, with_clock
+from socialiq_lab.comparison_runs import Run
+from socialiq_lab.gridworld_runs import seen
 from socialiq_lab.intersection.fitting import CHUNK, source_of
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
@@ -141,8 +143,8 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
         for mode, driver in DRIVERS.items()
     }
     data = [MIXTURES["equal_trajectories"](shown, 100, 0)]
-    run = Run(0.0, rates.strength, 0, 0)
-    dial_config, hyperparameters = settings(BY_NAME["dial"], base, rates, run)
+    run = Run(0.0, 0, 0, (("strength", rates.strength),))
+    dial_config, hyperparameters = dial_settings(base, rates, base.updates, run)
 
     def collector(behaviour: Behaviour) -> Collector:
         source = source_of(options, 12, base.env_steps_per_update)

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
-from socialiq_recordings.tracks import RoadUser, Tracks
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import WorldConfig

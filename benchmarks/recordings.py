@@ -22,9 +22,8 @@ import numpy as np
 from socialiq_recordings.export import write_commonroad, write_csv
 from socialiq_recordings.readers.column_map import read_map
 from socialiq_recordings.readers.import_file import import_file
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import RoadNetwork
-from socialiq_recordings.tracks import Tracks
 
 N_TRACKS, N_FRAMES = 60, 500
 LAYOUTS = ("ind", "interaction", "ngsim")

@@ -18,9 +18,8 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import as_csv
 from socialiq.types import Ending, Policy, Row
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.batch import AS_DRIVER, JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from socialiq_recordings.world.state import AS_DRIVER
 
 ANGLES = (0.0, 30.0, 60.0, 90.0)
 OUTCOMES = {"arrival": 1, "collision": 2, "timeout": 3, "closed_line": 4}

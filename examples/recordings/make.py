@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from socialiq_recordings.export import write_commonroad
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 HERE = Path(__file__).parent
 DT, FRAMES = 0.2, 40

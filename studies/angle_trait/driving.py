@@ -66,7 +66,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
         first_episode: Seed of the first episode.
     """
     size = len(population.angle) * episodes
-    batch, copies = Batch(Options(), size), Batch(Options(), size * len(ACTIONS))
+    batch = Batch(Options(), size)
     rng = np.random.default_rng(first_episode)
     batch.reset(first_episode)
     middle = dial.at((dial.low + dial.high) / 2)
@@ -76,7 +76,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
     running = np.ones(size, bool)
     clock = dial.n_features > batch.observation.shape[1]
     while running.any():
-        returns = branched_returns(batch, copies, lambda seen: middle.predict(seen)[0], clock)
+        returns = branched_returns(batch, lambda seen: middle.predict(seen)[0], clock)
         seen = observed(batch, clock)
         if policies:
             of_driver = seen.reshape(len(policies), episodes, -1)

@@ -22,11 +22,15 @@ from socialiq.types import Row
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, counter, view_of
 from socialiq_lab.tables import groups, matching, mean
-from socialiq_recordings.trait.choice_model import evaluate, reward_scale
-from socialiq_recordings.trait.contrasts import contrasts
+from socialiq_recordings.trait.choice_model import (
+    evaluate,
+    family_trait,
+    reward_scale,
+    tabulate_family,
+    value_scale,
+)
 from socialiq_recordings.trait.hierarchy import direction
-from socialiq_recordings.trait.models import Models, fit_models, models_of, sample_of
-from socialiq_recordings.trait.policy_family import family_trait, tabulate_family, value_scale
+from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
 from socialiq_recordings.trait.traits import progress_trait
 from studies.angle_trait.config import (
     CONFIDENCE,

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
@@ -23,6 +24,13 @@ from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq_lab.comparison_runs import (
+    Arena,
+    Method,
+    Setting,
+    runs_of,
+    setting_name,
+)
 from socialiq_lab.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     MIXTURE,
@@ -36,10 +44,7 @@ from socialiq_lab.intersection.episodes import EpisodesRun
 from socialiq_lab.intersection.fitting import source_of
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import as_csv, from_csv
-from studies.compare_methods.arena import CHUNK, Arena, runs_of, speed_row
-from studies.compare_methods.config import Config, trained_angles, updates_of
-from studies.compare_methods.gridworlds import ROWS, SPEED, setting_name
-from studies.compare_methods.methods import BY_NAME, Method, Setting
+from studies.compare_methods.methods import BY_NAME
 from studies.compare_methods.training import LEARNERS
 
 WORLD = "intersection"
@@ -48,6 +53,9 @@ NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_
 
 FIRST_DEVELOPMENT = 50_000_000
 """Seed of the first episode on which settings are chosen."""
+
+ROWS, SPEED = "rows.csv", "speed.csv"
+"""Files of a job: a row for each policy and angle; updates per second."""
 
 POLICIES = "policies.csv"
 """File of a training job: the file of the policy of each setting, seed and angle."""
@@ -64,7 +72,7 @@ class IntersectionRuns:
     structure: iq.StaticConfig
     numbers: iq.Hyperparameters
     updates: int
-    """For each angle."""
+    """Of each network."""
     angles: tuple[float, ...]
     settings: tuple[Setting, ...]
     seeds: tuple[int, ...]
@@ -94,7 +102,7 @@ class DemonstratorsRun(EpisodesRun):
     """SHA-256 of the demonstrators."""
 
 
-def structure(config: Config) -> iq.StaticConfig:
+def structure(config: Any) -> iq.StaticConfig:
     """Return the static config of every method: a network that sees vehicles as a set."""
     return dataclasses.replace(
         presets.INTERSECTION_CALIBRATED,
@@ -110,7 +118,7 @@ def demonstrations() -> Job:
     return atlas_demonstrations(RECORDED_EPISODES)
 
 
-def demonstrators(config: Config) -> Job:
+def demonstrators(config: Any) -> Job:
     """Return the job that drives the demonstrators on the episodes of the table."""
     sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
     run = DemonstratorsRun(angles=config.angles, sha256=sha256, episodes=config.episodes)
@@ -118,9 +126,10 @@ def demonstrators(config: Config) -> Job:
 
 
 def jobs_of(
-    config: Config,
+    config: Any,
     phase: str,
     method: Method,
+    updates: int,
     angles: tuple[float, ...],
     settings: Sequence[Setting],
     seeds: Sequence[int],
@@ -132,6 +141,7 @@ def jobs_of(
         config: The comparison.
         phase: Name of the phase, part of the jobs' names.
         method: The method.
+        updates: Gradient steps of each network.
         angles: Target angles in degrees.
         settings: Settings of the method's grid.
         seeds: Training seeds.
@@ -141,15 +151,15 @@ def jobs_of(
         method=method.name,
         structure=structure(config),
         numbers=NUMBERS,
-        updates=config.intersection_updates,
+        updates=updates,
         angles=angles,
         settings=tuple(settings),
         seeds=tuple(seeds),
     )
     count = len(settings) * len(seeds)
-    steps = updates_of(method, config.intersection_updates) * len(trained_angles(method, angles))
-    trained = f"training/{WORLD}/{phase}/{method.name}"
-    yield Job(trained, train_method, runs, (DEMONSTRATIONS,), 20.0 + count * steps / 300)
+    steps = updates * len(method.served(angles))
+    training = trained(phase, method)
+    yield Job(training, train_method, runs, (DEMONSTRATIONS,), 20.0 + count * steps / 300)
     for setting in settings:
         for seed in seeds:
             episodes = Driving(
@@ -161,7 +171,12 @@ def jobs_of(
                 first_seed=first_seed,
             )
             name = _name(phase, method, setting, seed)
-            yield Job(name, drive, episodes, (trained,), 1.0 * len(angles))
+            yield Job(name, drive, episodes, (training,), 1.0 * len(angles))
+
+
+def trained(phase: str, method: Method) -> str:
+    """Return the folder of a method's training."""
+    return f"training/{WORLD}/{phase}/{method.name}"
 
 
 def _name(phase: str, method: Method, setting: Setting, seed: int) -> str:
@@ -178,7 +193,7 @@ def train_method(
     """Train every run; write their policies, which file serves which angle, and the speed."""
     method, (recordings,) = BY_NAME[config.method], inputs.values()
     arena = _arena(config, recordings, on_progress)
-    served = trained_angles(method, config.angles)
+    served = method.served(config.angles)
     runs = runs_of(config.settings, served, config.seeds)
     policies = LEARNERS[method.learner](arena, method, runs)
     rows: list[Row] = []
@@ -192,22 +207,21 @@ def train_method(
             label = {"setting": setting_name(run.setting), "seed": run.seed}
             rows.append(label | {"target_angle": angle, "file": files[id(one)]})
     write_atomically(folder / POLICIES, as_csv(rows))
-    write_atomically(folder / SPEED, as_csv([speed_row(WORLD, method, arena, len(runs))]))
+    write_atomically(folder / SPEED, as_csv([arena.speed_row(WORLD, method, len(runs))]))
     on_progress(1.0)
 
 
 def _arena(config: IntersectionRuns, recordings: Path, on_progress: ProgressCallback) -> Arena:
     """Return the inputs of a method: a mixture for each seed, and intersections to act in."""
-    updates = updates_of(BY_NAME[config.method], config.updates)
-    steps = updates * config.structure.env_steps_per_update
+    steps = config.updates * config.structure.env_steps_per_update
     capacity = min(config.structure.replay_capacity, steps)
     return Arena(
         dataclasses.replace(config.structure, replay_capacity=capacity),
         config.numbers,
-        updates,
+        config.updates,
         [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds],
         None,
-        lambda steps: source_of(config.options, config.environments, -(-steps // CHUNK)),
+        lambda steps: source_of(config.options, config.environments, -(-steps // Arena.chunk)),
         lambda report: on_progress(0.9 * report.done / report.total),
         advantage="advantage_fitted",
     )
@@ -265,8 +279,3 @@ def rows_of(
     for setting in settings:
         for seed in seeds:
             yield from from_csv(work / _name(phase, method, setting, seed) / ROWS)
-
-
-def speeds_of(work: Path, phase: str, method: Method) -> Row:
-    """Return a method's updates per second, summed over the runs of a program, and on what."""
-    return from_csv(work / f"training/{WORLD}/{phase}/{method.name}" / SPEED)[0]

@@ -17,13 +17,12 @@ from typing import Any
 
 import numpy as np
 
-import socialiq
 from socialiq.errors import UserError
+from socialiq.evaluation.ground import Ground
 from socialiq.social.angle import exact_weights
-from socialiq_lab.gridworld_runs import Ground
+from socialiq_lab.comparison_runs import Arena, Method, Run
 from socialiq_lab.jobs import Job, ProgressCallback
-from studies.compare_methods.arena import Arena, Run
-from studies.compare_methods.methods import PEERS, Method
+from studies.compare_methods.methods import PEERS
 
 PYTHON = Path("venv", "Scripts" if sys.platform == "win32" else "bin", "python")
 """Interpreter of an environment, in its job's folder."""
@@ -46,7 +45,7 @@ def scripts() -> Path:
     Raises:
         UserError: In an installed package, which has no benchmarks.
     """
-    folder = Path(socialiq.__file__).parents[4] / "benchmarks" / "peers"
+    folder = Path(__file__).parents[2] / "benchmarks" / "peers"
     if not folder.is_dir():
         raise UserError(
             "the peers' scripts come with the sources, not the package: "

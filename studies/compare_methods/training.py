@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from socialiq.evaluation.expert_demonstrations import MODES
@@ -24,137 +24,36 @@ from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.acting import DialCollector, acting
 from socialiq.learners.dial.train import train as train_dial
-from socialiq.learners.dqn import config as dqn
-from socialiq.learners.dqn.train import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as regularised
 from socialiq.learners.offline.train import train_together
 from socialiq.nn.q_network import network_of
-from studies.compare_methods.arena import CHUNK, Arena, Run, shared_values
-from studies.compare_methods.methods import Method
-
-Learner = Callable[[Arena, Method, Sequence[Run]], list[Any]]
-"""Trains a policy for each run; one with `at` has a policy for each angle."""
-
-
-def in_programs(
-    each: Sequence[tuple[Any, Any]], train: Callable[[Any, list[Any]], Trained]
-) -> list[Any]:
-    """Train the runs of each static config in one program; return policies in the runs' order."""
-    policies: dict[int, Any] = {}
-    for static in dict.fromkeys(static for static, _ in each):
-        places = [place for place, (one, _) in enumerate(each) if one == static]
-        trained = train(static, [each[place][1] for place in places])
-        policies |= {place: trained.policy(number) for number, place in enumerate(places)}
-    return [policies[place] for place in range(len(each))]
-
-
-def offline(learner: Any, **fixed: Any) -> Learner:
-    """Return the training of a learner of demonstrations alone.
-
-    Args:
-        learner: Its class.
-        **fixed: Settings that make the method.
-    """
-
-    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-        datasets = list(arena.datasets)
-        if method.serves == "mode":
-            datasets, runs = arena.of_each_mode(runs)
-        own = dict(fixed)
-        for name in {"advantage", "weighted_by"} & own.keys():
-            own[name] = arena.advantage
-        each = [arena.settings(learner, run, **own) for run in runs]
-        return in_programs(
-            each,
-            lambda static, numbers: learner.train_on(
-                static, numbers, datasets, arena.callbacks(), CHUNK
-            ),
-        )
-
-    return train
-
-
-def online(learner: Any) -> Learner:
-    """Return the training of a baseline that acts in the world.
-
-    Args:
-        learner: Its class.
-    """
-
-    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-        datasets = list(arena.datasets)
-        if method.serves == "mode":
-            datasets, runs = arena.of_each_mode(runs)
-        return in_programs(
-            [arena.settings(learner, run, prior="none") for run in runs],
-            lambda static, numbers: learner.of(static, datasets, arena.world).train(
-                numbers, arena.callbacks(), CHUNK, arena.collector(static, numbers)
-            ),
-        )
-
-    return train
-
-
-def iq_learn(acts: bool = True, **fixed: Any) -> Learner:
-    """Return the training of IQ-Learn.
-
-    Args:
-        acts: Whether it acts in the world.
-        **fixed: Settings that make the method.
-    """
-
-    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-        datasets = list(arena.datasets)
-        if method.serves == "mode":
-            datasets, runs = arena.of_each_mode(runs)
-        return in_programs(
-            [arena.settings(iq, run, **fixed) for run in runs],
-            lambda static, numbers: train_iq(
-                static,
-                numbers,
-                datasets,
-                arena.world if acts else None,
-                arena.callbacks(),
-                CHUNK,
-                arena.collector(static, numbers) if acts else None,
-            ),
-        )
-
-    return train
+from socialiq_lab.comparison_runs import (
+    Arena,
+    Learner,
+    Method,
+    Run,
+    in_programs,
+    iq_learn,
+    offline,
+    reinforcement,
+)
 
 
 def _multi_intention(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
     """Train the intentions; an update of all three counts as three."""
     share = dataclasses.replace(arena, updates=max(arena.updates // len(MODES), 1))
     return in_programs(
-        [share.settings(multi_intention_irl, run) for run in runs],
+        [
+            share.settings(
+                multi_intention_irl.StaticConfig, multi_intention_irl.Hyperparameters, run
+            )
+            for run in runs
+        ],
         lambda static, numbers: multi_intention_irl.train(
-            static, numbers, arena.datasets, arena.callbacks(), CHUNK
-        ),
-    )
-
-
-def _reinforcement(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
-    """Train deep Q-learning, without demonstrations."""
-    per_update, chunk = arena.structure.env_steps_per_update, min(CHUNK, arena.updates)
-    source = arena.source(arena.updates, per_update)
-
-    def settings(run: Run) -> tuple[Any, Any]:
-        static = shared_values(dqn.StaticConfig, arena.structure)
-        static |= {"steps": arena.updates * per_update, "steps_per_update": per_update}
-        numbers = shared_values(dqn.Hyperparameters, arena.numbers)
-        numbers |= {"angle": run.angle, "seed": run.seed} | dict(run.setting)
-        numbers["final_learning_rate"] = numbers["learning_rate"]
-        return dqn.StaticConfig(**static), dqn.Hyperparameters(**numbers)
-
-    return in_programs(
-        [settings(run) for run in runs],
-        lambda static, numbers: train_dqn(
-            static, numbers, [source] * len(numbers), arena.sizes, arena.callbacks(), chunk
+            static, numbers, arena.datasets, arena.callbacks(), arena.chunk
         ),
     )
 
@@ -202,7 +101,7 @@ def dialled(preset: str) -> Learner:
                 arena.datasets,
                 arena.world if static.online else None,
                 callbacks=arena.callbacks(),
-                chunk=CHUNK,
+                chunk=arena.chunk,
                 before_chunk=dial_collector(arena, static, numbers) if static.online else None,
             ),
         )
@@ -225,7 +124,7 @@ def _regularised(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any
         [dataclasses.replace(preset.numbers, seed=one.seed, **dict(one.setting)) for one in runs],
         [arena.datasets[one.dataset] for one in runs],
         lambda _stage: arena.callbacks(),
-        CHUNK,
+        arena.chunk,
     )
     return [made["dial"].policy(number) for number in range(len(runs))]
 
@@ -248,10 +147,11 @@ def _pareto_irl(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]
             for end in ends
         ]
     )
-    each = [first.settings(iq, one, prior="none") for one in placed]
+    kinds = iq.StaticConfig, iq.Hyperparameters
+    each = [first.settings(*kinds, run, prior="none") for run in placed]
     static, numbers = each[0][0], [one for _, one in each]
-    collector = first.collector(static, numbers)
-    trained = train_iq(static, numbers, datasets, arena.world, first.callbacks(), CHUNK, collector)
+    rest = first.callbacks(), arena.chunk, first.collector(static, numbers)
+    trained = train_iq(static, numbers, datasets, arena.world, *rest)
     inferred = [
         InferredReward(network_of(trained.networks, number), one.temperature, one.discount)
         for number, one in enumerate(numbers)
@@ -275,7 +175,7 @@ def _fronts(arena: Arena, runs: Sequence[Run], rewards: Sequence[Rewards]) -> li
         acting(static, numbers),
     )
     callbacks = arena.callbacks()
-    made = train_dial(static, numbers, [], None, arena.sizes, callbacks, CHUNK, collector)
+    made = train_dial(static, numbers, [], None, arena.sizes, callbacks, arena.chunk, collector)
     return [made.policy(number) for number in range(len(runs))]
 
 
@@ -286,16 +186,16 @@ LEARNERS: Mapping[str, Learner] = {
     "dwbc": offline(dwbc.DiscriminatorWeighted),
     "iq_learn": iq_learn(prior="none"),
     "iq_learn_offline": iq_learn(acts=False, prior="none", online=False, value_term="value_expert"),
-    "ls_iq": online(ls_iq.LSIQ),
+    "ls_iq": iq_learn(ls_iq.LSIQ, prior="none"),
     "multi_intention": _multi_intention,
-    "trex": online(trex.TREX),
+    "trex": iq_learn(trex.TREX, prior="none"),
     "sprinql": offline(sprinql.SPRINQL),
     "cql": offline(cql.ConservativeQ),
     "iql": offline(implicit_q_learning.ImplicitQLearning),
     "outcome_conditioned": offline(outcome_conditioned.OutcomeConditioned),
     "guidance": offline(guidance.GuidedCloning, advantage="advantage"),
     "pareto_irl": _pareto_irl,
-    "rl": _reinforcement,
+    "rl": reinforcement,
     "thesis": iq_learn(prior="reward", target_kind=presets.GRID.target_kind),
     "dial_offline": dialled("offline"),
     "dial_regularised": _regularised,

@@ -18,8 +18,8 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.off_policy.estimate import Estimate, Evaluator, OffPolicy
-from socialiq.evaluation.off_policy.logged import Chances, Logged
+from socialiq.evaluation.logged import Chances, Logged
+from socialiq.evaluation.off_policy import Estimate, Evaluator, OffPolicy
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.plotting.style import figure, finish

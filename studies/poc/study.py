@@ -15,6 +15,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.learners.kernel import Trained
@@ -25,7 +26,7 @@ from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import expert_policy
-from socialiq_lab.gridworld_runs import Ground, Monitor, sequence, train_runs
+from socialiq_lab.gridworld_runs import Monitor, sequence, train_runs
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, StageCallback, Study, view_of
 from socialiq_lab.tables import groups

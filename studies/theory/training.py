@@ -10,6 +10,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, action_table
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.prediction import (
     NEXT_VALUES,
     NextValue,
@@ -26,7 +27,7 @@ from socialiq.theory.objective import Problem
 from socialiq.theory.path import first_flip
 from socialiq.theory.replay import equilibrium
 from socialiq.types import RewardPair, Row
-from socialiq_lab.gridworld_runs import Ground, evaluate, train_runs
+from socialiq_lab.gridworld_runs import evaluate, train_runs
 from socialiq_lab.study import StageCallback
 from socialiq_lab.tables import groups
 from studies.theory.small_strength import SOLVERS

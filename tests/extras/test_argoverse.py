@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from socialiq.errors import UserError
 from socialiq_recordings.readers.argoverse import read_map
 from socialiq_recordings.readers.import_file import import_file
-from socialiq_recordings.tracks import RoadUser
+from socialiq_recordings.recording import RoadUser
 
 NAME = "0a0a2bb7-c4f4-44cd-958a-9ee15cb34aca"
 

@@ -12,7 +12,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.core import ego as ego_kernels
+from socialiq.worlds.intersection.core import traffic as ego_kernels
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, ContinuousOptions, Options
 

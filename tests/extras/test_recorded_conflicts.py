@@ -19,15 +19,12 @@ pytest.importorskip("shapely", reason="extra `maps` is not installed")
 from socialiq.cli.main import main
 from socialiq.results_folder import load
 from socialiq_recordings import files
-from socialiq_recordings.conflicts.config import ConflictConfig
-from socialiq_recordings.conflicts.lights import held
-from socialiq_recordings.conflicts.pairs import Encounters
-from socialiq_recordings.conflicts.table import required_at, rows_of, ttc_at
+from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, held
+from socialiq_recordings.conflicts.measures import required_at, rows_of, ttc_at
 from socialiq_recordings.readers.commonroad import read_commonroad
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.tracks import Tracks
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 DT = 0.1

@@ -5,20 +5,15 @@ machine must agree on: exact facts to the last printed digit, and greedy policie
 discrete, of runs whose decisions are not close calls.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from studies.audits import policies as audited
 from studies.audits import study as audits
 from studies.classic_control import runs as control_runs
 from studies.classic_control import study as control
-from studies.compare_priors import intersection as priors
-from studies.compare_priors.config import (
-    BY_NAME,
-    THESIS_STRENGTHS,
-    Config,
-    Run,
-)
-from studies.compare_priors.gridworlds import ROWS, GridRun, run_method
+from studies.compare_priors import study as priors
 from studies.intersection_offline import tables as offline
 from studies.intersection_offline.config import Config as OfflineConfig
 from studies.intersection_world import study as intersection_world
@@ -31,23 +26,18 @@ from studies.worlds import study as worlds
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab import results as store
-from socialiq_lab.comparison import EPISODES_EACH
-from socialiq_lab.gridworld_runs import Ground, with_clock
 from socialiq_lab.intersection.demonstration_sets import (
-    RECORDED_EPISODES,
     Recording,
-    atlas_demonstrations,
 )
 from socialiq_lab.intersection.driving import BATCH, Evaluation
-from socialiq_lab.intersection.episodes import LAST
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
@@ -66,7 +56,6 @@ def committed():
         "intersection-dial",
         "intersection-dial-clock",
         "intersection-offline",
-        "compare-priors-intersection",
     )
     return {name: store.load(folder / name) for name in names}
 
@@ -174,24 +163,16 @@ def test_the_ends_of_the_sweep_are_equal(committed):
 
 def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
     """One of its methods, which all share seeds, data and budget, on one of its seeds."""
-    config, theirs = Config(), committed["compare-priors"]
-    run = GridRun(
-        "crossing7",
-        BY_NAME["clone_of_mode"],
-        config.structure,
-        config.numbers,
-        config.development_angles,
-        (THESIS_STRENGTHS["crossing7"],),
-        config.seeds[:1],
-        EPISODES_EACH["crossing7"],
-    )
-    run_method(run, tmp_path, {}, lambda _: None)
+    config, theirs = priors.Config(angles=(0.0, 45.0, 90.0)), committed["compare-priors"]
+    config = dataclasses.replace(config, methods=("clone_of_mode",), seeds=config.seeds[:1])
+    (job,) = (job for job in priors.chosen_jobs(config, tmp_path) if "crossing7" in job.name)
+    job.work(job.config, tmp_path, {}, lambda _: None)
     wanted = {
         (row["method"], row["target_angle"], row["readout"], row["seed"]): row
         for row in theirs.tables["policies"]
         if row["world"] == "crossing7"
     }
-    ours = [row for row in store.from_csv(tmp_path / ROWS) if row["readout"] == "greedy"]
+    ours = [row for row in store.from_csv(tmp_path / priors.ROWS) if row["readout"] == "greedy"]
     assert len(ours) == 3
     for row in ours:
         their = wanted["clone_of_mode", row["target_angle"], "greedy", row["seed"]]
@@ -199,9 +180,8 @@ def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
         assert row["effective_share"] == pytest.approx(their["effective_share"], abs=1e-5)
 
 
-@pytest.mark.parametrize("study", ["compare-priors", "compare-priors-intersection"])
-def test_the_bellman_shift_of_the_comparison_is_the_baseline(committed, study):
-    rows = committed[study].tables["policies"]
+def test_the_bellman_shift_of_the_comparison_is_the_baseline(committed):
+    rows = committed["compare-priors"].tables["policies"]
     kept = ("world", "target_angle", "readout", "seed", "r_env", "r_social", "regret")
     none, shift = (
         [[row[name] for name in kept] for row in rows if row["method"] == method]
@@ -323,30 +303,6 @@ def test_the_offline_tests_follow_from_the_values(committed):
                 expected = pytest.approx(value, abs=2e-5) if isinstance(value, float) else value
                 assert ours[key] == expected, (name, key)
     assert offline.summarised(again) == results.summary
-
-
-@pytest.mark.slow
-def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
-    """From the atlas' experts to recordings, a mixture, a clone of one mode and its J(90)."""
-    results, run = committed["compare-priors-intersection"], Run(90.0, 1.0, 10, 0)
-    pools, out = tmp_path / "pools", tmp_path / "clone"
-    pools.mkdir()
-    out.mkdir()
-    recording = atlas_demonstrations(RECORDED_EPISODES)
-    recording.work(recording.config, pools, {}, lambda _: None)
-    train, given = priors.LEARNERS["clone_of_mode"](Config(), BY_NAME["clone_of_mode"], run)
-    train(given, out, {"pools": pools}, lambda _: None)
-    (theirs,) = [
-        row
-        for row in results.tables["policies"]
-        if (row["method"], row["target_angle"], row["seed"]) == ("clone_of_mode", 90.0, 10)
-        and row["readout"] == "greedy"
-    ]
-    first, episodes = Evaluation().first_seed, results.config["episodes"]
-    again = episodes_of(batch, QPolicy.load(out / LAST), np.arange(first, first + episodes))
-    # Another processor trains another network from its first rounding on.
-    assert again.metrics().value(90.0) == pytest.approx(theirs["value"], abs=0.15)
-    assert again.metrics().arrival == pytest.approx(theirs["arrival"], abs=0.01)
 
 
 @pytest.mark.slow

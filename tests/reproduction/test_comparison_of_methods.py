@@ -1,14 +1,25 @@
 """The committed comparison of methods: its tables again from its rows, and one method again."""
 
-import pytest
-from studies.compare_methods import tables
-from studies.compare_methods.config import Config
-from studies.compare_methods.gridworlds import ROWS, GridRuns, run_method, setting_of
-from studies.compare_methods.methods import BY_NAME
+import dataclasses
 
+import pytest
+from studies.compare_methods.methods import BY_NAME
+from studies.compare_methods.study import (
+    KEYS,
+    ROWS,
+    Config,
+    choose,
+    overall,
+    paired,
+    run_method,
+    updates_of,
+)
+
+from socialiq.learners.iq_learn import presets
 from socialiq.storage import packaged_results
 from socialiq_lab import results as store
-from socialiq_lab.comparison import EPISODES_EACH
+from socialiq_lab.comparison import EPISODES_EACH, means
+from socialiq_lab.comparison_runs import GridRuns
 from socialiq_lab.results import from_csv
 from socialiq_lab.tables import matching
 
@@ -37,41 +48,39 @@ def close(ours, theirs) -> None:
 
 def test_the_tables_follow_from_the_rows(committed) -> None:
     found = committed.tables
-    pooled = tables.means(found["policies"])
+    pooled = means(found["policies"], KEYS)
     close(pooled, found["pooled"])
-    close(tables.overall(pooled, found["overall"]), found["overall"])
-    close(tables.paired(found["policies"]), found["paired"])
+    close(overall(pooled, found["overall"]), found["overall"])
+    close(paired(found["policies"]), found["paired"])
 
 
 def test_the_settings_are_those_that_development_chose(committed) -> None:
-    chosen = tables.choose(committed.tables["development"])
+    chosen = choose(committed.tables["development"])
     for row in committed.tables["overall"]:
         assert chosen[row["world"], row["method"]] == row["setting"]
 
 
 def test_every_method_has_every_seed_and_angle(committed) -> None:
     config = Config(**{name: tuple(committed.config[name]) for name in ("worlds", "methods")})
-    for world in config.worlds:
-        for method in config.methods_of(world):
-            rows = matching(committed.tables["policies"], world=world, method=method.name)
-            greedy = [
-                (row["seed"], row["target_angle"]) for row in rows if row["readout"] == "greedy"
-            ]
-            assert len(set(greedy)) == len(greedy) == len(config.seeds) * len(config.angles)
+    for world, method in config.rows:
+        rows = matching(committed.tables["policies"], world=world, method=method.name)
+        greedy = [(row["seed"], row["target_angle"]) for row in rows if row["readout"] == "greedy"]
+        assert len(set(greedy)) == len(greedy) == len(config.seeds) * len(config.angles)
 
 
 def test_one_method_trained_again_is_equal(committed, tmp_path) -> None:
     """Clones of the episodes that score best, in the 5x5 world: the ends, on one of the seeds."""
     config, method = Config(), BY_NAME["clone_by_return"]
     theirs = matching(committed.tables["policies"], world="crossing5", method=method.name)
+    rates = {"learning_rate": config.learning_rate, "polyak": config.polyak}
     run = GridRuns(
         "crossing5",
         method.name,
-        config.structure,
-        config.numbers,
-        config.updates,
+        presets.TABLE_C1,
+        dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
+        updates_of(method, config.updates),
         (0.0, 90.0),
-        (setting_of(method, theirs[0]["setting"]),),
+        (method.setting_of(theirs[0]["setting"]),),
         config.seeds[:1],
         EPISODES_EACH["crossing5"],
     )

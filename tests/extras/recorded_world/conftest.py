@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
-from socialiq_recordings.tracks import Tracks
 from socialiq_recordings.world.build import Made, build
 from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.recorded_world import RecordedWorld

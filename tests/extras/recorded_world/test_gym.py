@@ -10,9 +10,8 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import RECORDED_JUNCTION
 from socialiq.worlds.environment import make_environment
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.batch import AS_DRIVER, JunctionBatch
 from socialiq_recordings.world.replay import replay
-from socialiq_recordings.world.state import AS_DRIVER
 
 ENV = RECORDED_JUNCTION
 assert socialiq

@@ -6,7 +6,7 @@ import pytest
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.types import Ending
-from socialiq_lab.recorded_practice import ANGLES, Practice, record, train_with_practice
+from socialiq_recordings.world.practice import ANGLES, Practice, record, train_with_practice
 from socialiq_recordings.world.replay import replay
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 
 from socialiq_recordings import files
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
-from socialiq_recordings.tracks import Tracks
 
 DT = 0.1
 EDGE = 2.85  # m from the origin to a vehicle's middle when its bumper is at the conflict area

@@ -21,7 +21,7 @@ from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
-from socialiq.evaluation.play import record
+from socialiq.evaluation.rollout import record
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch

@@ -30,7 +30,7 @@ def batch_after(actions, size=64):
 @pytest.mark.parametrize("actions", [(), (SLOWER,), (SLOWER, SLOWER, IDLE), (IDLE, SLOWER, FASTER)])
 def test_returns_are_those_of_each_action_driven_alone(actions):
     batch = batch_after(actions)
-    found = branched_returns(batch, Batch(Options(), 3 * batch.size), follow)
+    found = branched_returns(batch, follow)
     for action in range(len(ACTIONS)):
         copy = Batch(Options(), batch.size)
         copy.restore(batch.save())
@@ -46,7 +46,7 @@ def test_returns_are_those_of_each_action_driven_alone(actions):
 
 def test_the_policys_own_action_gives_its_episode():
     batch = batch_after(())
-    found = branched_returns(batch, Batch(Options(), 3 * batch.size), follow)
+    found = branched_returns(batch, follow)
     alone = episodes_of(Batch(Options(), 64), GO, np.arange(700, 764)).totals
     np.testing.assert_allclose(found.env[:, FASTER], alone.env)
     np.testing.assert_allclose(found.social[:, FASTER], alone.social)
@@ -55,13 +55,12 @@ def test_the_policys_own_action_gives_its_episode():
 def test_the_worth_of_actions_counts_at_each_decision():
     """The first action has its own, also where two actions are one; later ones that of `follow`."""
     batch, own = batch_after((SLOWER,) * 4), np.array([1.0, 2.0, 4.0])
-    copies = Batch(Options(), 3 * batch.size)
-    plain = branched_returns(batch, copies, follow)
+    plain = branched_returns(batch, follow)
 
     def worth(seen):
         return RewardPair(np.tile(own, (len(seen), 1)), np.zeros((len(seen), 3)))
 
-    found = branched_returns(batch, copies, follow, worth=worth)
+    found = branched_returns(batch, follow, worth=worth)
     for action in range(len(ACTIONS)):
         copy = Batch(Options(), batch.size)
         copy.restore(batch.save())

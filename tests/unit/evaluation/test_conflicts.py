@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.conflicts import at_junction, conflict, conflict_at_junction, entered
-from socialiq.evaluation.episodes import conflict_rates, episodes_of
-from socialiq.evaluation.play import play
+from socialiq.evaluation.episodes import (
+    at_junction,
+    conflict,
+    conflict_at_junction,
+    conflict_rates,
+    entered,
+    episodes_of,
+)
+from socialiq.evaluation.simulate import play
 from socialiq.statistics.intervals import wilson
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

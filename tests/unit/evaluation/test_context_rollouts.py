@@ -1,7 +1,7 @@
 import jax
 import numpy as np
 
-from socialiq.evaluation.context_rollouts import losses_of
+from socialiq.evaluation.context import losses_of
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from socialiq.evaluation.branching import OracleLookahead, with_oracle_lookahead
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.oracle_lookahead import OracleLookahead, with_oracle_lookahead
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.conflicts import conflict_at_junction
-from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.play import Recorded, play, record
+from socialiq.evaluation.episodes import conflict_at_junction, episodes_of
+from socialiq.evaluation.rollout import Recorded, record
+from socialiq.evaluation.simulate import play
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending

@@ -10,9 +10,8 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import RewardPair
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
-from socialiq_recordings.tracks import Tracks
 
 
 def straight(

@@ -8,9 +8,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq_recordings.measurement import MeasurementError
-from socialiq_recordings.physics import sift
-from socialiq_recordings.rectangles import overlaps
-from socialiq_recordings.tracks import RoadUser
+from socialiq_recordings.physics import overlaps, sift
+from socialiq_recordings.recording import RoadUser
 
 
 def of_track(tracks, one, **columns):
@@ -174,7 +173,7 @@ def test_depths_of_overlaps_are_those_of_paper(straight):
 def test_overlaps_do_not_depend_on_blocks_of_frames(straight, monkeypatch):
     tracks = straight([1.0, 2.0, 3.0, 4.0], frames=30, apart=1.0)
     whole = overlaps(tracks)
-    monkeypatch.setattr("socialiq_recordings.rectangles._BLOCK", 10)
+    monkeypatch.setattr("socialiq_recordings.physics._BLOCK", 10)
     parts = overlaps(tracks)
     assert len(whole.depth) == len(parts.depth) > 0
     ours, theirs = (

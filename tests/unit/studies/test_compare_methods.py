@@ -7,36 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.compare_methods import intersection, peers, study, tables
-from studies.compare_methods.arena import Arena, Run
-from studies.compare_methods.config import ANGLES, Config, trained_angles, updates_of
-from studies.compare_methods.gridworlds import (
-    GridRuns,
-    chances,
-    rows_of,
-    setting_name,
-    setting_of,
-)
-from studies.compare_methods.methods import (
-    BY_NAME,
-    METHODS,
-    PEERS,
-    SETTINGS_EACH,
-    TOLD,
-    product,
-)
-from studies.compare_methods.study import STUDY
+from studies.compare_methods import intersection, peers, study
+from studies.compare_methods.methods import BY_NAME, METHODS, PEERS, SETTINGS_EACH, TOLD
+from studies.compare_methods.study import ANGLES, STUDY, Config, updates_of
 from studies.compare_methods.training import LEARNERS
 
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.collect import from_env
+from socialiq.learners.iq_learn import presets
 from socialiq.plotting.style import png
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab import results as store
-from socialiq_lab.gridworld_runs import Ground
+from socialiq_lab.comparison_runs import Arena, Run, chances, product, rows_of, setting_name
 from socialiq_lab.intersection.demonstration_sets import (
     RECORDED_EPISODES,
     atlas_demonstrations,
@@ -60,8 +46,8 @@ TINY = Config(
 def five_by_five() -> Arena:
     ground = Ground.of("crossing5")
     return Arena(
-        TINY.structure,
-        TINY.numbers,
+        presets.TABLE_C1,
+        presets.TABLE_C1_NUMBERS,
         6,
         trajectory_datasets(ground.table, (0, 1), 2),
         ground.table.world,
@@ -100,15 +86,15 @@ def test_every_method_has_as_many_settings_and_a_learner() -> None:
     for method in METHODS:
         assert len({setting_name(one) for one in method.settings}) == SETTINGS_EACH
         assert {*method.told} <= {*TOLD}
-        assert setting_of(method, setting_name(method.settings[2])) == method.settings[2]
+        assert method.setting_of(setting_name(method.settings[2])) == method.settings[2]
 
 
 def test_seven_angles_have_the_same_updates_for_every_method() -> None:
     for method in METHODS:
-        networks = len(trained_angles(method, ANGLES))
+        networks = len(method.served(ANGLES))
         whole = updates_of(method, 2_100) * networks
         assert whole == 7 * 2_100
-        served = [angle for group in trained_angles(method, ANGLES).values() for angle in group]
+        served = [angle for group in method.served(ANGLES).values() for angle in group]
         assert sorted(served) == list(ANGLES)
 
 
@@ -131,7 +117,7 @@ def test_the_setting_with_the_greatest_mean_value_is_chosen() -> None:
             ("a", "soft", 99.0),
         ]
     ]
-    assert tables.choose(rows) == {("w", "m"): "b"}
+    assert study.choose(rows) == {("w", "m"): "b"}
 
 
 @pytest.fixture(name="results", scope="module")
@@ -163,9 +149,7 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     jobs = study.development_jobs(config)
     assert len(fingerprints(jobs)) == len(jobs)
     chosen = {
-        (world, method.name): setting_name(method.settings[1])
-        for world in config.worlds
-        for method in config.methods_of(world)
+        (world, method.name): setting_name(method.settings[1]) for world, method in config.rows
     }
     fresh = study.fresh_jobs(config, chosen)
     assert len(fingerprints(fresh)) == len(fresh)
@@ -174,7 +158,7 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     assert not any(name in job for job in names if "intersection" in job for name in PEERS)
     method = BY_NAME["clone"]
     made = intersection.jobs_of(
-        config, "fresh", method, ANGLES, method.settings[:1], (300, 301), 20_000_000
+        config, "fresh", method, 100, ANGLES, method.settings[:1], (300, 301), 20_000_000
     )
     trains, *drives = made
     assert [job.inputs for job in drives] == [(trains.name,)] * 2
@@ -264,10 +248,7 @@ def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypat
     found = peers.request(arena, method, runs[0], (90.0,))
     assert json.loads(json.dumps(found))["weights"] == [[0.0, 1.0]]
     assert found["learning_rate"] == dict(method.settings[0])["learning_rate"]
-    config = GridRuns(
-        "crossing5", "gail", TINY.structure, TINY.numbers, 6, (0.0,), method.settings[:1], (5,), 1
-    )
-    rows = rows_of(ground, config, runs[0], policies[0], (0.0, 15.0))
+    rows = rows_of(ground, method, {"world": "crossing5"}, 5, policies[0], (0.0, 15.0))
     assert {row["target_angle"] for row in rows} == {0.0, 15.0}
 
 

@@ -4,27 +4,26 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies.compare_priors import gridworlds, intersection, study, tables
-from studies.compare_priors.config import (
+from studies.compare_priors import study
+from studies.compare_priors.study import (
     BY_NAME,
-    IQ,
-    LABELS,
+    LEARNERS,
     METHODS,
+    STUDY,
     Config,
-    Run,
-    settings,
+    effective_share,
 )
-from studies.compare_priors.gridworlds import Arena, effective_share
-from studies.compare_priors.study import STUDY
 
 from socialiq.errors import UserError
-from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
+from socialiq.learners.collect import from_env
+from socialiq.learners.iq_learn import presets
 from socialiq.plotting.style import png
+from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab import results as store
-from socialiq_lab.comparison import nearest_mode
-from socialiq_lab.gridworld_runs import Ground
-from socialiq_lab.jobs import fingerprints
+from socialiq_lab.comparison import choose, nearest_mode
+from socialiq_lab.comparison_runs import Arena, Run, chances
 from socialiq_lab.study import run
 
 TINY = Config(
@@ -43,22 +42,35 @@ TINY = Config(
 def five_by_five() -> Arena:
     ground = Ground.of("crossing5")
     datasets = trajectory_datasets(ground.table, (0, 1), 2)
-    return Arena(ground, TINY.structure, TINY.numbers, datasets)
+    return Arena(
+        presets.TABLE_C1,
+        presets.TABLE_C1_NUMBERS,
+        10,
+        datasets,
+        ground.table.world,
+        lambda steps: from_env(GridWorldEnv("crossing5"), steps),
+    )
+
+
+def run_at(angle: float, strength: float, number: int = 0) -> Run:
+    return Run(angle, number, number, (("strength", strength),))
+
+
+QUICK = ("clone", "cql")
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[] if name in ("clone", "cql") else pytest.mark.slow)
-        for name in ("advantage", *gridworlds.LEARNERS)
-        if name != IQ
+        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
+        for name in ("advantage", "dial", "clone", "clone_of_mode", "clone_weighted", "cql", "rl")
     ],
 )
 def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
-    method = BY_NAME[name]
-    runs = [Run(0.0, 1.0, 0, 0), Run(90.0, 3.0, 1, 1)]
-    policies = gridworlds.LEARNERS[method.learner](arena, method, runs)
-    tables = [action_table(policy, arena.ground.part, "soft") for policy in policies]
+    method, ground = BY_NAME[name], Ground.of("crossing5")
+    runs = [run_at(0.0, 1.0), run_at(90.0, 3.0, 1)]
+    policies = LEARNERS[method.learner](arena, method, runs)
+    tables = [chances(ground, policy, 45.0, "soft") for policy in policies]
     assert len(policies) == 2 and not np.allclose(tables[0], tables[1])
     for policy, given in zip(policies, runs, strict=True):
         assert policy.provenance["numbers"]["seed"] == given.seed
@@ -69,23 +81,9 @@ def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> 
         assert policy.provenance["numbers"]["learning_rate"] == arena.numbers.learning_rate
 
 
-def test_rows_of_a_table_have_labels_and_distinct_names() -> None:
-    assert len(BY_NAME) == len(METHODS)
-    assert set(LABELS) == set(BY_NAME)
-    trained_by = {method.learner for method in METHODS}
-    assert trained_by == set(gridworlds.LEARNERS) == set(intersection.LEARNERS)
-
-
-def test_every_method_of_iq_learn_has_a_structure_of_its_own() -> None:
-    """But for the thesis' row, which differs from the running returns' by its λ alone."""
-    own = {
-        method.name: settings(method, TINY.structure, TINY.numbers, Run(0.0, 1.0, 0, 0))[0]
-        for method in METHODS
-        if method.learner == IQ
-    }
-    assert own.pop("thesis") == own["running"]
-    assert len(set(own.values())) == len(own)
-    assert {structure.updates for structure in own.values()} == {TINY.updates}
+def test_rows_of_a_table_have_distinct_names_and_learners() -> None:
+    assert len(BY_NAME) == len(METHODS) == len({method.label for method in METHODS})
+    assert {method.learner for method in METHODS} == set(LEARNERS)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +97,7 @@ def test_the_nearest_mode(angle: float, mode: str) -> None:
 def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
     """Of the transitions GGGG, WGGGG, WWWWGGGG of each set the egoist has 4 of 17."""
     shares = {
-        name: effective_share(arena, BY_NAME[name], Run(0.0, 1.0, 0, 0))
+        name: effective_share(arena, BY_NAME[name], run_at(0.0, 1.0))
         for name in ("none", "clone", "clone_of_mode", "clone_weighted", "reweighting", "rl")
     }
     assert shares["none"] == shares["clone"] == 1.0
@@ -107,7 +105,7 @@ def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
     assert shares["rl"] == 0.0
     for name in ("clone_weighted", "reweighting"):
         assert 0.0 < shares[name] < 1.0
-        mild = effective_share(arena, BY_NAME[name], Run(0.0, 1e-6, 0, 0))
+        mild = effective_share(arena, BY_NAME[name], run_at(0.0, 1e-6))
         assert mild == pytest.approx(1.0, abs=1e-4)
 
 
@@ -116,11 +114,10 @@ def test_the_strength_with_the_greatest_mean_value_is_chosen() -> None:
         {"world": "w", "method": "m", "strength": strength, "value": value}
         for strength, value in [(1.0, 3.0), (1.0, 1.0), (3.0, 2.0), (3.0, 2.5), (10.0, 2.25)]
     ]
-    assert tables.choose(rows) == {("w", "m"): 3.0}
-    tied = [row for row in rows if row["strength"] != 1.0 and row["value"] != 2.5]
-    tied[0] = tied[0] | {"value": 2.25}
-    assert tables.choose(tied[::-1]) == {("w", "m"): 3.0}
-    assert tables.choose([]) == {}
+    assert choose(rows, "strength") == {("w", "m"): 3.0}
+    tied = [row | {"value": 2.25} for row in rows if row["strength"] != 1.0]
+    assert choose(tied, "strength") == {("w", "m"): 3.0}
+    assert choose([], "strength") == {}
 
 
 @pytest.fixture(name="work", scope="module")
@@ -156,7 +153,7 @@ def test_means_and_ranges_are_over_seeds(results) -> None:
         own = [
             one["regret"]
             for one in results.tables["policies"]
-            if all(one[key] == row[key] for key in tables.KEYS)
+            if all(one[key] == row[key] for key in study.KEYS)
         ]
         assert row["seeds"] == len(own) == 2
         assert row["regret"] == pytest.approx(np.mean(own), abs=2e-6)
@@ -186,20 +183,19 @@ def test_the_overall_table_is_over_angles(results) -> None:
 def test_angle_errors_are_ranked_against_regrets() -> None:
     """Three policies whose errors rank as their regrets, and three the other way round."""
 
-    def row(world: str, angle: float, regret: float | str) -> dict:
+    def row(world: str, angle: float, regret: float) -> dict:
         labels = {"world": world, "readout": "greedy", "target_angle": 0.0}
         return labels | {"angle": angle, "regret": regret}
 
     alike = [row("a", 10.0 * n, 0.1 * n) for n in range(1, 4)]
     against = [row("b", -10.0 * n, 1.0 - 0.1 * n) for n in range(1, 4)]
-    unknown = [row("c", 1.0, "")]
-    found = {r["world"]: r for r in tables.alignment([*alike, *against, *unknown])}
+    found = {r["world"]: r for r in study.alignment([*alike, *against])}
     assert set(found) == {"a", "b"}
     assert found["a"]["spearman"] == pytest.approx(1.0)
     assert found["b"]["spearman"] == pytest.approx(-1.0)
     assert found["b"]["error_at_least_regret"] == pytest.approx(30.0)
     assert found["b"]["regret_at_least_error"] == pytest.approx(0.9)
-    counted = tables.alignment_counts(list(found.values()))
+    counted = study.alignment_counts(list(found.values()))
     assert counted["groups"] == 2 and counted["least_error_has_least_regret"] == 1
 
 
@@ -215,47 +211,6 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
     assert read.summary == results.summary
     drawn = png(STUDY.figures(read))
     assert list(drawn) == ["crossing5"] and drawn["crossing5"].startswith(b"\x89PNG")
-
-
-def test_the_plan_of_the_intersection_is_whole() -> None:
-    config = Config(worlds=("intersection",))
-    first = study.development_jobs(config)
-    chosen = {("intersection", method.name): 3.0 for method in METHODS if method.scaled}
-    then = study.fresh_jobs(config, chosen)
-    for jobs in (first, then):
-        fingerprints(jobs)  # refuses a name that is there twice
-        seen = set()
-        for job in jobs:
-            assert {*job.inputs} <= seen, job.name
-            seen.add(job.name)
-    methods = {job.name.split("/")[3] for job in then if job.stage == "priors"}
-    assert methods == set(BY_NAME)
-    trained = [job for job in then if hasattr(job.config, "structure") and job.stage != "experts"]
-    assert {job.config.structure.updates for job in trained} == {config.intersection_updates}
-    kinds = {job.config.structure.target_kind for job in trained if "/advantage/" in job.name}
-    assert kinds == {"advantage_fitted"}
-
-
-@pytest.mark.slow
-def test_a_tiny_intersection_runs(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(study, "RECORDED_EPISODES", 12)
-    monkeypatch.setattr(intersection, "SIZE", 60)
-    config = Config(
-        worlds=("intersection",),
-        methods=("instantaneous", "cql", "rl", "dial"),
-        development_angles=(90.0,),
-        intersection_strengths=(1.0,),
-        intersection_development_seeds=(0,),
-        intersection_seeds=(10,),
-        intersection_updates=20,
-        episodes=10,
-    )
-    results = run(STUDY, config, work=tmp_path / "work")
-    rows = results.tables["pooled"]
-    assert {row["method"] for row in rows} == set(config.methods)
-    assert all(row["regret"] == "" and np.isfinite(row["value"]) for row in rows)
-    store.save(results, tmp_path / "out", {}, replace=False)
-    assert png(STUDY.figures(store.load(tmp_path / "out")))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq.evaluation.play import record
+from socialiq.evaluation.rollout import record
 from socialiq.view.demonstrations import demonstrations_shown, seeds_of
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch

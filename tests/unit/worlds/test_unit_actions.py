@@ -105,7 +105,7 @@ def test_a_vector_reward_of_two_parts_is_finite() -> None:
 
 
 def test_an_environment_without_a_time_limit_is_refused(monkeypatch) -> None:
-    monkeypatch.setattr("socialiq.evaluation.simulators.MOST_STEPS", 50)
+    monkeypatch.setattr("socialiq.evaluation.simulate.MOST_STEPS", 50)
     env = UnitActions(Slope(endless=True))
     with pytest.raises(UserError, match=re.escape("wrap the environment in gymnasium.wrappers.T")):
         rollout_env(env, Steady(np.zeros(2, np.float32)), 1, seed=0)

@@ -11,10 +11,10 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.tables import column, groups, mean, spread
 
 GRIDWORLDS = ("crossing5", "crossing7")
@@ -25,7 +25,11 @@ EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
 
 
 def check_choices(
-    config: Any, known: tuple[str, ...], development: Sequence[int], seeds: Sequence[int]
+    config: Any,
+    known: tuple[str, ...],
+    development: Sequence[int],
+    seeds: Sequence[int],
+    worlds: tuple[str, ...] = WORLDS,
 ) -> None:
     """Refuse unknown worlds and methods, empty options, and seeds used twice.
 
@@ -34,12 +38,13 @@ def check_choices(
         known: Names of all methods.
         development: Seeds on which settings are chosen.
         seeds: Seeds of the table.
+        worlds: Names of all worlds.
 
     Raises:
         UserError: The line names what to change.
     """
     for world in config.worlds:
-        one_of("world", world, WORLDS)
+        one_of("world", world, worlds)
     for method in config.methods:
         one_of("method", method, known)
     for name, value in vars(config).items():
@@ -79,6 +84,26 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
         | {mode: regret(own, angle) for mode, own in MODES.items()}
         for angle in angles
     ]
+
+
+def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
+    """Return, for each world and method, the setting with the greatest mean J(α).
+
+    J*(α) is the same for all settings, so this is also the least mean regret. Of equal ones the
+    first is chosen.
+
+    Args:
+        rows: Rows of the development seeds, settings in the order of their grid.
+        setting: Column of the setting.
+    """
+    chosen: dict[tuple[str, str], Any] = {}
+    for (world, method), group in groups(rows, "world", "method").items():
+        values = {
+            own: round(mean(of_setting, "value"), 9)
+            for (own,), of_setting in groups(group, setting).items()
+        }
+        chosen[world, method] = max(values, key=values.__getitem__)
+    return chosen
 
 
 def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:

@@ -18,9 +18,8 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.storage import write_atomically
 from socialiq_recordings.readers import commonroad_xml as words
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Cycle, Lanelet, RoadNetwork
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 FOOT = 0.3048
 """Length of a foot in m, exact by definition."""
@@ -56,7 +55,10 @@ def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
         UserError: If the layout can't hold the tracks, or a file can't be written.
     """
     one_of("layout", layout, tuple(_LAYOUTS))
-    name = "".join(one if one.isalnum() or one in "-._" else "-" for one in tracks.recording)
+    name = "".join(
+        character if character.isalnum() or character in "-._" else "-"
+        for character in tracks.recording
+    )
     files = _LAYOUTS[layout](tracks)
     paths = [folder / pattern.format(name) for pattern in files]
     for path, (head, rows) in zip(paths, files.values(), strict=True):
@@ -104,7 +106,10 @@ def _interaction(tracks: Tracks) -> dict[str, _Table]:
     kinds = [_INTERACTION_CLASSES.get(kind, kind.name.lower()) for kind in _kinds(tracks)]
     states = zip(
         *(tracks.identity[tracks.track].tolist(), tracks.frame.tolist()),
-        *((tracks.frame.astype(np.int64) * 100).tolist(), [kinds[one] for one in tracks.track]),
+        *(
+            (tracks.frame.astype(np.int64) * 100).tolist(),
+            [kinds[number] for number in tracks.track],
+        ),
         *(column.tolist() for column in (tracks.x, tracks.y, tracks.vx, tracks.vy)),
         *(tracks.heading.tolist(), tracks.length[tracks.track].tolist()),
         tracks.width[tracks.track].tolist(),
@@ -132,7 +137,10 @@ def _ngsim(tracks: Tracks) -> dict[str, _Table]:
         *(tracks.identity[tracks.track].tolist(), tracks.frame.tolist(), life.tolist()),
         (tracks.frame.astype(np.int64) * 100).tolist(),
         *((column / FOOT).tolist() for column in feet),
-        *([_NGSIM_CLASSES[kinds[one]] for one in tracks.track], [tracks.recording] * len(life)),
+        *(
+            [_NGSIM_CLASSES[kinds[number]] for number in tracks.track],
+            [tracks.recording] * len(life),
+        ),
         strict=True,
     )
     head = (
@@ -175,7 +183,7 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     tracks, road = recording.tracks, recording.road
     taken = [*tracks.identity.tolist(), *road.lanelets]
     if len(set(taken)) < len(taken):
-        twice = next(one for one in taken if taken.count(one) > 1)
+        twice = next(number for number in taken if taken.count(number) > 1)
         raise UserError(f"number {twice} has two elements: CommonRoad numbers each element once")
     root = ElementTree.Element(
         "commonRoad",
@@ -230,11 +238,11 @@ def _write_cycle(light: ElementTree.Element, cycle: Cycle | None) -> None:
     element = ElementTree.SubElement(light, "cycle")
     if cycle is None:
         return
-    named = {colour: word for word, colour in words.COLOURS.items()}
+    word_of = {colour: word for word, colour in words.COLOURS.items()}
     for colour, length in cycle.phases:
         phase = ElementTree.SubElement(element, "cycleElement")
         ElementTree.SubElement(phase, "duration").text = str(length)
-        ElementTree.SubElement(phase, "color").text = named[colour]
+        ElementTree.SubElement(phase, "color").text = word_of[colour]
     ElementTree.SubElement(element, "timeOffset").text = str(cycle.offset)
 
 
@@ -244,9 +252,9 @@ def _write_lanelet(root: ElementTree.Element, lanelet: Lanelet) -> ElementTree.E
         inside = ElementTree.SubElement(element, name)
         for x, y in bound:
             _write_point(inside, x, y)
-    for name, others in (("predecessor", lanelet.predecessors), ("successor", lanelet.successors)):
-        for other in others:
-            ElementTree.SubElement(element, name, ref=str(other))
+    for name, numbers in (("predecessor", lanelet.predecessors), ("successor", lanelet.successors)):
+        for number in numbers:
+            ElementTree.SubElement(element, name, ref=str(number))
     sides = (("adjacentLeft", lanelet.adjacent_left), ("adjacentRight", lanelet.adjacent_right))
     for name, beside in sides:
         if beside is not None:
@@ -270,14 +278,14 @@ def _write_obstacles(root: ElementTree.Element, tracks: Tracks) -> None:
     slips = slides[tracks.track]
     speed = np.where(slips, np.hypot(along, across), along)
     slip = np.arctan2(across, along)
-    for one, (first, end) in enumerate(zip(tracks.starts[:-1], tracks.starts[1:], strict=True)):
-        identity = str(tracks.identity[one])
+    for track, (first, end) in enumerate(zip(tracks.starts[:-1], tracks.starts[1:], strict=True)):
+        identity = str(tracks.identity[track])
         element = ElementTree.SubElement(root, "dynamicObstacle", id=identity)
-        kind = RoadUser(int(tracks.road_user[one]))
+        kind = RoadUser(int(tracks.road_user[track]))
         ElementTree.SubElement(element, "type").text = words.TYPES_WRITTEN[kind]
         shape = ElementTree.SubElement(ElementTree.SubElement(element, "shape"), "rectangle")
-        ElementTree.SubElement(shape, "length").text = _decimal(tracks.length[one])
-        ElementTree.SubElement(shape, "width").text = _decimal(tracks.width[one])
+        ElementTree.SubElement(shape, "length").text = _decimal(tracks.length[track])
+        ElementTree.SubElement(shape, "width").text = _decimal(tracks.width[track])
         inside = ElementTree.SubElement(element, "initialState")
         trajectory = ElementTree.SubElement(element, "trajectory") if end > first + 1 else element
         for row in range(first, end):

@@ -10,9 +10,8 @@ import numpy as np
 
 from socialiq import storage
 from socialiq.errors import UserError
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import ROAD_USERS, STATES, Recording, Tracks
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
-from socialiq_recordings.tracks import ROAD_USERS, STATES, Tracks
 
 KIND = "recording"
 SCHEMA_VERSION = 1
@@ -91,20 +90,28 @@ def load(path: Path) -> Recording:
 def _arrays_of(road: RoadNetwork) -> dict[str, np.ndarray]:
     lanelets = list(road.lanelets.values())
     rows: dict[str, list[Any]] = {
-        "lanelet": [one.identity for one in lanelets],
-        "lanelet_points": [len(one.left) for one in lanelets],
-        "left": [point for one in lanelets for point in one.left],
-        "right": [point for one in lanelets for point in one.right],
-        "successor": [(one.identity, other) for one in lanelets for other in one.successors],
-        "predecessor": [(one.identity, other) for one in lanelets for other in one.predecessors],
+        "lanelet": [lanelet.identity for lanelet in lanelets],
+        "lanelet_points": [len(lanelet.left) for lanelet in lanelets],
+        "left": [point for lanelet in lanelets for point in lanelet.left],
+        "right": [point for lanelet in lanelets for point in lanelet.right],
+        "successor": [
+            (lanelet.identity, neighbour)
+            for lanelet in lanelets
+            for neighbour in lanelet.successors
+        ],
+        "predecessor": [
+            (lanelet.identity, neighbour)
+            for lanelet in lanelets
+            for neighbour in lanelet.predecessors
+        ],
         "adjacent_left": _beside(lanelets, "adjacent_left"),
         "adjacent_right": _beside(lanelets, "adjacent_right"),
-        "speed_limit": [one.speed_limit for one in lanelets],
-        "sign": [one.sign for one in lanelets],
+        "speed_limit": [lanelet.speed_limit for lanelet in lanelets],
+        "sign": [lanelet.sign for lanelet in lanelets],
         "stop_line": [
-            (one.identity, *np.ravel(one.stop_line))
-            for one in lanelets
-            if one.stop_line is not None
+            (lanelet.identity, *np.ravel(lanelet.stop_line))
+            for lanelet in lanelets
+            if lanelet.stop_line is not None
         ],
     }
     return {
@@ -116,12 +123,16 @@ def _arrays_of(road: RoadNetwork) -> dict[str, np.ndarray]:
 def lights_of(road: RoadNetwork) -> dict[str, np.ndarray]:
     """Return the arrays of a road's cycles of lights, none if it has none."""
     cycles = {
-        identity: one.cycle for identity, one in road.lanelets.items() if one.cycle is not None
+        identity: lanelet.cycle
+        for identity, lanelet in road.lanelets.items()
+        if lanelet.cycle is not None
     }
     if not cycles:
         return {}
-    phases = [(identity, *phase) for identity, one in cycles.items() for phase in one.phases]
-    lights = [(identity, one.offset) for identity, one in cycles.items()]
+    phases = [
+        (identity, *phase) for identity, lanelet in cycles.items() for phase in lanelet.phases
+    ]
+    lights = [(identity, lanelet.offset) for identity, lanelet in cycles.items()]
     return {"light": np.array(lights, np.int64), "light_phase": np.array(phases, np.int64)}
 
 
@@ -135,7 +146,7 @@ def with_lights(road: RoadNetwork, arrays: dict[str, np.ndarray]) -> RoadNetwork
         if arrays[name].dtype != dtype or arrays[name].shape[1:] != shape:
             raise UserError(f"array {name} has another type or shape: make the file again")
     lights, phases = arrays["light"], arrays["light_phase"]
-    numbers, colours = lights[:, 0].tolist(), {int(one) for one in Colour}
+    numbers, colours = lights[:, 0].tolist(), {int(colour) for colour in Colour}
     if (
         len({*numbers}) < len(numbers)
         or not {*numbers} <= {*road.lanelets}
@@ -146,15 +157,19 @@ def with_lights(road: RoadNetwork, arrays: dict[str, np.ndarray]) -> RoadNetwork
         raise UserError("the cycles of lights don't fit together: make the file again")
     lanelets = dict(road.lanelets)
     for identity, offset in lights.tolist():
-        mine = phases[phases[:, 0] == identity, 1:].tolist()
-        cycle = Cycle(tuple((Colour(colour), length) for colour, length in mine), offset)
+        of_light = phases[phases[:, 0] == identity, 1:].tolist()
+        cycle = Cycle(tuple((Colour(colour), length) for colour, length in of_light), offset)
         lanelets[identity] = replace(lanelets[identity], cycle=cycle)
     return RoadNetwork(lanelets)
 
 
 def _beside(lanelets: list[Lanelet], side: str) -> list[tuple[int, int, int]]:
-    pairs = [(one.identity, getattr(one, side)) for one in lanelets]
-    return [(identity, other[0], int(other[1])) for identity, other in pairs if other is not None]
+    pairs = [(lanelet.identity, getattr(lanelet, side)) for lanelet in lanelets]
+    return [
+        (identity, neighbour[0], int(neighbour[1]))
+        for identity, neighbour in pairs
+        if neighbour is not None
+    ]
 
 
 def _road_of(arrays: dict[str, np.ndarray]) -> RoadNetwork:
@@ -162,27 +177,29 @@ def _road_of(arrays: dict[str, np.ndarray]) -> RoadNetwork:
         if arrays[name].dtype != dtype or arrays[name].shape[1:] != shape:
             raise UserError(f"array {name} has another type or shape: make the file again")
     numbers, points = arrays["lanelet"].tolist(), arrays["lanelet_points"]
-    whole = len(points) == len(numbers) == len(arrays["speed_limit"]) == len(arrays["sign"])
-    known = set(numbers)
+    complete = len(points) == len(numbers) == len(arrays["speed_limit"]) == len(arrays["sign"])
+    identities = set(numbers)
     signs = {int(sign) for sign in Sign}
     pairs = ("successor", "predecessor", "adjacent_left", "adjacent_right", "stop_line")
     if (
-        not whole
-        or len(known) < len(numbers)
+        not complete
+        or len(identities) < len(numbers)
         or (points < 2).any()
         or not points.sum() == len(arrays["left"]) == len(arrays["right"])
         or not {*arrays["sign"].tolist()} <= signs
-        or any(not {*arrays[name][:, 0].tolist()} <= known for name in pairs)
+        or any(not {*arrays[name][:, 0].tolist()} <= identities for name in pairs)
     ):
         raise UserError("the road's arrays don't fit together: make the file again")
-    return RoadNetwork({one.identity: one for one in _lanelets(arrays)})
+    return RoadNetwork({lanelet.identity: lanelet for lanelet in _lanelets(arrays)})
 
 
 def _lanelets(arrays: dict[str, np.ndarray]) -> list[Lanelet]:
     ends = np.cumsum(arrays["lanelet_points"])[:-1]
     left, right = np.split(arrays["left"], ends), np.split(arrays["right"], ends)
     beside = {
-        side: {int(one): (int(other), bool(same)) for one, other, same in arrays[side]}
+        side: {
+            int(number): (int(neighbour), bool(same)) for number, neighbour, same in arrays[side]
+        }
         for side in ("adjacent_left", "adjacent_right")
     }
     lines = {int(row[0]): row[1:].reshape(2, 2) for row in arrays["stop_line"]}
@@ -190,22 +207,22 @@ def _lanelets(arrays: dict[str, np.ndarray]) -> list[Lanelet]:
     return [
         Lanelet(
             identity=identity,
-            left=left[place],
-            right=right[place],
+            left=left[index],
+            right=right[index],
             successors=lead_to.get(identity, ()),
             predecessors=lead_from.get(identity, ()),
             adjacent_left=beside["adjacent_left"].get(identity),
             adjacent_right=beside["adjacent_right"].get(identity),
-            speed_limit=float(arrays["speed_limit"][place]),
-            sign=Sign(int(arrays["sign"][place])),
+            speed_limit=float(arrays["speed_limit"][index]),
+            sign=Sign(int(arrays["sign"][index])),
             stop_line=lines.get(identity),
         )
-        for place, identity in enumerate(arrays["lanelet"].tolist())
+        for index, identity in enumerate(arrays["lanelet"].tolist())
     ]
 
 
 def _by_first(pairs: np.ndarray) -> dict[int, tuple[int, ...]]:
-    found: dict[int, tuple[int, ...]] = {}
-    for one, other in pairs.tolist():
-        found[one] = (*found.get(one, ()), other)
-    return found
+    neighbours: dict[int, tuple[int, ...]] = {}
+    for number, neighbour in pairs.tolist():
+        neighbours[number] = (*neighbours.get(number, ()), neighbour)
+    return neighbours

@@ -38,10 +38,10 @@ class MeasurementError:
     scale: float = 0.05
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
+        for field in fields(self):
+            value = getattr(self, field.name)
             if not 0 < value < math.inf:
-                raise UserError(f"error of {one.name} must be a number above 0, got {value:g}")
+                raise UserError(f"error of {field.name} must be a number above 0, got {value:g}")
 
     def mean_speed(self, seconds: float, driven: float) -> float:
         """Return the largest difference of driven and stated mean speed over a time, m/s.

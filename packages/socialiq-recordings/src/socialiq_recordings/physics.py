@@ -11,12 +11,87 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
+from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
 from socialiq_recordings.measurement import MeasurementError
-from socialiq_recordings.recording import Refused
-from socialiq_recordings.rectangles import overlaps
-from socialiq_recordings.tracks import FARTHEST, RoadUser, Tracks
+from socialiq_recordings.recording import FARTHEST, Refused, RoadUser, Tracks
+
+
+class Overlaps(NamedTuple):
+    """Pairs of states of a frame whose rectangles overlap.
+
+    Attributes:
+        first: Row of the first state.
+        second: Row of the second state.
+        depth: Smallest displacement that would separate them, m.
+    """
+
+    first: Int64[np.ndarray, " pair"]
+    second: Int64[np.ndarray, " pair"]
+    depth: Float64[np.ndarray, " pair"]
+
+
+_BLOCK = 100_000  # states whose pairs are held in memory at a time
+
+
+def overlaps(tracks: Tracks) -> Overlaps:
+    """Return all overlaps of a recording, by the separating axes of two rectangles.
+
+    Two rectangles are disjoint exactly if an axis along a side of one of them separates them
+    (Gottschalk, Lin and Manocha, SIGGRAPH 1996). The smallest overlap on the four axes is the
+    depth.
+    """
+    order = np.argsort(tracks.frame, kind="stable")
+    frames = tracks.frame[order]
+    blocks, begin = [], 0
+    while begin < len(order):
+        # A block ends with a frame.
+        last = frames[min(begin + _BLOCK, len(order)) - 1]
+        end = int(np.searchsorted(frames, last, side="right"))
+        blocks.append(_overlaps_of(tracks, order[begin:end]))
+        begin = end
+    return Overlaps(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
+
+
+def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " some"]) -> Overlaps:
+    half = np.stack([tracks.length, tracks.width], axis=1) / 2
+    first, second = _near_pairs(tracks, rows, np.hypot(half[:, 0], half[:, 1]))
+    half_one, half_other = half[tracks.track[first]], half[tracks.track[second]]
+    apart = np.stack(
+        [tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first]], axis=1
+    )
+    turned = tracks.heading[second] - tracks.heading[first]
+    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
+    depth = np.full(len(first), np.inf)
+    for own_half, other_half, row in (
+        (half_one, half_other, first),
+        (half_other, half_one, second),
+    ):
+        east, north = np.cos(tracks.heading[row]), np.sin(tracks.heading[row])
+        along = np.abs(apart[:, 0] * east + apart[:, 1] * north)
+        across = np.abs(apart[:, 1] * east - apart[:, 0] * north)
+        reach_along = own_half[:, 0] + other_half[:, 0] * cos + other_half[:, 1] * sin
+        reach_across = own_half[:, 1] + other_half[:, 0] * sin + other_half[:, 1] * cos
+        depth = np.minimum(depth, np.minimum(reach_along - along, reach_across - across))
+    touch = depth > 0
+    return Overlaps(first[touch], second[touch], depth[touch])
+
+
+def _near_pairs(
+    tracks: Tracks, rows: Int64[np.ndarray, " some"], radius: Float64[np.ndarray, " track"]
+) -> tuple[Int64[np.ndarray, " pair"], Int64[np.ndarray, " pair"]]:
+    """Return pairs of rows of a frame whose circumscribed circles meet."""
+    reach = 2 * radius.max()
+    # A third axis separates frames, so that states of different frames are never near.
+    frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
+    places = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
+    pairs = rows[KDTree(places).query_pairs(reach, output_type="ndarray")]
+    first, second = pairs[:, 0], pairs[:, 1]
+    distance = np.hypot(tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first])
+    meet = distance < radius[tracks.track[first]] + radius[tracks.track[second]]
+    return first[meet], second[meet]
+
 
 FASTEST = 70.0
 """m/s; 252 km/h."""
@@ -73,8 +148,8 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     if good.any():
         _check_overlaps(tracks, good, error, reasons)
     refused = [
-        Refused(str(tracks.identity[one]), str(reasons[one]))
-        for one in np.flatnonzero(reasons != "")
+        Refused(str(tracks.identity[track]), str(reasons[track]))
+        for track in np.flatnonzero(reasons != "")
     ]
     refused = far + refused
     if len(refused) == len(far) + tracks.n_tracks:
@@ -145,7 +220,7 @@ def _near(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
     if far.all():
         raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
     reason = f"a position or velocity is above {FARTHEST:g}"
-    refused = [Refused(str(tracks.identity[one]), reason) for one in np.flatnonzero(far)]
+    refused = [Refused(str(tracks.identity[track]), reason) for track in np.flatnonzero(far)]
     return (tracks.kept(~far) if far.any() else tracks), refused
 
 
@@ -157,10 +232,10 @@ def _check_sizes(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np
             f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
             "give sizes in metres, or say that they are in feet"
         )
-    for one in np.flatnonzero(bad):
-        reasons[one] = (
-            f"{tracks.length[one]:.3g} m long and {tracks.width[one]:.3g} m wide: no road user is "
-            f"({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
+    for track in np.flatnonzero(bad):
+        reasons[track] = (
+            f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
+            f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
         )
 
 
@@ -180,22 +255,23 @@ def _check_speeds(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: n
     moves = np.maximum(driven, stated) > MOVING
     if 2 * (bad & moves).sum() > max(moves.sum(), 1):
         ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
-        nearest = min(_RATIOS, key=lambda one: abs(ratio / one - 1))
+        nearest = min(_RATIOS, key=lambda track: abs(ratio / track - 1))
         unit = _RATIOS[nearest] if abs(ratio / nearest - 1) < 0.1 else ""
         raise UserError(
             f"in {(bad & moves).sum()} of {moves.sum()} moving tracks the driven speed is about "
             f"{ratio:.3g} times the stated one: "
             f"{unit or 'positions, velocities or the frame rate have another unit'}"
         )
-    for one in np.flatnonzero(bad & (reasons == "")):
-        reasons[one] = (
-            f"drives {driven[one]:.2f} m/s but states {stated[one]:.2f} (means; {apart[one]:.2f} "
-            f"apart in {seconds[one]:g} s, where {allowed[one]:.2f} may be measurement)"
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = (
+            f"drives {driven[track]:.2f} m/s but states {stated[track]:.2f} (means; "
+            f"{apart[track]:.2f} apart in {seconds[track]:g} s, where {allowed[track]:.2f} may be "
+            "measurement)"
         )
     fastest = np.zeros(tracks.n_tracks)
     np.maximum.at(fastest, tracks.track, np.hypot(tracks.vx, tracks.vy))
-    for one in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
-        reasons[one] = f"states {fastest[one]:.1f} m/s, more than {FASTEST:g}"
+    for track in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
+        reasons[track] = f"states {fastest[track]:.1f} m/s, more than {FASTEST:g}"
 
 
 def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -221,7 +297,7 @@ def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
         integrals.append(along[after] - along[rows])
     stated = np.hypot(*integrals) / time
     apart = np.abs(driven - stated)
-    a, b, c = (_mean(one, track, n) for one in (driven, stated, apart))
+    a, b, c = (_mean(values, track, n) for values in (driven, stated, apart))
     return a, b, c, frames * tracks.dt
 
 
@@ -230,9 +306,9 @@ def _check_jumps(
 ) -> None:
     further = (steps.driven - steps.stated) * tracks.dt
     for step in np.flatnonzero(further > error.jump(tracks.dt)):
-        one = steps.track[step]
-        if reasons[one] == "":
-            reasons[one] = (
+        track = steps.track[step]
+        if reasons[track] == "":
+            reasons[track] = (
                 f"jumps {further[step]:.2f} m further than its speed allows after frame "
                 f"{tracks.frame[steps.row[step]]}"
             )
@@ -252,8 +328,8 @@ def _check_directions(
             f"in {bad.sum()} of {checked.sum()} tracks the heading is not the way they move: "
             f"{_headings_read_as(steps, along, tracks.n_tracks, error)}"
         )
-    for one in np.flatnonzero(bad & (reasons == "")):
-        reasons[one] = f"heading {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = f"heading {np.degrees(medians[track]):.0f}° off the way it moves (median)"
     medians = _medians(steps.to_velocity[moving], steps.track[moving], tracks.n_tracks)
     bad, checked = medians > error.direction, ~np.isnan(medians)
     if 2 * bad.sum() > max(checked.sum(), 1):
@@ -261,8 +337,8 @@ def _check_directions(
             f"in {bad.sum()} of {checked.sum()} tracks the velocity does not point the way they "
             "move: do positions and velocities have the same axes, and does y point up?"
         )
-    for one in np.flatnonzero(bad & (reasons == "")):
-        reasons[one] = f"velocity {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = f"velocity {np.degrees(medians[track]):.0f}° off the way it moves (median)"
 
 
 def _headings_read_as(
@@ -280,11 +356,11 @@ def _headings_read_as(
 
 def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
     """Return the median by track, NaN for fewer than `FEWEST_STEPS`; rows in order of tracks."""
-    found = np.full(n_tracks, np.nan)
+    medians = np.full(n_tracks, np.nan)
     ends = np.searchsorted(track, np.arange(n_tracks + 1))
-    for one in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
-        found[one] = np.median(values[ends[one] : ends[one + 1]])
-    return found
+    for number in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
+        medians[number] = np.median(values[ends[number] : ends[number + 1]])
+    return medians
 
 
 def _check_overlaps(
@@ -294,17 +370,17 @@ def _check_overlaps(
     reasons: np.ndarray,
 ) -> None:
     """Refuse both tracks of an overlap, because either may be wrong."""
-    kept, numbers = tracks.kept(good), np.flatnonzero(good)
-    found = overlaps(kept)
+    plausible, numbers = tracks.kept(good), np.flatnonzero(good)
+    pairs = overlaps(plausible)
     # The deepest first: it is reported.
-    for place in np.argsort(-found.depth, kind="stable"):
-        if found.depth[place] <= error.overlap:
+    for pair in np.argsort(-pairs.depth, kind="stable"):
+        if pairs.depth[pair] <= error.overlap:
             break
-        rows = int(found.first[place]), int(found.second[place])
+        rows = int(pairs.first[pair]), int(pairs.second[pair])
         for row, beside in (rows, rows[::-1]):
-            one = numbers[kept.track[row]]
-            if reasons[one] == "":
-                reasons[one] = (
-                    f"overlaps by {found.depth[place]:.2f} m with "
-                    f"{kept.identity[kept.track[beside]]} at frame {kept.frame[row]}"
+            track = numbers[plausible.track[row]]
+            if reasons[track] == "":
+                reasons[track] = (
+                    f"overlaps by {pairs.depth[pair]:.2f} m with "
+                    f"{plausible.identity[plausible.track[beside]]} at frame {plausible.frame[row]}"
                 )

@@ -1,16 +1,231 @@
-"""Recordings: tracks and the road."""
+"""Recordings: tracks of all road users in one table for all file formats, and the road.
+
+SI units, right-handed: x to the east, y to the north, headings counter-clockwise from east; a
+position is the centre of the road user's rectangle. All times are multiples of one step.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Float64, Int, Int8, Int32, Int64
 
+from socialiq.demonstrations.columns import json_able
+from socialiq.errors import UserError
 from socialiq_recordings.road.network import RoadNetwork
-from socialiq_recordings.tracks import Tracks
+
+
+class RoadUser(enum.IntEnum):
+    """Class of a road user."""
+
+    CAR = 0
+    TRUCK = 1
+    BUS = 2
+    MOTORCYCLE = 3
+    BICYCLE = 4
+    PEDESTRIAN = 5
+    OTHER = 6
+
+
+STATES: dict[str, type[np.generic]] = {
+    "track": np.int32,
+    "frame": np.int32,
+    "x": np.float64,
+    "y": np.float64,
+    "heading": np.float64,
+    "vx": np.float64,
+    "vy": np.float64,
+}
+"""Columns with a row for each state, and their types; also their order in a file."""
+
+FARTHEST = 1e8
+"""m, m/s; no coordinate of the Earth is larger, and centimetres would be lost."""
+
+STEPS = (1e-4, 1e3)
+"""s; shortest and longest time between frames that is read."""
+
+ROAD_USERS: dict[str, type[np.generic]] = {
+    "identity": np.int64,
+    "road_user": np.int8,
+    "length": np.float64,
+    "width": np.float64,
+}
+"""Columns with a place for each track."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Road users of a recording: a row for each state, a list entry for each track.
+
+    The rows of a track are adjacent and their frames increase by one; tracks are in the order of
+    their numbers, 0, 1, 2, ...
+
+    Attributes:
+        track: Number of the track of each state.
+        frame: Number of the recording's time step.
+        x: Centre, m to the east.
+        y: Centre, m to the north.
+        heading: rad, counter-clockwise from east, in (-π, π].
+        vx: Velocity to the east, m/s.
+        vy: Velocity to the north, m/s.
+        identity: The road user's number in the file that was read, by track.
+        road_user: Value of `RoadUser`, by track.
+        length: m along the heading, by track.
+        width: m, by track.
+        dt: s between frames.
+        recording: Name of the recording, by which data are split.
+        source: Provenance as JSON: file, its SHA-256, format, licence line.
+
+    Raises:
+        UserError: If a column is invalid; the line names it and its first bad row or track.
+    """
+
+    track: Int32[np.ndarray, " state"]
+    frame: Int32[np.ndarray, " state"]
+    x: Float64[np.ndarray, " state"]
+    y: Float64[np.ndarray, " state"]
+    heading: Float64[np.ndarray, " state"]
+    vx: Float64[np.ndarray, " state"]
+    vy: Float64[np.ndarray, " state"]
+    identity: Int64[np.ndarray, " track"]
+    road_user: Int8[np.ndarray, " track"]
+    length: Float64[np.ndarray, " track"]
+    width: Float64[np.ndarray, " track"]
+    dt: float
+    recording: str
+    source: dict[str, Any]
+
+    # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
+    __no_type_check__: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check every column, and detach `source` from the caller's dict."""
+        _check(self.arrays(), self.dt, self.recording)
+        object.__setattr__(self, "source", json_able(self.source))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return all columns by name, in a file's order."""
+        return {name: getattr(self, name) for name in (*STATES, *ROAD_USERS)}
+
+    def along_and_across(
+        self,
+    ) -> tuple[Float64[np.ndarray, " state"], Float64[np.ndarray, " state"]]:
+        """Return the velocity along the heading and to its left, m/s."""
+        east, north = np.cos(self.heading), np.sin(self.heading)
+        return self.vx * east + self.vy * north, self.vy * east - self.vx * north
+
+    def kept(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
+        """Return only these tracks, renumbered.
+
+        Raises:
+            UserError: If none is left.
+        """
+        if not keep.any():
+            raise UserError(f"recording {self.recording}: no track is left")
+        rows = keep[self.track]
+        number = (np.cumsum(keep) - 1).astype(np.int32)
+        states = {name: getattr(self, name)[rows] for name in STATES}
+        states["track"] = number[states["track"]]
+        users = {name: getattr(self, name)[keep] for name in ROAD_USERS}
+        return replace(self, **states, **users)
+
+    @property
+    def n_states(self) -> int:
+        """Number of rows."""
+        return len(self.track)
+
+    @property
+    def n_tracks(self) -> int:
+        """Number of road users."""
+        return len(self.identity)
+
+    @property
+    def starts(self) -> Int64[np.ndarray, " track_and_one"]:
+        """Row of each track's first state, followed by the number of rows."""
+        return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
+
+
+def _check(columns: Mapping[str, Any], dt: Any, recording: Any) -> None:
+    """Raise an error for columns that do not form a valid table of tracks.
+
+    The line names the column, its first bad row or track, and the correction. Later checks rely on
+    earlier ones. Whether the values are physically possible is checked in `recordings.physics`.
+
+    Args:
+        columns: One array for each name of `STATES` and `ROAD_USERS`.
+        dt: s between frames.
+        recording: The recording's name.
+
+    Raises:
+        UserError: At the first violation.
+    """
+    if not isinstance(dt, float) or not 0 < dt < math.inf:
+        raise UserError(f"dt is {dt!r}: pass the seconds between frames, a float above 0")
+    if not isinstance(recording, str) or not recording.strip():
+        raise UserError("recording must be a non-empty string: data are split by it")
+    _check_layout(columns, STATES, "states")
+    _check_layout(columns, ROAD_USERS, "tracks")
+    for name, dtype in (STATES | ROAD_USERS).items():
+        if issubclass(dtype, np.floating):
+            _refuse(name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out")
+    _check_order(columns)
+    heading = columns["heading"]
+    _refuse(
+        "heading",
+        (heading <= -np.pi) | (heading > np.pi),
+        "outside (-π, π]: give radians, wrapped; are these degrees?",
+    )
+    for name in ("length", "width"):
+        _refuse(name, columns[name] <= 0, "not above 0: give metres", "track")
+    _refuse(
+        "road_user",
+        ~np.isin(columns["road_user"], [int(kind) for kind in RoadUser]),
+        f"unknown: use {', '.join(f'{kind.value} {kind.name}' for kind in RoadUser)}",
+        "track",
+    )
+
+
+def _check_layout(
+    columns: Mapping[str, Any], layout: Mapping[str, type[np.generic]], what: str
+) -> None:
+    first = next(iter(layout))
+    for name, dtype in layout.items():
+        column = columns[name]
+        if not isinstance(column, np.ndarray) or column.dtype != dtype or column.ndim != 1:
+            actual = f"{column.dtype}" if isinstance(column, np.ndarray) else type(column).__name__
+            raise UserError(
+                f"column {name} is {actual}: pass a one-dimensional NumPy array of {dtype.__name__}"
+            )
+        if len(column) != len(columns[first]):
+            raise UserError(
+                f"column {name} has {len(column)} {what} where {first} has {len(columns[first])}"
+            )
+    if not len(columns[first]):
+        raise UserError(f"no {what}: a recording has at least one track of one state")
+
+
+def _refuse(name: str, bad: np.ndarray, problem: str, what: str = "row") -> None:
+    """Raise an error for the column if any entry is bad, naming the first."""
+    if bad.any():
+        raise UserError(f"column {name}, {what} {int(np.argmax(bad))}: {problem}")
+
+
+def _check_order(columns: Mapping[str, Any]) -> None:
+    track, frame = columns["track"].astype(np.int64), columns["frame"].astype(np.int64)
+    steps = np.diff(track)
+    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
+    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
+    tracks = len(columns["identity"])
+    if track[-1] != tracks - 1:
+        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {tracks}")
+    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
+    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
+    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +275,8 @@ def order_fault(frames: Int[np.ndarray, " state"] | Sequence[int]) -> str:
     steps = np.diff(np.asarray(frames, np.int64))
     if (steps == 1).all():
         return ""
-    place = int(np.argmax(steps != 1))
-    before, after = frames[place], frames[place + 1]
+    index = int(np.argmax(steps != 1))
+    before, after = frames[index], frames[index + 1]
     if after == before:
         return f"frame {after} is there twice"
     if after < before:

@@ -26,9 +26,8 @@ from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.options import Options
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 FIRST_LANELET = 1000
 """Number of the first lanelet; lanelets are in the order of the simulator's lanes."""
@@ -70,19 +69,21 @@ def _lanelet(lane: int) -> Lanelet:
     record, half = geometry.LANES[lane], LANE_WIDTH / 2
     count = 2 if record["straight"] else int(np.ceil(record["length"] / _SPACING)) + 1
     along = np.linspace(0.0, float(record["length"]), count)
-    centre = np.array([_position(record, one) for one in along])
-    heading = np.array([_heading_at(record, one) for one in along])
+    centre = np.array([_position(record, metres) for metres in along])
+    heading = np.array([_heading_at(record, metres) for metres in along])
     right = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half
     flip = np.array([1.0, -1.0])
     arm = lane % 5 == EXIT
     following = [] if arm else geometry.CONNECTED[lane, 1 : 4 if lane % 5 == 0 else 2].tolist()
-    leading = [one for one in range(geometry.N_LANES) if lane in _following(one)]
+    leading = [
+        lane_before for lane_before in range(geometry.N_LANES) if lane in _following(lane_before)
+    ]
     return Lanelet(
         FIRST_LANELET + lane,
         (centre - right) * flip,
         (centre + right) * flip,
-        tuple(FIRST_LANELET + one for one in following),
-        tuple(FIRST_LANELET + one for one in leading),
+        tuple(FIRST_LANELET + lane_after for lane_after in following),
+        tuple(FIRST_LANELET + lane_after for lane_after in leading),
         speed_limit=geometry.SPEED_LIMIT,
     )
 
@@ -104,7 +105,7 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episo
     """
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])
-    frames, seen = [_now(batch)], [batch.observation[0]]
+    frames, observations = [_now(batch)], [batch.observation[0]]
     slot = batch.buffers.episodes[0]["ego"]
     ego, origin, destination = (
         int(batch.buffers.vehicles[0][name][slot]) for name in ("identity", "origin", "destination")
@@ -112,20 +113,20 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episo
     actions, pairs, endings = [], [], []
     while not endings or endings[-1] == Ending.NONE:
         action, _ = policy.predict(batch.seen_by(policy))
-        made = batch.step(action, auto_reset=False)
+        decisions = batch.step(action, auto_reset=False)
         count = int(batch.buffers.present[0, 0])
         frames += [moment[:count].copy() for moment in batch.buffers.trace[0]]
-        seen.append(made.observation[0])
+        observations.append(decisions.observation[0])
         actions.append(int(np.ravel(action)[0]))
-        pairs.append([made.rewards.env[0], made.rewards.social[0]])
-        endings.append(int(made.ending[0]))
+        pairs.append([decisions.rewards.env[0], decisions.rewards.social[0]])
+        endings.append(int(decisions.ending[0]))
     source = {"made_by": "socialiq simulator", "seed": seed, "options": repr(options)}
     tracks = _tracks(frames, 1 / options.simulation_frequency, name or f"simulated-{seed}", source)
     return Episode(
         Recording(tracks, road()),
         int(np.flatnonzero(tracks.identity == ego + 1)[0]),
         FIRST_LANELET + geometry.turn(origin, destination),
-        np.array(seen),
+        np.array(observations),
         np.array(actions, np.int64),
         np.array(pairs),
         np.array(endings, np.int8),
@@ -139,7 +140,7 @@ def _now(batch: Batch) -> np.ndarray:
 
 def _tracks(frames: list[np.ndarray], dt: float, name: str, source: dict[str, Any]) -> Tracks:
     rows = np.concatenate(frames)
-    frame = np.repeat(np.arange(len(frames)), [len(one) for one in frames])
+    frame = np.repeat(np.arange(len(frames)), [len(rows) for rows in frames])
     # In the order of the simulator's list, in which identities ascend.
     order = np.lexsort([frame, rows["identity"]])
     rows, frame = rows[order], frame[order]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq_recordings.tracks import Tracks
+from socialiq_recordings.recording import Tracks
 
 _WORDS = re.compile(
     r"simulat|synthetic|\b(sumo|carla|vissim|aimsun|paramics|matsim|highway-?env|metadrive|nuplan "
@@ -45,15 +45,15 @@ def signs_of_simulation(tracks: Tracks) -> tuple[str, ...]:
     share = _repeated_share(tracks)
     if share >= REPEATED:
         signs.append(f"{100 * share:.0f} % of the seconds are repeated exactly by other vehicles")
-    return tuple(one for one in signs if one)
+    return tuple(sign for sign in signs if sign)
 
 
 def _header(source: Mapping[str, Any]) -> str:
     for name in _HEADER:
         text = _NOT_SIMULATED.sub("", str(source.get(name, "")))
-        found = _WORDS.search(text)
-        if found:
-            return f"its {name} names '{found[0].lower()}'"
+        match = _WORDS.search(text)
+        if match:
+            return f"its {name} names '{match[0].lower()}'"
     return ""
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq_recordings.conflicts.in_time import InTime
-from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.conflicts.ways import InTime, Way
 from socialiq_recordings.road.paths import Polyline
 
 

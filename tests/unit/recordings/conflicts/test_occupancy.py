@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from socialiq_recordings.conflicts.occupancy import (
+from socialiq_recordings.conflicts.ways import (
     Occupancy,
+    Way,
     apart,
     expected,
     projected,
     recorded,
 )
-from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.road.paths import Polyline
 
 

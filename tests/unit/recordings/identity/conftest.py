@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.identity.alignment import Placement
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import ROAD_USERS, STATES, Recording, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
-from socialiq_recordings.tracks import ROAD_USERS, STATES, Tracks
 
 
 def traffic(seed: int = 0, moving: int = 6, standing: int = 2, frames: int = 100) -> Tracks:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.identity.alignment import Placement
-from socialiq_recordings.identity.moments import Motion, in_common
+from socialiq_recordings.identity.common_motion import Motion, in_common
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

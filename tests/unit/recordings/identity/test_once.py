@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from socialiq_recordings.identity.duplicates import pairs_once, same_moments, tracks_once
 from socialiq_recordings.identity.identify import Identified, Overlap
-from socialiq_recordings.identity.once import pairs_once, same_moments, tracks_once
 
 
 def identified(*overlaps):

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 
 def _made(count: int, **columns: Any) -> Situations:

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq_recordings.prediction.contrasts import EXTENDED, contrasts
-from socialiq_recordings.prediction.scores import Held, Predicted
+from socialiq_recordings.prediction.scores import EXTENDED, Held, Predicted, contrasts
 from socialiq_recordings.prediction.study import ALL_MODELS
 
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp, softmax
 
-from socialiq_recordings.prediction import dial, following
-from socialiq_recordings.prediction.levels import Levels, Training, of_policies
+from socialiq_recordings.prediction import following, learned
+from socialiq_recordings.prediction.learned import Levels, Training, of_policies
 from socialiq_recordings.prediction.models import Task
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 LEVELS = (-1.0, 0.0, 1.0)
@@ -29,15 +29,15 @@ def turned(angle: float) -> Constant:
     return Constant(*softmax(np.array([1.0, 0.0, -1.0]) * (angle - 45.0) / 15.0))
 
 
-FAMILY = [Constant(0.25, 0.5, 0.25), *(turned(one) for one in dial.ANGLES)]
+FAMILY = [Constant(0.25, 0.5, 0.25), *(turned(one) for one in learned.ANGLES)]
 
 
 def test_no_share_is_the_clone_and_all_of_it_the_dial(situations: Make) -> None:
     seen = situations(2)
-    found = dial.of_family(FAMILY)(seen).reshape(2, len(dial.SHARES), len(dial.ANGLES), 3)
+    found = learned.of_family(FAMILY)(seen).reshape(2, len(learned.SHARES), len(learned.ANGLES), 3)
     assert logsumexp(found, axis=3) == pytest.approx(np.zeros(found.shape[:3]))
     assert np.exp(found[0, 0]) == pytest.approx(np.tile([0.25, 0.5, 0.25], (7, 1)))
-    ends = [turned(one).chance for one in dial.ANGLES]
+    ends = [turned(one).chance for one in learned.ANGLES]
     assert np.exp(found[1, -1]) == pytest.approx(np.stack(ends), rel=1e-6)
 
 
@@ -78,15 +78,15 @@ def test_planted_angles_predict_second_halves_and_no_difference_predicts_nothing
     for name, angles in (("apart", apart), ("alike", [60.0] * 16)):
         seen = _planted(situations, angles, 1)
         task = _task(seen)
-        levels, chances = Levels(task, Training(levels=LEVELS)), dial.of_family(FAMILY)
-        made = dial._models(task, levels, chances, levels.log_density(chances, seen))
-        assert not made[dial.AT_ANGLE].personal and made[dial.BY_DRIVER].personal
+        levels, chances = Levels(task, Training(levels=LEVELS)), learned.of_family(FAMILY)
+        made = learned._models(task, levels, chances, levels.log_density(chances, seen))
+        assert not made[learned.AT_ANGLE].personal and made[learned.BY_DRIVER].personal
         later = seen.rows(~task.first)
         each = [
             one.spread.log_density(
                 one.forecast(later, np.zeros(len(later))), later.acceleration, later.moving
             ).mean()
-            for one in (made[dial.BY_DRIVER], made[dial.AT_ANGLE])
+            for one in (made[learned.BY_DRIVER], made[learned.AT_ANGLE])
         ]
         gains[name] = each[0] - each[1]
     assert gains["apart"] > 0.2

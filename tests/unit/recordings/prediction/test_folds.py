@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq_recordings.prediction.folds import folds, grouped, possible
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 

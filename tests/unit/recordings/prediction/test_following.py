@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq_recordings.conflicts import idm
+from socialiq_recordings import idm
 from socialiq_recordings.prediction import following
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 
@@ -20,13 +20,6 @@ def _traffic(situations: Make, count: int, seed: int = 0) -> Situations:
         gap=np.where(rng.random(count) < 0.3, np.inf, rng.uniform(3, 40, count)),
         leader_speed=rng.uniform(2, 16, count),
     )
-
-
-def test_arrays_have_the_accelerations_of_the_counterfactual() -> None:
-    speed, gap, ahead = np.array([12.0, 8.0, 0.0]), np.array([15.0, np.inf, 0.5]), np.ones(3)
-    found = following.accelerations(following.literature(), speed, gap, ahead)
-    each = [idm.acceleration(idm.Idm(), *one) for one in zip(speed, gap, ahead, strict=True)]
-    assert found == pytest.approx(each)
 
 
 def test_a_standing_vehicle_without_a_leader_starts_as_fast_as_it_can(situations: Make) -> None:

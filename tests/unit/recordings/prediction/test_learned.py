@@ -4,11 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq_recordings.prediction import following, learned, levels
-from socialiq_recordings.prediction.features import NAMES, features
-from socialiq_recordings.prediction.models import MODELS, Task, residuals
-from socialiq_recordings.prediction.rewards import rewards
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction import following, learned
+from socialiq_recordings.prediction.choices import rewards
+from socialiq_recordings.prediction.models import MODELS, NAMES, Task, features, residuals
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 LEVELS = (-2.0, 0.0, 2.0)
@@ -22,7 +21,7 @@ def test_moments_become_demonstrations_with_the_rewards_of_their_levels(situatio
         speed=[5.0, 6.0, 7.0, 8.0, 9.0],
         acceleration=[3.0, 0.2, -1.5, 0.0, 0.0],
     )
-    made = levels.demonstrations(seen, LEVELS)
+    made = learned.demonstrations(seen, LEVELS)
     # By vehicle and time; the third moment of vehicle 1 comes after a gap.
     assert made.observation[:, 0] * 10 == pytest.approx([6, 7, 9, 5, 8])
     assert made.episode.tolist() == [0, 0, 1, 2, 2]
@@ -55,7 +54,7 @@ def test_learned_policies_predict_a_planted_rule(situations: Make) -> None:
     idm, first = following.literature(), seen.half() == 0
     last = residuals(idm, seen)
     task = Task(seen, last, first, seen.rows(first), last[first], idm, 0)
-    settings = levels.Training(levels=LEVELS, updates=300, hidden=(16,))
+    settings = learned.Training(levels=LEVELS, updates=300, hidden=(16,))
     (made,) = learned.trained([task], settings, learned.LEARNED)
     assert set(made) == set(learned.LEARNED)
     assert [made[one].personal for one in learned.LEARNED] == [False, False, True]

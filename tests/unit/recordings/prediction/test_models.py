@@ -7,7 +7,7 @@ import pytest
 from socialiq_recordings.prediction import following, models
 from socialiq_recordings.prediction.density import Forecast
 from socialiq_recordings.prediction.models import MODELS, Fitted, Task, residuals, rollout
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 

@@ -3,8 +3,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from socialiq_recordings.prediction.rewards import AHEAD, UNIT, rewards
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.choices import AHEAD, UNIT, rewards
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 GRID = np.array([-3.0, 0.0, 2.0])

@@ -3,16 +3,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from socialiq_recordings.conflicts import idm
-from socialiq_recordings.prediction.situation import Situations, ballistic, joined
+from socialiq_recordings.prediction.situations import Situations, joined
 
 Make = Callable[..., Situations]
-
-
-def test_steps_are_those_of_the_counterfactual_also_to_a_stand() -> None:
-    for speed, rate in ((10.0, 1.0), (10.0, -1.0), (2.0, -4.0), (0.0, 0.0), (0.0, -1.0)):
-        driven, after = ballistic(np.array([speed]), np.array([rate]), 1.0)
-        assert (driven[0], after[0]) == pytest.approx(idm.ballistic(speed, rate, 1.0))
 
 
 def test_a_second_later_others_have_kept_their_speeds(situations: Make) -> None:

@@ -9,8 +9,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq_recordings.readers import commonroad_xml
 from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.recording import RoadUser
 from socialiq_recordings.road.network import Colour, Cycle, Sign
-from socialiq_recordings.tracks import RoadUser
 
 
 def exact(name, value):

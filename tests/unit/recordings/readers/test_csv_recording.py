@@ -10,7 +10,7 @@ from socialiq_recordings.readers import csv_table
 from socialiq_recordings.readers.column_map import known_maps, read_map
 from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.readers.import_file import import_file
-from socialiq_recordings.tracks import RoadUser
+from socialiq_recordings.recording import RoadUser
 
 MAP = """
 [time]

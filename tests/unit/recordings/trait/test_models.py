@@ -7,13 +7,14 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq_recordings.trait.choice_model import evaluate, log_choice, predict, reward_scale
-from socialiq_recordings.trait.contrasts import (
+from socialiq_recordings.trait.models import (
     RIVALS,
     chains_to_find_anything,
     contrasts,
+    fit_models,
+    sample_of,
     scores,
 )
-from socialiq_recordings.trait.models import fit_models, sample_of
 from socialiq_recordings.trait.traits import angle_trait
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq_recordings.trait.choice_model import Tabulated, evaluate, reward_scale
-from socialiq_recordings.trait.contrasts import contrasts
-from socialiq_recordings.trait.models import models_of, sample_of
+from socialiq_recordings.trait.models import contrasts, models_of, sample_of
 from socialiq_recordings.trait.power import (
     STRENGTHS,
     Grids,

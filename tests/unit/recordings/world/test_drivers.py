@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from socialiq_recordings.conflicts import idm
-from socialiq_recordings.world.drivers import Drivers, accelerations, calibrate
-from socialiq_recordings.world.observed import Followed, Observed
+from socialiq_recordings import idm
+from socialiq_recordings.world.drivers import Drivers, Followed, Observed, calibrate
 
 
 def followed(driver: idm.Idm, count: int, seed: int = 0) -> Followed:
@@ -11,23 +10,13 @@ def followed(driver: idm.Idm, count: int, seed: int = 0) -> Followed:
     drawn = np.random.default_rng(seed)
     speed = drawn.uniform(2.0, 12.0, count)
     gap, leader = drawn.uniform(4.0, 50.0, count), drawn.uniform(0.0, 12.0, count)
-    rates = [
-        idm.acceleration(driver, *(float(one) for one in row))
-        for row in zip(speed, gap, leader, strict=True)
-    ]
-    return Followed(speed, gap, leader, np.array(rates))
+    return Followed(speed, gap, leader, idm.acceleration(speed, gap, leader, *driver))
 
 
 def observed(moments: Followed, **more) -> Observed:
     nothing = np.zeros(0)
     given = dict.fromkeys(Observed._fields, nothing) | {"followed": moments, "vehicles": 1}
     return Observed(**(given | more))
-
-
-def test_accelerations_are_those_of_the_idm():
-    moments = followed(idm.Idm(), 50)
-    made = accelerations((1.0, 2.0, 1.0, 1.5), moments, np.full(50, 15.0))
-    assert made == pytest.approx(moments.acceleration)
 
 
 def test_the_parameters_of_a_driver_are_recovered():
@@ -50,7 +39,7 @@ def test_the_parameters_of_a_driver_are_recovered():
 def test_what_is_not_shown_keeps_the_literature_and_says_so():
     found = calibrate(observed(followed(idm.Idm(), 3)))
     assert not any(row["estimated"] for row in found.evidence)
-    assert found.drivers.time_headway.mean == idm.Idm.time_headway
+    assert found.drivers.time_headway.mean == idm.Idm().time_headway
     again = Drivers.of_array(found.drivers.array())
     assert again == found.drivers
 
@@ -58,5 +47,5 @@ def test_what_is_not_shown_keeps_the_literature_and_says_so():
 def test_a_fit_worse_than_constant_speed_is_dropped():
     moments = followed(idm.Idm(), 100)._replace(acceleration=np.zeros(100))
     found = calibrate(observed(moments))
-    assert found.drivers.max_acceleration.mean == idm.Idm.max_acceleration
+    assert found.drivers.max_acceleration.mean == idm.Idm().max_acceleration
     assert not found.evidence[3]["estimated"]

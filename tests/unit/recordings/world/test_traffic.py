@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq_recordings.conflicts import idm as reference
-from socialiq_recordings.world import chance, traffic
+from socialiq_recordings import idm as reference
+from socialiq_recordings.world import traffic
 
 DRIVER = reference.Idm(desired_speed=12.0)
 
@@ -17,26 +17,16 @@ def waits():
 
 @pytest.mark.parametrize("speed", [0.0, 3.0, 12.0, 20.0])
 @pytest.mark.parametrize(("gap", "leader"), [(math.inf, 0.0), (5.0, 0.0), (0.05, 3.0), (40.0, 9.0)])
-def test_the_compiled_idm_is_that_of_conflicts(speed, gap, leader):
-    idm = traffic.idm
-    made = idm(
-        speed,
-        gap,
-        leader,
-        DRIVER.desired_speed,
-        DRIVER.time_headway,
-        DRIVER.jam_distance,
-        DRIVER.max_acceleration,
-        DRIVER.comfort_deceleration,
-    )
-    assert made == pytest.approx(reference.acceleration(DRIVER, speed, gap, leader), abs=1e-12)
+def test_the_compiled_idm_is_that_of_arrays(speed, gap, leader):
+    compiled = traffic.idm(speed, gap, leader, *DRIVER)
+    expected = reference.acceleration(speed, gap, leader, *DRIVER)
+    assert compiled == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(("speed", "rate"), [(5.0, 2.0), (5.0, -2.0), (0.1, -4.0), (0.0, 0.0)])
 def test_a_sub_step_is_ballistic(speed, rate):
-    assert traffic.advance(speed, rate) == pytest.approx(
-        reference.ballistic(speed, rate, traffic.DT)
-    )
+    driven, after = reference.ballistic(np.array([speed]), np.array([rate]), traffic.DT)
+    assert traffic.advance(speed, rate) == pytest.approx((driven[0], after[0]))
 
 
 def test_the_time_for_a_distance():
@@ -94,7 +84,7 @@ def test_a_line_is_closed_for_its_time():
 
 
 def test_draws_are_uniform_and_normal_and_their_own():
-    uniform, normal = for_python(chance.uniform), for_python(chance.normal)
+    uniform, normal = for_python(traffic.uniform), for_python(traffic.normal)
     seed = np.uint64(7)
     flat = np.array([uniform(seed, 3, number) for number in range(4000)])
     assert flat.min() >= 0 and flat.max() < 1

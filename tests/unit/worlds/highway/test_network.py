@@ -5,14 +5,13 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.worlds.highway.core import geometry
-from socialiq.worlds.highway.core import lanes as kernels
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.network import APPROACH, Lane, Network, arc, sine, straight
 from socialiq.worlds.highway.scenes import SCENES, merge, roundabout, scene_of
 
 misfit, lateral = for_python(geometry.misfit), for_python(geometry.lateral)
 longitudinal = for_python(geometry.longitudinal)
-closest, heading_at = for_python(kernels.closest_lane), for_python(geometry.heading_at)
+closest, heading_at = for_python(geometry.closest_lane), for_python(geometry.heading_at)
 
 
 def test_lanes_stand_by_first_mention_of_their_start():

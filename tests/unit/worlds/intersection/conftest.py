@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq.worlds.highway.episodes import Decisions
 from socialiq.worlds.highway.state import ANNOTATE, Buffers, Contact
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
 from socialiq.worlds.intersection.state import VEHICLE, buffers_of
+from socialiq.worlds.world import Decisions
 
 
 def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.ndarray:

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from socialiq.types import Ending
 from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.core.off_road import run as write_off_road
+from socialiq.worlds.highway.core.step import off_road as write_off_road
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core.geometry import LANES

@@ -90,6 +90,6 @@ class Demo:
         print(
             f"\n{self.out}/intersection.gif shows an episode.\n"
             "Next: socialiq claims (what of the thesis holds), docs/reproduction/grid.md (why),\n"
-            "socialiq train --help (your own angle)."
+            "socialiq train iq-learn --help (your own angle)."
         )
         return 0

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from socialiq.evaluation.branching import with_oracle_lookahead
 from socialiq.evaluation.dial import Sweep, calibrated
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
-from socialiq.evaluation.oracle_lookahead import with_oracle_lookahead
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import load_values
 from socialiq.storage import write_atomically

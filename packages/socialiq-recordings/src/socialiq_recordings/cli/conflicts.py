@@ -15,12 +15,10 @@ from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
 from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.conflicts import pictures
-from socialiq_recordings.conflicts.config import ConflictConfig
-from socialiq_recordings.conflicts.pairs import Encounters, Meeting
-from socialiq_recordings.conflicts.table import rows_of
-from socialiq_recordings.identity.duplicates import Duplicates
+from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
+from socialiq_recordings.conflicts.measures import rows_of
+from socialiq_recordings.identity.duplicates import Duplicates, pairs_once
 from socialiq_recordings.identity.identify import Identified
-from socialiq_recordings.identity.once import pairs_once
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.routes import Scene
 
@@ -136,14 +134,14 @@ def _cases(
         longest = pairs_once(durations, identified)
         meetings = {key: meeting for key, meeting in meetings.items() if key in longest}
     cases = []
-    for (number, ego, other), meeting in meetings.items():
+    for (number, ego, partner), meeting in meetings.items():
         (row,) = rows_of(encounters[number], [meeting])
         vehicle = identified.vehicle[number]
         row |= {
             "site": identified.site[number],
             "chain": identified.chain[number],
             "ego_vehicle": int(vehicle[ego]),
-            "other_vehicle": int(vehicle[other]),
+            "other_vehicle": int(vehicle[partner]),
         }
         cases.append((encounters[number], meeting, row))
     return cases

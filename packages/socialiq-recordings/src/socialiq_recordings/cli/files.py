@@ -26,8 +26,7 @@ from socialiq_recordings.identity.identify import Identified, identify
 from socialiq_recordings.measurement import MeasurementError
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.readers.commonroad import MOST_STATES
-from socialiq_recordings.readers.import_file import FORMATS, import_file
-from socialiq_recordings.readers.maps import map_of
+from socialiq_recordings.readers.import_file import FORMATS, import_file, map_of
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.simulated_source import signs_of_simulation
 
@@ -74,8 +73,8 @@ class Import:
         with whole_folder(self.out) as folder:
             rows = self._import(folder, columns, failed)
             if not rows:
-                more = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
-                raise UserError(failed[0]["reason"] + more)
+                rest_of_failed = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
+                raise UserError(failed[0]["reason"] + rest_of_failed)
             write_atomically(folder / "refused.csv", _refused_csv(rows))
         self._print(rows, failed)
         return 1 if failed else 0

@@ -19,10 +19,9 @@ from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.cli.prediction import say_if_too_few
 from socialiq_recordings.identity.duplicates import Duplicates
 from socialiq_recordings.prediction import study
-from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.trait import power_figure
-from socialiq_recordings.trait.contrasts import chains_to_find_anything
-from socialiq_recordings.trait.models import Sample, sample_of
+from socialiq_recordings.prediction.situations import situations_of
+from socialiq_recordings.trait import power
+from socialiq_recordings.trait.models import Sample, chains_to_find_anything, sample_of
 from socialiq_recordings.trait.power import POWER, PowerConfig, needed_rows, power_rows
 
 _Config = tyro.conf.OmitArgPrefixes[PowerConfig]
@@ -56,16 +55,16 @@ class Power:
         recordings, identified = load_identified(
             self.recordings, self.road, self.duplicates, self.json
         )
-        seen = situations_of(recordings, identified, self.duplicates == "drop")
-        sample = sample_of(study.choices(seen, self.simulation.seed))
+        situations = situations_of(recordings, identified, self.duplicates == "drop")
+        sample = sample_of(study.choices(situations, self.simulation.seed))
         rows = self._rows(sample)
         needed = needed_rows(rows)
         summary = {**_counts(sample), "needed": {row["population"]: row for row in needed}}
         if self.out is not None:
-            asked = _Asked(self.simulation, self.duplicates, sources_of(recordings))
+            provenance = _Asked(self.simulation, self.duplicates, sources_of(recordings))
             tables = {"power": rows, "needed": needed}
-            results = Results.of("recordings power", asked, tables, summary)
-            save(results, self.out, png({"power": power_figure.power(rows)}), self.replace)
+            results = Results.of("recordings power", provenance, tables, summary)
+            save(results, self.out, png({"power": power.power(rows)}), self.replace)
         if self.json:
             print_json(summary | {"power": rows})
         else:
@@ -129,11 +128,11 @@ def _show(rows: list[Row], needed: list[Row], summary: dict[str, Any]) -> None:
 
 def _needed_line(row: Row) -> Row:
     size = row["size_needed"]
-    shown = f"more than {row['more_than']}" if row["more_than"] else "-"
+    bound = f"more than {row['more_than']}" if row["more_than"] else "-"
     return {
         "population": row["population"],
         "RMSE saved if angles were known": f"{100 * row['known_angle_gain']:.1f} %",
-        "times these data": shown if size is None else f"{size:.1f}",
+        "times these data": bound if size is None else f"{size:.1f}",
         "drivers": "" if size is None else row["drivers_needed"],
         "chains": "" if size is None else row["chains_needed"],
     }

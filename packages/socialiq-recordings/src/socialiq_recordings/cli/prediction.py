@@ -16,17 +16,15 @@ from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
 from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.identity.duplicates import Duplicates
-from socialiq_recordings.prediction import figure, levels, study
-from socialiq_recordings.prediction.contrasts import ERROR
+from socialiq_recordings.prediction import learned, scores, study
 from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq_recordings.prediction.models import ensembles
-from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.prediction.situation import Situations
-from socialiq_recordings.trait.contrasts import chains_to_find_anything
-from socialiq_recordings.trait.contrasts import contrasts as trait_contrasts
-from socialiq_recordings.trait.contrasts import scores as trait_scores
+from socialiq_recordings.prediction.scores import ERROR
+from socialiq_recordings.prediction.situations import Situations, situations_of
 from socialiq_recordings.trait.hierarchy import direction
-from socialiq_recordings.trait.models import fit_models
+from socialiq_recordings.trait.models import chains_to_find_anything, fit_models
+from socialiq_recordings.trait.models import contrasts as trait_contrasts
+from socialiq_recordings.trait.models import scores as trait_scores
 
 LIMITS = (
     "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
@@ -56,7 +54,7 @@ class Predict:
     """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     duplicates: Duplicates = "drop"
     """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
-    updates: int = levels.Training.updates
+    updates: int = learned.Training.updates
     """Gradient steps of each learned policy."""
     seed: int = 0
     """Seed of training and resampling."""
@@ -75,31 +73,35 @@ class Predict:
         recordings, identified = load_identified(
             self.recordings, self.road, self.duplicates, self.json
         )
-        seen = situations_of(recordings, identified, self.duplicates == "drop")
-        found = study.predict(seen, config)
+        situations = situations_of(recordings, identified, self.duplicates == "drop")
+        prediction = study.predict(situations, config)
         if not self.json:
-            _say_left_out({str(row["holdout"]) for row in found.folds}, config)
-        tested = NOT_TESTED if self.without_trait else trait_test(seen, self.seed)
-        tables = {"scores": found.scores, "folds": found.folds, "contrasts": found.contrasts}
+            _say_left_out({str(row["holdout"]) for row in prediction.folds}, config)
+        tested = NOT_TESTED if self.without_trait else trait_test(situations, self.seed)
+        tables = {
+            "scores": prediction.scores,
+            "folds": prediction.folds,
+            "contrasts": prediction.contrasts,
+        }
         tables |= tested.tables
-        summary = _counts(seen) | _summary(found.scores) | _tests(found.contrasts)
+        summary = _counts(situations) | _summary(prediction.scores) | _tests(prediction.contrasts)
         summary |= {"trait": tested.summary}
         summary |= {"limits": list(LIMITS)}
         if self.out is not None:
-            asked = _Asked(config, self.duplicates, sources_of(recordings))
-            results = Results.of("recordings prediction", asked, tables, summary)
-            pictures = png({"gains": figure.gains(found.scores)})
+            provenance = _Asked(config, self.duplicates, sources_of(recordings))
+            results = Results.of("recordings prediction", provenance, tables, summary)
+            pictures = png({"gains": scores.gains(prediction.scores)})
             save(results, self.out, pictures, self.replace)
         if self.json:
             print_json(summary | tables)
         else:
-            _show(found.scores)
-            _show_contrasts(found.contrasts)
+            _show(prediction.scores)
+            _show_contrasts(prediction.contrasts)
             tested.show()
         return 0
 
     def _config(self) -> study.Config:
-        training = levels.Training(updates=self.updates)
+        training = learned.Training(updates=self.updates)
         models = self.models or study.ALL_MODELS
         config = study.Config(self.holdout, models, training, self.seed)
         if not self.without_trait or any(name.startswith("boosting") for name in models):
@@ -117,30 +119,30 @@ class _Asked:
 
 
 def _counts(seen: Situations) -> dict[str, Any]:
-    both = seen.moving & seen.conflict
+    in_conflict = seen.moving & seen.conflict
     return {
         "moments": len(seen),
         "moving": int(seen.moving.sum()),
-        "in_conflict": int(both.sum()),
+        "in_conflict": int(in_conflict.sum()),
         "drivers": len(set(seen.vehicle.tolist())),
-        "drivers_in_conflict": len(set(seen.vehicle[both].tolist())),
+        "drivers_in_conflict": len(set(seen.vehicle[in_conflict].tolist())),
         "chains": len(set(seen.chain.tolist())),
-        "chains_in_conflict": len(set(seen.chain[both].tolist())),
+        "chains_in_conflict": len(set(seen.chain[in_conflict].tolist())),
         "sites": len(set(seen.site.tolist())),
     }
 
 
 def _summary(rows: list[Row]) -> dict[str, Any]:
     """Return the scores by holdout, moments and model, of second halves."""
-    found: dict[str, Any] = {}
+    by_holdout: dict[str, Any] = {}
     for row in rows:
         if row["part"] == "second half":
-            place = found.setdefault(row["holdout"], {}).setdefault(row["moments"], {})
-            place[row["model"]] = {
+            of_moments = by_holdout.setdefault(row["holdout"], {}).setdefault(row["moments"], {})
+            of_moments[row["model"]] = {
                 name: row[name]
                 for name in ("n", "chains", "surprise", "rmse", "displacement", "gain")
             }
-    return {"second_half": found}
+    return {"second_half": by_holdout}
 
 
 def _say_left_out(held: set[str], config: study.Config) -> None:
@@ -150,26 +152,26 @@ def _say_left_out(held: set[str], config: study.Config) -> None:
 
 
 def _show(rows: list[Row]) -> None:
-    shown = [row for row in rows if row["part"] == "second half"]
-    for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in shown):
-        part = [r for r in shown if (r["holdout"], r["moments"]) == (holdout, moments)]
-        title = f"Held-out {holdout}, {moments} moments, second halves: {part[0]['n']}"
-        print_table([_line(row) for row in part], f"\n{title}, chains: {part[0]['chains']}")
+    second = [row for row in rows if row["part"] == "second half"]
+    for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in second):
+        group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
+        title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
+        print_table([_line(row) for row in group], f"\n{title}, chains: {group[0]['chains']}")
 
 
 def _tests(rows: list[Row]) -> dict[str, Any]:
     """Return the number of contrasts, and those that were found."""
     names = ("holdout", "moments", "model", "over", "gain")
-    found = [{name: row[name] for name in names} for row in rows if row["found"]]
-    return {"contrasts_tested": len(rows), "contrasts_found": found}
+    decided = [{name: row[name] for name in names} for row in rows if row["found"]]
+    return {"contrasts_tested": len(rows), "contrasts_found": decided}
 
 
 def _show_contrasts(rows: list[Row]) -> None:
     """Print the differences between models that are found, or that there are none."""
-    found = [row for row in rows if row["found"]]
-    if found:
+    decided = [row for row in rows if row["found"]]
+    if decided:
         title = f"\nDifferences found, of {len(rows)} tested together (corrected p up to {ERROR:g})"
-        print_table([_difference(row) for row in found], title)
+        print_table([_difference(row) for row in decided], title)
     elif rows:
         most = max(row["chains"] for row in rows)
         say(f"no difference between models is found: {len(rows)} tested together, corrected")

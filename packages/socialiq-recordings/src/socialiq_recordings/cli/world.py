@@ -49,10 +49,10 @@ class Choices:
         """Build the world of some files, and say first what must be known of them."""
         config = WorldConfig(**dataclasses.asdict(self))  # a bad option before the slow work
         recordings = load_all(paths, road)
-        made = build(recordings, config)
+        built = build(recordings, config)
         if quiet:
-            return made
-        remark(recordings, made.identified)
+            return built
+        remark(recordings, built.identified)
         for recording in recordings:
             if any(lanelet.sign == Sign.LIGHT for lanelet in recording.road.lanelets.values()):
                 name = one_line(recording.tracks.recording, 60)
@@ -60,7 +60,7 @@ class Choices:
                     f"{name} has traffic lights, whose states are not used: lines are closed where "
                     "vehicles were seen to stand, or never with --lights none"
                 )
-        return made
+        return built
 
 
 _Choices = tyro.conf.OmitArgPrefixes[Choices]
@@ -109,13 +109,13 @@ class MakeWorld:
                 refuse_existing(path)
         if self.report is not None:
             check_target(self.report, self.replace)
-        made = self.choices.build(self.recordings, self.road, self.json)
-        summary = self.write(made)
+        built = self.choices.build(self.recordings, self.road, self.json)
+        summary = self.write(built)
         if self.json:
             print_json(summary)
             return 0
         print_table(
-            list(made.calibration.evidence), "Drivers (m, s; estimated: from the recordings)"
+            list(built.calibration.evidence), "Drivers (m, s; estimated: from the recordings)"
         )
         rows = [
             {"quantity": name, "value": summary[name]} for name in ("vehicles", "egos", "closures")
@@ -147,7 +147,7 @@ class MakeWorld:
 
     def compared(self, made: Made, folder: Path) -> list[Row]:
         """Simulate, write the report, return its table."""
-        from socialiq_recordings.world import compare, figures
+        from socialiq_recordings.world import compare
 
         simulated = compare.simulate(made, self.seed, self.repeats)
         rows = compare.table(made.observed, simulated)
@@ -155,7 +155,7 @@ class MakeWorld:
         provenance = _ReportProvenance(self.choices, self.repeats, self.seed, sources)
         tables = {"compared": rows, "drivers": list(made.calibration.evidence)}
         results = Results.of("recordings world", provenance, tables, {"compared": rows})
-        pictures = png({"compared": figures.beside(made.observed, simulated)})
+        pictures = png({"compared": compare.beside(made.observed, simulated)})
         save(results, folder, pictures, self.replace)
         return rows
 
@@ -188,9 +188,9 @@ class ToDemonstrations:
         """Convert, write, and print the counts."""
         refuse_existing(self.out)
         check_every(self.every, self.choices)
-        made = self.choices.build(self.recordings, self.road, self.json)
-        replayed = replay(made.world, self.every, self.as_human)
-        counts = counts_of(made, replayed)
+        built = self.choices.build(self.recordings, self.road, self.json)
+        replayed = replay(built.world, self.every, self.as_human)
+        counts = counts_of(built, replayed)
         sha256 = demonstration_files.save(self.out, replayed.table, replace=False)
         if self.json:
             head = {"file": str(self.out), "sha256": sha256}
@@ -231,15 +231,15 @@ class TakeCensus:
             raise UserError(f"confidence must be at least 0.5 and below 1, got {self.confidence:g}")
         if self.out is not None:
             check_target(self.out, self.replace)
-        made = self.choices.build(self.recordings, self.road, self.json)
-        replayed = replay(made.world)
-        drivers = census.drivers_of(made.world, replayed, self.confidence)
-        found = census.population_of(drivers, made.identified, self.seed, self.confidence)
-        counts, population = counts_of(made, replayed), dataclasses.asdict(found)
+        built = self.choices.build(self.recordings, self.road, self.json)
+        replayed = replay(built.world)
+        drivers = census.drivers_of(built.world, replayed, self.confidence)
+        statistics = census.population_of(drivers, built.identified, self.seed, self.confidence)
+        counts, population = counts_of(built, replayed), dataclasses.asdict(statistics)
         rows = [dataclasses.asdict(driver) for driver in drivers]
         summary = {"population": population, "limits": list(census.LIMITS)}
         if self.out is not None:
-            sources = made.world.provenance["recordings"]
+            sources = built.world.provenance["recordings"]
             provenance = _CensusProvenance(self.choices, self.confidence, self.seed, sources)
             tables = {"drivers": rows, "recordings": counts}
             results = Results.of("recordings census", provenance, tables, summary)

@@ -1,8 +1,16 @@
-"""Measures of a conflict by their published definitions, in s, m, m/s and m/s²."""
+"""Measures of a conflict by their published definitions, and the table of conflicts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from socialiq.types import Row
+from socialiq_recordings.conflicts.encounters import Encounters, Meeting
+from socialiq_recordings.conflicts.ways import Way, projected, recorded
+from socialiq_recordings.road.network import Conflict, Sign
 
 INFINITE = math.inf
 
@@ -118,3 +126,194 @@ def lag_accepted(arrives: float, after: float) -> float:
         after: s; arrival of the stream's next vehicle.
     """
     return after - arrives
+
+
+_TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between which a way turns
+
+
+def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
+    """Return a row for each conflict; a number that isn't known is None.
+
+    Args:
+        encounters: Of the recording.
+        meetings: Its conflicts.
+    """
+    return [_row(encounters, meeting) for meeting in meetings]
+
+
+def _row(encounters: Encounters, meeting: Meeting) -> Row:
+    scene, area = encounters.scene, meeting.area
+    ego, partner = meeting.ego, meeting.other
+    gap, lag = gaps(encounters, meeting)
+    row = {
+        "recording": scene.tracks.recording,
+        "ego": int(scene.tracks.identity[ego.track]),
+        "other": int(scene.tracks.identity[partner.track]),
+        "kind": area.kind.name.lower(),
+        "angle": area.angle,
+        "x": area.x,
+        "y": area.y,
+        "ego_turn": turn(ego, area.entry[0], area.exit[0]),
+        "other_turn": turn(partner, area.entry[1], area.exit[1]),
+        "ego_sign": sign(encounters, ego, partner),
+        "other_sign": sign(encounters, partner, ego),
+        "ego_route_seen": bool(ego.along[-1] + ego.length / 2 >= area.entry[0]),
+        "other_route_seen": bool(partner.along[-1] + partner.length / 2 >= area.entry[1]),
+        "ego_first": meeting.ego_first,
+        "complete": meeting.complete,
+        "seconds": len(meeting.frames) * ego.dt,
+        "pet": pet(meeting),
+        "ttc": min((ttc_at(meeting, int(f)) for f in meeting.frames), default=math.inf),
+        "required_deceleration": hardest(meeting),
+        "other_required_deceleration": hardest(swapped(meeting)),
+        "gap_accepted": gap,
+        "lag_accepted": lag,
+    }
+    for name, times in (("ego", meeting.ego_times), ("other", meeting.other_times)):
+        row |= {f"{name}_enters": times.enters, f"{name}_leaves": times.leaves}
+    return {name: known(value) for name, value in row.items()}
+
+
+def known(value: object) -> object:
+    """Return a cell, None for a number that isn't known."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def swapped(meeting: Meeting) -> Meeting:
+    """Return the conflict with the roles of both vehicles exchanged."""
+    return Meeting(
+        meeting.other,
+        meeting.ego,
+        meeting.area.swapped(),
+        meeting.other_times,
+        meeting.ego_times,
+        meeting.complete,
+        meeting.frames,
+    )
+
+
+def pet(meeting: Meeting) -> float:
+    """Return the post-encroachment time, s; NaN if it wasn't recorded."""
+    if not meeting.complete:
+        return math.nan
+    first, second = sorted((meeting.ego_times, meeting.other_times))
+    return post_encroachment_time(first.leaves, second.enters)
+
+
+def ttc_at(meeting: Meeting, frame: int) -> float:
+    """Return the time to collision at a frame, s.
+
+    Where ways merge, the second vehicle may also reach the first behind the line.
+    """
+    now, area = frame * meeting.ego.dt, meeting.area
+    ways = meeting.ego, meeting.other
+    times = [
+        projected(way, area.entry[side], area.exit[side], frame) for side, way in enumerate(ways)
+    ]
+    crossing = time_to_collision_crossing(
+        *((occupancy.enters - now, occupancy.leaves - now) for occupancy in times)
+    )
+    if area.kind == Conflict.CROSSING or math.isfinite(crossing):
+        return crossing
+    first = 0 if times[0].enters <= times[1].enters else 1
+    gap, speed, leader = _following(meeting, first, frame)
+    time = time_to_collision(gap, speed, leader)
+    return time if time >= times[first].leaves - now else math.inf
+
+
+def _following(meeting: Meeting, first: int, frame: int) -> tuple[float, float, float]:
+    """Return gap and speeds of the second vehicle and the first, measured to the merging line."""
+    ways = meeting.ego, meeting.other
+    along, speed = zip(*(way.state(frame) for way in ways), strict=True)
+    to_line = [meeting.area.entry[side] - along[side] for side in range(2)]
+    gap = to_line[1 - first] - to_line[first] - (ways[0].length + ways[1].length) / 2
+    return gap, speed[1 - first], speed[first]
+
+
+def required_at(meeting: Meeting, frame: int) -> float:
+    """Return the deceleration that the ego needs at a frame, m/s²; 0 if it would arrive first."""
+    now, area = frame * meeting.ego.dt, meeting.area
+    ego_times, other_times = (
+        projected(way, area.entry[side], area.exit[side], frame)
+        for side, way in enumerate((meeting.ego, meeting.other))
+    )
+    if ego_times.enters <= other_times.enters or ego_times.enters <= now:
+        return 0.0
+    along, speed = meeting.ego.state(frame)
+    gap = area.entry[0] - meeting.ego.length / 2 - along
+    needed = required_deceleration_crossing(gap, speed, max(other_times.leaves - now, 0.0))
+    if area.kind == Conflict.MERGING:
+        needed = max(needed, required_deceleration(*_following(meeting, 1, frame)))
+    return needed
+
+
+def hardest(meeting: Meeting) -> float:
+    """Return the largest deceleration that the ego needs in the conflict, m/s²; NaN if unseen."""
+    needed = [required_at(meeting, int(frame)) for frame in meeting.frames]
+    return max(needed) if needed else math.nan
+
+
+def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
+    """Return the gap and the lag that the ego accepted before the other vehicle, s.
+
+    The stream is the vehicles that enter the area by the other's lanelet. Without one of them
+    before the ego, it accepted a lag; with one, a gap.
+
+    Returns:
+        NaN for what it did not accept, or what wasn't recorded.
+    """
+    after, arrives = meeting.other_times.enters, meeting.ego_times.enters
+    if not (meeting.complete and meeting.ego_first):
+        return math.nan, math.nan
+    lanelet = _lanelet_at(encounters, meeting.other, meeting.area.entry[1])
+    before, between = -math.inf, False
+    dt = meeting.ego.dt
+    # Who is seen first after the other arrives is no next one of the stream.
+    for way in encounters.in_time.earlier(after / dt):
+        if (way.first + encounters.in_time.longest) * dt < before:
+            break  # who is seen earlier entered earlier
+        track = way.track
+        if track in (meeting.ego.track, meeting.other.track):
+            continue
+        area = encounters.area(meeting.ego.track, track)
+        if area is None or _lanelet_at(encounters, way, area.entry[1]) != lanelet:
+            continue
+        enters = recorded(way, area.entry[1], area.exit[1]).enters
+        before = max(before, enters) if enters <= arrives else before
+        between = between or arrives < enters < after
+    if between:
+        return math.nan, math.nan  # another vehicle is the next of the stream
+    if math.isinf(before):
+        return math.nan, lag_accepted(arrives, after)
+    return gap_accepted(before, after), math.nan
+
+
+def _lanelet_at(encounters: Encounters, way: Way, coordinate: float) -> int:
+    """Return the lanelet nearest to a place on a way, among those of its route."""
+    point = way.line.points_at(np.array([coordinate]))[0]
+    matcher = encounters.scene.matcher
+
+    def away(number: int) -> float:
+        path = matcher.path(number)
+        position = path.coordinates(point[:, 0], point[:, 1])
+        beyond = max(float(position.along[0]) - path.length, -float(position.along[0]), 0.0)
+        return abs(float(position.lateral[0])) + beyond
+
+    return min(way.lanelets, key=away)
+
+
+def turn(way: Way, entry: float, end: float) -> float:
+    """Return the change of direction over a conflict area, degrees, positive to the left."""
+    at = np.clip([entry - _TURN_BEFORE, end + _TURN_AFTER], 0.0, way.line.length)
+    before, after = way.line.points_at(at)[1].tolist()
+    return math.degrees((after - before + math.pi) % (2 * math.pi) - math.pi)
+
+
+def sign(encounters: Encounters, way: Way, other: Way) -> str:
+    """Return the last right-of-way sign on a route up to the lanelet in conflict."""
+    lanes, last = encounters.scene.lanes, Sign.NONE
+    for number in way.lanelets:
+        last = lanes.road.lanelets[number].sign or last
+        if any(lanes.conflict(number, lanelet) for lanelet in other.lanelets):
+            break
+    return Sign(last).name.lower()

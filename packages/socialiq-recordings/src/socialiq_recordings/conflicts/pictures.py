@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
-from socialiq_recordings.conflicts.pairs import Encounters, Meeting
+from socialiq_recordings.conflicts.encounters import Encounters, Meeting
 from socialiq_recordings.conflicts.ways import BEHIND, Way
 
 _REACH = 35.0  # m around the place where the ego enters the area
@@ -27,9 +27,9 @@ def drawn_at_random(meetings: Sequence[Meeting], count: int, seed: int) -> list[
         count: How many; all if there are fewer.
         seed: Of the draw.
     """
-    pairs = [one for one in meetings if one.ego.track < one.other.track]
+    pairs = [meeting for meeting in meetings if meeting.ego.track < meeting.other.track]
     chosen = np.random.default_rng(seed).permutation(len(pairs))[:count]
-    return [pairs[place] for place in sorted(chosen.tolist())]
+    return [pairs[index] for index in sorted(chosen.tolist())]
 
 
 def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
@@ -40,25 +40,25 @@ def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
         meeting: The conflict.
         row: Its row of the table.
     """
-    drawn = figure(9.0, 4.3)
-    drawn.set_dpi(85)
-    left, right = drawn.subplots(1, 2, width_ratios=(1.15, 1.0))
+    drawing = figure(9.0, 4.3)
+    drawing.set_dpi(85)
+    left, right = drawing.subplots(1, 2, width_ratios=(1.15, 1.0))
     _map(left, encounters, meeting)
     _distances(right, meeting)
-    drawn.suptitle(_title(row), fontsize=9)
-    return drawn
+    drawing.suptitle(_title(row), fontsize=9)
+    return drawing
 
 
 def _title(row: Row) -> str:
     order = {None: "neither arrives", True: "A first", False: "B first"}[row["ego_first"]]
-    shown = [f"{row['recording']}: A {row['ego']}, B {row['other']}", row["kind"], order]
+    texts = [f"{row['recording']}: A {row['ego']}, B {row['other']}", row["kind"], order]
     for name, unit in (("pet", "s"), ("ttc", "s")):
         value = row[name]
-        shown.append(f"{name.upper()} " + ("unknown" if value is None else f"{value:.1f} {unit}"))
+        texts.append(f"{name.upper()} " + ("unknown" if value is None else f"{value:.1f} {unit}"))
     for letter, name in (("A", "required_deceleration"), ("B", "other_required_deceleration")):
         value = row[name]
-        shown.append(f"{letter} needs " + ("unknown" if value is None else f"{value:.1f} m/s²"))
-    return ", ".join(shown)
+        texts.append(f"{letter} needs " + ("unknown" if value is None else f"{value:.1f} m/s²"))
+    return ", ".join(texts)
 
 
 def _map(axes: Any, encounters: Encounters, meeting: Meeting) -> None:
@@ -86,8 +86,8 @@ def _shown(meeting: Meeting) -> int:
     enters = min(meeting.ego_times.enters, meeting.other_times.enters)
     low = max(meeting.ego.first, meeting.other.first)
     high = min(meeting.ego.last, meeting.other.last)
-    wanted = high if np.isinf(enters) else int(enters / meeting.ego.dt)
-    return int(np.clip(wanted, low, high))
+    moment = high if np.isinf(enters) else int(enters / meeting.ego.dt)
+    return int(np.clip(moment, low, high))
 
 
 def _bystanders(axes: Any, encounters: Encounters, meeting: Meeting, frame: int) -> None:
@@ -96,18 +96,18 @@ def _bystanders(axes: Any, encounters: Encounters, meeting: Meeting, frame: int)
         track = int(tracks.track[row])
         if track not in (meeting.ego.track, meeting.other.track):
             size = float(tracks.length[track]), float(tracks.width[track])
-            place = float(tracks.x[row]), float(tracks.y[row])
-            corners = _corners(place, float(tracks.heading[row]), size)
+            centre = float(tracks.x[row]), float(tracks.y[row])
+            corners = _corners(centre, float(tracks.heading[row]), size)
             axes.add_patch(Polygon(corners, color="#999999", alpha=0.5))
 
 
 def _box(axes: Any, way: Way, frame: int, ink: str, letter: str) -> None:
     along, _ = way.state(frame)
     point, heading = way.line.points_at(np.array([max(along, BEHIND)]))
-    place = float(point[0, 0]), float(point[0, 1])
-    corners = _corners(place, float(heading[0]), (way.length, way.width))
+    centre = float(point[0, 0]), float(point[0, 1])
+    corners = _corners(centre, float(heading[0]), (way.length, way.width))
     axes.add_patch(Polygon(corners, color=ink, alpha=0.8, zorder=4))
-    axes.annotate(letter, place, ha="center", va="center", color="white", fontsize=8, zorder=5)
+    axes.annotate(letter, centre, ha="center", va="center", color="white", fontsize=8, zorder=5)
 
 
 def _corners(
@@ -127,16 +127,16 @@ def _distances(axes: Any, meeting: Meeting) -> None:
         meeting.area.entry,
         strict=True,
     )
-    for place, (letter, way, times, entry) in enumerate(sides):
+    for row, (letter, way, times, entry) in enumerate(sides):
         time = (way.first + np.arange(len(way.along))) * way.dt
         front = entry - way.length / 2 - way.along
-        axes.plot(time, front, color=_INKS[place], label=f"{letter}, recorded")
+        axes.plot(time, front, color=_INKS[row], label=f"{letter}, recorded")
         if np.isfinite(times.enters):
             end = times.leaves if np.isfinite(times.leaves) else times.enters
             axes.plot(
                 [times.enters, max(end, times.enters + 0.1)],
-                [-1.5 - 1.5 * place] * 2,
-                color=_INKS[place],
+                [-1.5 - 1.5 * row] * 2,
+                color=_INKS[row],
                 linewidth=5,
                 solid_capstyle="butt",
                 label=f"{letter} in the area",

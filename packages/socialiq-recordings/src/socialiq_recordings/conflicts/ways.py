@@ -1,13 +1,15 @@
-"""Ways of vehicles: the line that each drove, continued along its route, and when it was where."""
+"""Ways of vehicles: the line that each drove, when it was where, and who is on whose way."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
-from socialiq_recordings.road.paths import Polyline
+from socialiq_recordings.road.paths import Polyline, wrapped
 from socialiq_recordings.road.routes import AHEAD, Scene
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions
@@ -65,11 +67,11 @@ class Way:
             return -np.inf
         if coordinate > self.along[-1]:
             return np.inf
-        place = int(np.searchsorted(self.along, coordinate, side="left"))
-        if place == 0:
+        index = int(np.searchsorted(self.along, coordinate, side="left"))
+        if index == 0:
             return float(self.first)
-        before, after = self.along[place - 1 : place + 1].tolist()
-        return self.first + place - 1 + (coordinate - before) / (after - before)
+        before, after = self.along[index - 1 : index + 1].tolist()
+        return self.first + index - 1 + (coordinate - before) / (after - before)
 
 
 def way_of(scene: Scene, track: int) -> Way:
@@ -81,11 +83,11 @@ def way_of(scene: Scene, track: int) -> Way:
     """
     tracks, rows = scene.tracks, scene.rows(track)
     points = np.stack([tracks.x[rows], tracks.y[rows]], axis=1)
-    kept = [points[0]]
+    spaced = [points[0]]
     for point in points[1:]:
-        if np.hypot(*(point - kept[-1])) >= SPACING:
-            kept.append(point)
-    driven = np.array(kept)
+        if np.hypot(*(point - spaced[-1])) >= SPACING:
+            spaced.append(point)
+    driven = np.array(spaced)
     heading = float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
@@ -110,16 +112,16 @@ def _coordinates(
 
     A line may cross itself or turn back beside itself.
     """
-    found = np.empty(len(points))
+    along = np.empty(len(points))
     begin, starts = BEHIND, line.starts
     for row, point in enumerate(points):
         low = int(np.searchsorted(starts, begin - 2 * SPACING, side="right")) - 1
         high = int(np.searchsorted(starts, begin + 8.0, side="right"))
-        part = Polyline(line.points[max(low, 0) : high + 1])
-        there = float(part.coordinates(point[:1], point[1:]).along[0])
+        piece = Polyline(line.points[max(low, 0) : high + 1])
+        there = float(piece.coordinates(point[:1], point[1:]).along[0])
         begin = max(begin, starts[max(low, 0)] + max(there, 0.0))
-        found[row] = begin
-    return found
+        along[row] = begin
+    return along
 
 
 def _speeds(along: Float64[np.ndarray, " state"], dt: float) -> Float64[np.ndarray, " state"]:
@@ -141,13 +143,13 @@ def _onwards(
     straight = last + metres[:, None] * np.array([np.cos(heading), np.sin(heading)])
     if route is None:
         return straight
-    seen = route.coordinates(last[:1], last[1:])
-    if abs(seen.lateral[0]) > _ON_ROUTE:
+    position = route.coordinates(last[:1], last[1:])
+    if abs(position.lateral[0]) > _ON_ROUTE:
         return straight
-    ahead = float(seen.along[0]) + metres
-    inside = ahead <= max(route.length, float(seen.along[0]) + _STEP)
+    ahead = float(position.along[0]) + metres
+    inside = ahead <= max(route.length, float(position.along[0]) + _STEP)
     middle, direction = route.points_at(ahead[inside])
-    offset = float(seen.lateral[0]) * np.clip(1 - metres[inside] / _RETURN, 0.0, 1.0)
+    offset = float(position.lateral[0]) * np.clip(1 - metres[inside] / _RETURN, 0.0, 1.0)
     left = np.stack([-np.sin(direction), np.cos(direction)], axis=1)
     return middle + offset[:, None] * left
 
@@ -155,3 +157,213 @@ def _onwards(
 def frames_together(one: Way, other: Way) -> Int64[np.ndarray, " frame"]:
     """Return the frames at which both vehicles are present."""
     return np.arange(max(one.first, other.first), min(one.last, other.last) + 1)
+
+
+STANDING = 0.1
+"""m/s; a slower vehicle doesn't arrive at its present speed."""
+
+
+class Occupancy(NamedTuple):
+    """Times of a vehicle in a conflict area, s from the recording's frame 0.
+
+    Attributes:
+        enters: Its front arrives; minus infinity if before its first frame, infinity if never.
+        leaves: Its rear leaves.
+    """
+
+    enters: float
+    leaves: float
+
+
+def recorded(way: Way, entry: float, end: float) -> Occupancy:
+    """Return the recorded times.
+
+    Args:
+        way: The vehicle's way.
+        entry: Coordinate of the area's beginning, m.
+        end: Coordinate of its end, m.
+    """
+    half = way.length / 2
+    return Occupancy(way.reached(entry - half) * way.dt, way.reached(end + half) * way.dt)
+
+
+def projected(way: Way, entry: float, end: float, frame: int) -> Occupancy:
+    """Return the times at the speed of a frame; those that have passed are the recorded ones."""
+    along, speed = way.state(frame)
+    past, half, now = recorded(way, entry, end), way.length / 2, frame * way.dt
+    times = []
+    for before, coordinate in zip(past, (entry - half, end + half), strict=True):
+        if coordinate <= along:
+            times.append(before)
+        else:
+            times.append(now + (coordinate - along) / speed if speed >= STANDING else np.inf)
+    return Occupancy(*times)
+
+
+def expected(way: Way, entry: float, end: float) -> Occupancy:
+    """Return the recorded times, or where a vehicle was not seen so far, those projected."""
+    recorded_times, later = recorded(way, entry, end), projected(way, entry, end, way.last)
+    return Occupancy(
+        *(a if np.isfinite(a) or a < 0 else b for a, b in zip(recorded_times, later, strict=True))
+    )
+
+
+def apart(one: Occupancy, other: Occupancy) -> float:
+    """Return the time between two occupancies, s; 0 if they overlap.
+
+    Infinity if one never arrives, or both had left before they came into view.
+    """
+    if one.enters == np.inf or other.enters == np.inf:
+        return float("inf")
+    gaps = other.enters - one.leaves, one.enters - other.leaves
+    return float("inf") if np.isnan(gaps).any() else max(*gaps, 0.0)
+
+
+_SAME_DIRECTION = np.radians(45.0)
+_REACH = 100.0  # m; vehicles further ahead are no leaders
+
+
+class Near(NamedTuple):
+    """Neighbour of a vehicle on its way.
+
+    Attributes:
+        track: Number of the track; -1 if there is none.
+        gap: Between the bumpers, m; infinite if there is none.
+        speed: Of the neighbour along the way, m/s; 0 if there is none.
+    """
+
+    track: int
+    gap: float
+    speed: float
+
+
+NONE = Near(-1, float("inf"), 0.0)
+
+
+class OnWay(NamedTuple):
+    """Other vehicles of one frame that are on a way.
+
+    Attributes:
+        track: Numbers of the tracks.
+        along: Coordinates of their middles on the way, m.
+        speed: Along the way, m/s.
+        length: m.
+    """
+
+    track: Int64[np.ndarray, " vehicle"]
+    along: Float64[np.ndarray, " vehicle"]
+    speed: Float64[np.ndarray, " vehicle"]
+    length: Float64[np.ndarray, " vehicle"]
+
+    def without(self, track: int) -> OnWay:
+        """Return the others."""
+        return OnWay(*(column[self.track != track] for column in self))
+
+
+def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
+    """Return the vehicles whose rectangles are on a way at a frame, driving as it leads.
+
+    Args:
+        scene: The recording.
+        way: The way.
+        frame: The frame.
+        slack: m by which vehicles are narrower than recorded.
+    """
+    tracks = scene.tracks
+    rows = scene.present(frame)
+    rows = rows[tracks.track[rows] != way.track]
+    positions = way.line.coordinates(tracks.x[rows], tracks.y[rows])
+    turned = wrapped(tracks.heading[rows] - positions.heading)
+    number = tracks.track[rows]
+    inside = in_the_way(way, positions.lateral, turned, tracks.width[number], slack)
+    speed = scene.speed[rows] * np.cos(turned)
+    chosen = number[inside].astype(np.int64)
+    return OnWay(chosen, positions.along[inside], speed[inside], tracks.length[chosen])
+
+
+def in_the_way(
+    way: Way,
+    lateral: Float64[np.ndarray, " vehicle"],
+    turned: Float64[np.ndarray, " vehicle"],
+    width: Float64[np.ndarray, " vehicle"],
+    slack: float,
+) -> Bool[np.ndarray, " vehicle"]:
+    """Whether vehicles beside a way overlap what it sweeps, and drive as it leads.
+
+    Args:
+        way: The way.
+        lateral: Distance of their middles from it, m.
+        turned: Their headings relative to it, rad.
+        width: m.
+        slack: m by which all are narrower than recorded.
+    """
+    beside = np.abs(lateral) < (way.width + width) / 2 - slack
+    return beside & (np.abs(turned) < _SAME_DIRECTION)
+
+
+def leader(way: Way, along: float, others: OnWay) -> Near:
+    """Return the next vehicle ahead of a coordinate.
+
+    Args:
+        way: The follower's way.
+        along: Coordinate of its middle, m.
+        others: Vehicles on its way.
+    """
+    ahead = (others.along > along) & (others.along < along + _REACH)
+    if not ahead.any():
+        return NONE
+    index = int(np.argmin(np.where(ahead, others.along, np.inf)))
+    gap = others.along[index] - along - (others.length[index] + way.length) / 2
+    return Near(int(others.track[index]), float(gap), float(others.speed[index]))
+
+
+def follower(way: Way, along: float, others: OnWay) -> Near:
+    """Return the next vehicle behind a coordinate, as `leader` does ahead."""
+    behind = (others.along < along) & (others.along > along - _REACH)
+    if not behind.any():
+        return NONE
+    index = int(np.argmax(np.where(behind, others.along, -np.inf)))
+    gap = along - others.along[index] - (others.length[index] + way.length) / 2
+    return Near(int(others.track[index]), float(gap), float(others.speed[index]))
+
+
+class InTime:
+    """Ways of a recording, sorted by their first frames.
+
+    A look-up costs as much as there are ways in its interval, where no vehicle is seen for much
+    longer than the others.
+
+    Args:
+        ways: Ways by track.
+
+    Attributes:
+        ways: The same.
+        longest: Frames of the way that is seen for longest.
+    """
+
+    def __init__(self, ways: Mapping[int, Way]) -> None:
+        self.ways = ways
+        every = list(ways.values())
+        first = np.array([way.first for way in every], np.int64)
+        self._order = np.argsort(first, kind="stable")
+        self._first = first[self._order]
+        self._every = every
+        self.longest = max((len(way.along) for way in every), default=0)
+
+    def seen(self, first: int | float, last: int | float) -> list[Way]:
+        """Return the ways that are seen between two frames, both included, in their order.
+
+        Args:
+            first: Frame.
+            last: Frame.
+        """
+        begin = np.searchsorted(self._first, first - self.longest, side="left")
+        end = np.searchsorted(self._first, last, side="right")
+        places = sorted(self._order[begin:end].tolist())
+        return [self._every[index] for index in places if self._every[index].last >= first]
+
+    def earlier(self, frame: int | float) -> Iterator[Way]:
+        """Yield the ways that are seen first at a frame or before it, the latest first."""
+        end = int(np.searchsorted(self._first, frame, side="right"))
+        for index in self._order[:end][::-1].tolist():
+            yield self._every[index]

@@ -132,14 +132,14 @@ def overlap(
 
 
 def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
-    distance, place = KDTree(lines[:, :2]).query(points[:, :2], k=min(4, len(lines)))
-    distance, place = distance.reshape(len(points), -1), place.reshape(len(points), -1)
-    near = lines[place]
+    distance, nearest = KDTree(lines[:, :2]).query(points[:, :2], k=min(4, len(lines)))
+    distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
+    near = lines[nearest]
     apart = points[:, None, :2] - near[..., :2]
     lateral = apart[..., 1] * np.cos(near[..., 2]) - apart[..., 0] * np.sin(near[..., 2])
     turned = np.abs(_wrapped(points[:, None, 2] - near[..., 2])) < _TURNED
-    found = (distance < 1.25 * STEP) & (np.abs(lateral) < beside) & turned
-    return float(found.any(axis=1).mean())
+    match = (distance < 1.25 * STEP) & (np.abs(lateral) < beside) & turned
+    return float(match.any(axis=1).mean())
 
 
 def _bends(points: np.ndarray) -> float:
@@ -153,12 +153,12 @@ def _turns(one: Shape, other: Shape) -> list[float]:
     kernel = np.exp(-0.5 * (np.minimum(np.arange(360), 360 - np.arange(360)) / 1.5) ** 2)
     spectra = [np.fft.fft(_histogram(shape)) * np.fft.fft(kernel) for shape in (one, other)]
     correlation = np.real(np.fft.ifft(spectra[0] * np.conj(spectra[1])))
-    found = [0.0]
+    turns = [0.0]
     for _ in range(_PROPOSALS):
         best = int(np.argmax(correlation))
-        found.append(np.radians(best))
+        turns.append(np.radians(best))
         correlation[np.arange(best - 4, best + 5) % 360] = -np.inf
-    return found
+    return turns
 
 
 def _histogram(shape: Shape) -> np.ndarray:
@@ -169,7 +169,7 @@ def _histogram(shape: Shape) -> np.ndarray:
 def _placed(one: np.ndarray, other: np.ndarray, turn: float) -> Placement:
     """Return the placement of the other's points on the one's with about this turn."""
     turned = Placement(turn, np.zeros(2)).of(other)
-    few, voters = (some[:: 1 + len(some) // _MOST_VOTES] for some in (one, turned))
+    few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (one, turned))
     same = np.abs(_wrapped(few[:, None, 2] - voters[None, :, 2])) < _TURNED / 2
     first, second = np.nonzero(same)
     if not len(first):
@@ -186,8 +186,8 @@ def _refined(one: np.ndarray, other: np.ndarray, placement: Placement) -> Placem
     tree = KDTree(one[:, :2])
     for reach in _REACHES:
         moved = placement.of(other)
-        distance, place = tree.query(moved[:, :2])
-        line = one[place]
+        distance, nearest = tree.query(moved[:, :2])
+        line = one[nearest]
         use = (distance < reach) & (np.abs(_wrapped(line[:, 2] - moved[:, 2])) < _TURNED)
         if use.sum() < 5:
             return placement

@@ -2,8 +2,9 @@
 
 A *site* is a piece of road, whatever it is called and in whatever frame it is drawn. A *chain* is
 a set of recordings that are connected by vehicles: its recordings are not independent. Two
-recordings have a vehicle in common if they have moments in common (`moments`), or if they show one
-site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive windows.
+recordings have a vehicle in common if they have moments in common (`common_motion`), or if they
+show one site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive
+windows.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.stats import binom
 
 from socialiq_recordings.identity.alignment import Shape, shape_of, shared
-from socialiq_recordings.identity.moments import Motion, in_common
+from socialiq_recordings.identity.common_motion import Motion, in_common
 from socialiq_recordings.recording import Recording
 
 SAME_SITE = 0.8
@@ -78,13 +79,13 @@ class Identified:
         """Return a table row for each pair of recordings with vehicles in common."""
         return [
             {
-                "first": self.names[one.first],
-                "second": self.names[one.second],
-                "seconds": round(one.seconds, 2),
-                "lag": round(one.lag, 2) if one.seconds else "",
-                "vehicles": len(one.vehicles),
+                "first": self.names[overlap.first],
+                "second": self.names[overlap.second],
+                "seconds": round(overlap.seconds, 2),
+                "lag": round(overlap.lag, 2) if overlap.seconds else "",
+                "vehicles": len(overlap.vehicles),
             }
-            for one in self.overlaps
+            for overlap in self.overlaps
         ]
 
 
@@ -94,23 +95,27 @@ def identify(recordings: Sequence[Recording]) -> Identified:
     Args:
         recordings: Recordings of any source, each with its own frame, clock and numbers.
     """
-    names = tuple(one.tracks.recording for one in recordings)
+    names = tuple(recording.tracks.recording for recording in recordings)
     sites = _sites(recordings, names)
     overlaps = _overlaps(recordings, sites)
-    for one in overlaps:
-        _join(sites, one.first, one.second)
+    for overlap in overlaps:
+        _join(sites, overlap.first, overlap.second)
     chains = list(range(len(recordings)))
-    first = np.cumsum([0, *(one.tracks.n_tracks for one in recordings)])
+    first = np.cumsum([0, *(recording.tracks.n_tracks for recording in recordings)])
     vehicles = list(range(int(first[-1])))
-    for one in overlaps:
-        _join(chains, one.first, one.second)
-        for mine, theirs in one.vehicles:
-            _join(vehicles, int(first[one.first]) + mine, int(first[one.second]) + theirs)
-    numbers = np.array([_root(vehicles, one) for one in range(len(vehicles))], np.int64)
+    for overlap in overlaps:
+        _join(chains, overlap.first, overlap.second)
+        for track, other_track in overlap.vehicles:
+            _join(
+                vehicles,
+                int(first[overlap.first]) + track,
+                int(first[overlap.second]) + other_track,
+            )
+    numbers = np.array([_root(vehicles, number) for number in range(len(vehicles))], np.int64)
     return Identified(
         names,
-        _site_names([_root(sites, one) for one in range(len(names))], names),
-        tuple(names[_root(chains, one)] for one in range(len(names))),
+        _site_names([_root(sites, number) for number in range(len(names))], names),
+        tuple(names[_root(chains, number)] for number in range(len(names))),
         overlaps,
         tuple(np.split(numbers, first[1:-1])) if len(names) else (),
     )
@@ -125,21 +130,21 @@ def site_of(recording: str) -> str:
     Args:
         recording: Name of the recording.
     """
-    found = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
-    return found[1] if found else recording
+    benchmark = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
+    return benchmark[1] if benchmark else recording
 
 
 def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]:
     """Return a forest of recordings at one site."""
     sites, shapes = list(range(len(recordings))), _Shapes()
-    for two in range(len(recordings)):
-        for one in range(two):
-            if _root(sites, one) == _root(sites, two):
+    for second in range(len(recordings)):
+        for first in range(second):
+            if _root(sites, first) == _root(sites, second):
                 continue
             # A CommonRoad map has a name of its own; other names say nothing of the place.
-            same_map = site_of(names[one]) == site_of(names[two]) != names[one]
-            if same_map or shapes.shared(recordings[one], recordings[two]) >= SAME_SITE:
-                _join(sites, one, two)
+            same_map = site_of(names[first]) == site_of(names[second]) != names[first]
+            if same_map or shapes.shared(recordings[first], recordings[second]) >= SAME_SITE:
+                _join(sites, first, second)
     return sites
 
 
@@ -170,22 +175,22 @@ class _Shapes:
 
 
 def _overlaps(recordings: Sequence[Recording], sites: list[int]) -> tuple[Overlap, ...]:
-    motions = [Motion(one.tracks) for one in recordings]
-    found = []
-    for one, two in itertools.combinations(range(len(recordings)), 2):
-        same_site = _root(sites, one) == _root(sites, two)
-        states = motions[one].tracks.n_states + motions[two].tracks.n_states
+    motions = [Motion(recording.tracks) for recording in recordings]
+    overlaps = []
+    for first, second in itertools.combinations(range(len(recordings)), 2):
+        same_site = _root(sites, first) == _root(sites, second)
+        states = motions[first].tracks.n_states + motions[second].tracks.n_states
         if not same_site and states > _SMALL:
             continue
-        common = in_common(motions[one], motions[two])
+        common = in_common(motions[first], motions[second])
         if common is not None:
             pairs = tuple((int(a), int(b)) for a, b in common.vehicles)
-            found.append(Overlap(one, two, common.seconds, common.lag, pairs))
+            overlaps.append(Overlap(first, second, common.seconds, common.lag, pairs))
         elif same_site:
-            pairs = _persisting(recordings[one], recordings[two])
+            pairs = _persisting(recordings[first], recordings[second])
             if pairs:
-                found.append(Overlap(one, two, 0.0, float("nan"), pairs))
-    return tuple(found)
+                overlaps.append(Overlap(first, second, 0.0, float("nan"), pairs))
+    return tuple(overlaps)
 
 
 def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]:
@@ -194,16 +199,19 @@ def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]
     Under chance a common number has the same class and size with the share that all pairs of the
     two recordings have, so the count of agreements is binomial.
     """
-    mine, theirs = one.tracks, other.tracks
-    _, a, b = np.intersect1d(mine.identity, theirs.identity, return_indices=True)
+    tracks, other_tracks = one.tracks, other.tracks
+    _, a, b = np.intersect1d(tracks.identity, other_tracks.identity, return_indices=True)
     if not len(a):
         return ()
-    users, others = (
-        np.column_stack([t.length, t.width, t.road_user.astype(np.float64)]) for t in (mine, theirs)
+    users, other_users = (
+        np.column_stack([t.length, t.width, t.road_user.astype(np.float64)])
+        for t in (tracks, other_tracks)
     )
-    same = (np.abs(users[a] - others[b]) <= SAME_SIZE).all(axis=1)
-    some, others = (sizes[:: 1 + len(sizes) // _MOST_SIZES] for sizes in (users, others))
-    every = (np.abs(some[:, None] - others[None]) <= SAME_SIZE).all(axis=2)
+    same = (np.abs(users[a] - other_users[b]) <= SAME_SIZE).all(axis=1)
+    sampled, other_users = (
+        sizes[:: 1 + len(sizes) // _MOST_SIZES] for sizes in (users, other_users)
+    )
+    every = (np.abs(sampled[:, None] - other_users[None]) <= SAME_SIZE).all(axis=2)
     if not same.any() or binom.sf(same.sum() - 1, len(a), every.mean()) > CHANCE:
         return ()
     return tuple(zip(a[same].tolist(), b[same].tolist(), strict=True))
@@ -216,11 +224,11 @@ def _site_names(roots: list[int], names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(names[root] if maps[root] in twice else maps[root] for root in roots)
 
 
-def _root(forest: list[int], one: int) -> int:
-    while forest[one] != one:
-        forest[one] = forest[forest[one]]
-        one = forest[one]
-    return one
+def _root(forest: list[int], node: int) -> int:
+    while forest[node] != node:
+        forest[node] = forest[forest[node]]
+        node = forest[node]
+    return node
 
 
 def _join(forest: list[int], one: int, other: int) -> None:

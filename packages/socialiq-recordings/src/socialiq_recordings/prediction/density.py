@@ -70,9 +70,9 @@ class Spread:
             acceleration: m/s².
             moving: Whether each vehicle moves.
         """
-        one, scale, stays = _fit(error[~moving], acceleration[~moving], True)
-        two, faster, _ = _fit(error[moving], acceleration[moving], False)
-        return Spread((one, two), (scale, faster), stays)
+        free_standing, scale, stays = _fit(error[~moving], acceleration[~moving], True)
+        free_moving, faster, _ = _fit(error[moving], acceleration[moving], False)
+        return Spread((free_standing, free_moving), (scale, faster), stays)
 
     def log_density(
         self,
@@ -89,11 +89,13 @@ class Spread:
         """
         kind = moving.astype(np.int64)
         freedom, scale = np.array(self.freedom)[kind], np.array(self.scale)[kind]
-        each = _log_t(acceleration[:, None] - forecast.centre, freedom[:, None], scale[:, None])
-        found = logsumexp(forecast.log_weight + each, axis=1)
+        components = _log_t(
+            acceleration[:, None] - forecast.centre, freedom[:, None], scale[:, None]
+        )
+        density = logsumexp(forecast.log_weight + components, axis=1)
         stays = np.where(moving, 0.0, self.stays)
         with np.errstate(divide="ignore"):
-            return np.logaddexp(np.log1p(-stays) + found, np.log(stays) + _staying(acceleration))
+            return np.logaddexp(np.log1p(-stays) + density, np.log(stays) + _staying(acceleration))
 
 
 def _log_t(off: Any, freedom: Any, scale: Any) -> Any:
@@ -116,7 +118,7 @@ def _fit(
     """
     if not len(error):
         return FREEDOM[-1], 1.0, 0.0
-    found, at_zero = [], _staying(acceleration)
+    fits, at_zero = [], _staying(acceleration)
     for freedom in FREEDOM:
         scale, stays = max(float(np.sqrt(np.mean(error**2))), LEAST), 0.5 * may_stay
         for _ in range(_ROUNDS):
@@ -125,8 +127,8 @@ def _fit(
             scale = np.sqrt((weight * error**2).sum() / max((1 - still).sum(), 1.0))
             scale, stays = max(float(scale), LEAST), min(float(still.mean()), _MOST_STAY)
         total, _ = _shares(error, at_zero, freedom, scale, stays)
-        found.append((float(total.sum()), freedom, scale, stays))
-    return max(found)[1:]
+        fits.append((float(total.sum()), freedom, scale, stays))
+    return max(fits)[1:]
 
 
 def _shares(
@@ -134,6 +136,6 @@ def _shares(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return each acceleration's log-density, and the probability that its vehicle stays."""
     with np.errstate(divide="ignore"):
-        one = np.log(stays) + at_zero
-    total = np.logaddexp(one, np.log1p(-stays) + _log_t(error, freedom, scale))
-    return total, np.exp(one - total)
+        staying = np.log(stays) + at_zero
+    total = np.logaddexp(staying, np.log1p(-stays) + _log_t(error, freedom, scale))
+    return total, np.exp(staying - total)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Int64
 
 from socialiq.errors import UserError, one_of
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 Holdout = Literal["moments", "vehicles", "sites"]
 HOLDOUTS: tuple[Holdout, ...] = get_args(Holdout)
@@ -49,14 +49,14 @@ class Fold(NamedTuple):
 
 def possible(seen: Situations) -> tuple[Holdout, ...]:
     """Return what can be held out of some moments."""
-    found = []
+    holdouts = []
     for holdout in HOLDOUTS:
         try:
             folds(seen, holdout)
         except UserError:
             continue
-        found.append(holdout)
-    return tuple(found)
+        holdouts.append(holdout)
+    return tuple(holdouts)
 
 
 def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
@@ -70,15 +70,15 @@ def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
         UserError: If there are too few; the line says what is missing.
     """
     one_of("holdout", holdout, HOLDOUTS)
-    found = {"moments": _moments, "vehicles": _vehicles, "sites": _sites}[holdout](seen)
-    short = [one for one in found if one.train.sum() < LEAST]
-    if short or not found:
+    result = {"moments": _moments, "vehicles": _vehicles, "sites": _sites}[holdout](seen)
+    short = [fold for fold in result if fold.train.sum() < LEAST]
+    if short or not result:
         count = int(short[0].train.sum()) if short else 0
         raise UserError(
             f"holding out {holdout} leaves {count} moments to learn from, and {LEAST} are needed: "
             "add recordings, or hold out something else (--holdout)"
         )
-    return found
+    return result
 
 
 def _moments(seen: Situations) -> list[Fold]:
@@ -112,10 +112,10 @@ def _sites(seen: Situations) -> list[Fold]:
 def _vehicles(seen: Situations) -> list[Fold]:
     if len(np.unique(seen.chain)) < 2:
         return _blocks(seen)
-    part = grouped(seen.chain, PARTS)
+    group = grouped(seen.chain, PARTS)
     return [
-        Fold("vehicles", number, part != number, part == number)
-        for number in range(int(part.max()) + 1)
+        Fold("vehicles", number, group != number, group == number)
+        for number in range(int(group.max()) + 1)
     ]
 
 
@@ -130,11 +130,11 @@ def grouped(group: Int64[np.ndarray, " moment"], parts: int) -> Int64[np.ndarray
     """
     number, sizes = np.unique(group, return_inverse=True, return_counts=True)[1:]
     filled = np.zeros(min(parts, len(sizes)))
-    place = np.zeros(len(sizes), np.int64)
-    for one in np.argsort(-sizes, kind="stable"):
-        place[one] = np.argmin(filled)
-        filled[place[one]] += sizes[one]
-    return place[number]
+    part_of = np.zeros(len(sizes), np.int64)
+    for largest in np.argsort(-sizes, kind="stable"):
+        part_of[largest] = np.argmin(filled)
+        filled[part_of[largest]] += sizes[largest]
+    return part_of[number]
 
 
 def _blocks(seen: Situations) -> list[Fold]:
@@ -150,14 +150,14 @@ def _blocks(seen: Situations) -> list[Fold]:
     first = np.full(len(vehicles), np.inf)
     np.minimum.at(first, driver, clock)
     block = np.argsort(np.argsort(first, kind="stable"), kind="stable") * PARTS // len(vehicles)
-    found = []
+    result = []
     for number in range(PARTS):
         test = (block == number)[driver]
         together = np.isin(np.floor(clock), _seconds(clock[test]))
         met = np.zeros(len(vehicles), bool)
         np.logical_or.at(met, driver, together)
-        found.append(Fold("vehicles", number, ~met[driver] & ~test, test))
-    return found
+        result.append(Fold("vehicles", number, ~met[driver] & ~test, test))
+    return result
 
 
 def _seconds(clock: np.ndarray) -> np.ndarray:

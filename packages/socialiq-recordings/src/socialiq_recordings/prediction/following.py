@@ -8,16 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.optimize import least_squares
 
-from socialiq_recordings.conflicts.idm import Idm
-from socialiq_recordings.prediction.situation import Situations, ballistic
+from socialiq_recordings.idm import Idm, acceleration, ballistic
+from socialiq_recordings.prediction.situations import Situations
 
-FITTED = (
-    "desired_speed",
-    "time_headway",
-    "jam_distance",
-    "max_acceleration",
-    "comfort_deceleration",
-)
+FITTED = Idm._fields
 """Parameters that are fitted; all are above 0, so that their logarithms are."""
 
 LOW, HIGH = np.log([3.0, 0.2, 0.3, 0.1, 0.3]), np.log([40.0, 6.0, 8.0, 5.0, 9.0])
@@ -34,7 +28,7 @@ _HOLD = 0.05  # m/s² per unit of a log-parameter; holds what the data don't det
 
 def literature() -> Float64[np.ndarray, " parameter"]:
     """Return the log-parameters of `Idm`."""
-    return np.log([getattr(Idm(), name) for name in FITTED])
+    return np.log(Idm())
 
 
 def accelerations(
@@ -43,7 +37,7 @@ def accelerations(
     gap: Float64[np.ndarray, "*#shape"],
     leader_speed: Float64[np.ndarray, "*#shape"],
 ) -> Float64[np.ndarray, "*#shape"]:
-    """Return accelerations of the IDM, m/s²: `conflicts.idm.acceleration` of arrays.
+    """Return accelerations of the IDM, m/s².
 
     Args:
         log_parameters: Of `FITTED` along the last axis; one set, or one for each vehicle.
@@ -52,13 +46,7 @@ def accelerations(
         leader_speed: m/s.
     """
     desired, headway, jam, strongest, comfort = np.moveaxis(np.exp(log_parameters), -1, 0)
-    following = speed * headway + speed * (speed - leader_speed) / (
-        2 * np.sqrt(strongest * comfort)
-    )
-    wanted = jam + np.maximum(0.0, following)
-    free = 1 - (speed / desired) ** Idm().exponent
-    rate = strongest * (free - (wanted / np.maximum(gap, 0.1)) ** 2)
-    return np.maximum(rate, -Idm().hardest)
+    return acceleration(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
 
 
 def next_second(
@@ -90,8 +78,8 @@ def fit_population(train: Situations) -> Float64[np.ndarray, " parameter"]:
         off = next_second(log_parameters, train) - train.acceleration
         return np.append(off / root, _HOLD * (log_parameters - start))
 
-    found = least_squares(errors, start, bounds=(LOW, HIGH), loss="soft_l1", max_nfev=60)
-    return np.asarray(found.x)
+    fit = least_squares(errors, start, bounds=(LOW, HIGH), loss="soft_l1", max_nfev=60)
+    return np.asarray(fit.x)
 
 
 def fit_drivers(
@@ -112,22 +100,22 @@ def fit_drivers(
         spread: Standard deviation of drivers' log-parameters.
     """
     vehicles, driver = np.unique(own.vehicle, return_inverse=True)
-    found = np.tile(population, (len(vehicles), 1))
+    fitted = np.tile(population, (len(vehicles), 1))
     size = len(population)
     for _ in range(_ROUNDS):
-        off = own.acceleration - next_second(found[driver], own)
-        steps = found[driver][:, None, :] + _STEP * np.eye(size)
+        off = own.acceleration - next_second(fitted[driver], own)
+        steps = fitted[driver][:, None, :] + _STEP * np.eye(size)
         slopes = np.stack(
-            [next_second(steps[:, k], own) - next_second(found[driver], own) for k in range(size)],
+            [next_second(steps[:, k], own) - next_second(fitted[driver], own) for k in range(size)],
             axis=1,
         )
         slopes /= _STEP
         curvature = np.tile(np.eye(size) / spread**2, (len(vehicles), 1, 1))
         np.add.at(curvature, driver, slopes[:, :, None] * slopes[:, None, :] / error**2)
-        pull = (population - found) / spread**2
+        pull = (population - fitted) / spread**2
         np.add.at(pull, driver, slopes * off[:, None] / error**2)
-        found = np.clip(found + np.linalg.solve(curvature, pull[..., None])[..., 0], LOW, HIGH)
-    return dict(zip(vehicles.tolist(), found, strict=True))
+        fitted = np.clip(fitted + np.linalg.solve(curvature, pull[..., None])[..., 0], LOW, HIGH)
+    return dict(zip(vehicles.tolist(), fitted, strict=True))
 
 
 def of_drivers(
@@ -136,7 +124,7 @@ def of_drivers(
     seen: Situations,
 ) -> Float64[np.ndarray, "moment parameter"]:
     """Return the log-parameters of each moment's driver; the population's of an unknown one."""
-    rows = [drivers.get(one, population) for one in seen.vehicle.tolist()]
+    rows = [drivers.get(vehicle, population) for vehicle in seen.vehicle.tolist()]
     return np.array(rows).reshape(len(seen), len(population))
 
 

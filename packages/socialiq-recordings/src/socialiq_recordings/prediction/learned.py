@@ -1,21 +1,332 @@
-"""Policies of our learners as driver models: a clone, and the dial (`dial`).
+"""Policies of our learners as driver models: a clone, and the dial.
 
-Actions are levels of acceleration. All folds are trained in one compiled program.
+Actions are levels of acceleration, and all folds are trained in one compiled program.
+
+The offline dial (`learners.offline`) of a fold sees its training moments alone. β clones their
+drivers, and π_α is the policy that is best for R(α) within what they do, its rewards predicted at
+each decision (`rewards`). A driver of angle α takes level k with
+
+    p(k | s) proportional to β(k | s) (π_α(k | s) / β(k | s))^κ
+
+so that κ = 0 is the clone and κ = 1 the dial. κ is shared. It, the population's mean angle and its
+spread have a prior that is even over grids, and all are integrated out. Their posterior is from the
+training drivers, each predicted by a dial of the other half of them: of its own drivers β knows too
+much for κ to be above 0. That of a driver's own angle is from its first half too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from scipy.special import log_softmax, logsumexp
 
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import behaviour_cloning
-from socialiq_recordings.prediction import dial
-from socialiq_recordings.prediction.levels import Levels, Training, demonstrations, of_policies
-from socialiq_recordings.prediction.models import Fitted, Task
+from socialiq.learners.config import check_counts
+from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.train import train_together
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Ending, RewardPair
+from socialiq_recordings.prediction.choices import nearest, rewards
+from socialiq_recordings.prediction.density import Forecast, Spread
+from socialiq_recordings.prediction.folds import grouped
+from socialiq_recordings.prediction.models import Fitted, Task, features
+from socialiq_recordings.prediction.situations import Situations
+from socialiq_recordings.trait.choice_model import family_trait
+from socialiq_recordings.trait.hierarchy import (
+    driver_log_likelihood,
+    driver_posteriors,
+    log_marginal,
+    population_posterior,
+)
+
+Chances = Callable[[Situations], Float64[np.ndarray, "moment policy level"]]
+"""Function that returns each policy's log-probability of each level."""
+
+_LEAST = 1e-12  # probability of a level
+
+
+@dataclass(frozen=True)
+class Training:
+    """Settings of the training.
+
+    Attributes:
+        levels: Accelerations that are actions, m/s², equally spaced.
+        updates: Gradient steps.
+        hidden: Widths of the hidden layers.
+        batch_size: Moments of a batch.
+        discount: γ of a second.
+    """
+
+    levels: tuple[float, ...] = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
+    updates: int = 500
+    hidden: tuple[int, ...] = (32,)
+    batch_size: int = 64
+    discount: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Refuse what no training could take, before the slow work."""
+        check_counts(self, ("updates", "batch_size"))
+
+
+def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:
+    """Return moments as demonstrations whose actions are levels of acceleration.
+
+    An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view.
+
+    Args:
+        seen: Moments.
+        levels: m/s², ascending and equally spaced.
+    """
+    seen = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
+    goes_on = seen.previous() == np.arange(len(seen)) - 1
+    goes_on[0] = False
+    last = np.append(~goes_on[1:], True)
+    observation = features(seen)
+    after = features(seen.advanced(seen.acceleration))
+    after[~last] = observation[1:][goes_on[1:]]
+    grid = np.array(levels)
+    pair, action = rewards(seen, grid), nearest(grid, seen.acceleration)
+    rows = np.arange(len(seen))
+    return Demonstrations.of(
+        observation=observation,
+        action=action,
+        next_observation=after,
+        ending=np.where(last, int(Ending.TIMEOUT), int(Ending.NONE)),
+        rewards=RewardPair(*(reward[rows, action] for reward in pair)),
+        episode=np.cumsum(~goes_on) - 1,
+        n_actions=len(levels),
+    )
+
+
+class Levels:
+    """Densities of policies over levels, by the accelerations of the training moments.
+
+    A policy's density of an acceleration is a mixture over the levels, its probabilities the
+    weights: each level stands for the training accelerations that are nearest to it, with their
+    mean as its centre and one fitted spread around it.
+
+    Args:
+        task: The fold.
+        settings: Settings.
+    """
+
+    def __init__(self, task: Task, settings: Training) -> None:
+        grid = np.array(settings.levels)
+        observed = task.train.acceleration
+        action = nearest(grid, observed)
+        count = np.bincount(action, minlength=len(grid))
+        sums = np.bincount(action, observed, minlength=len(grid))
+        self.centre = np.where(count > 0, sums / np.maximum(count, 1), grid)
+        self.spread = Spread.fit(observed - self.centre[action], observed, task.train.moving)
+
+    def log_density(
+        self, chances: Chances, seen: Situations
+    ) -> Float64[np.ndarray, "moment policy"]:
+        """Return each policy's log-density of the observed accelerations, 1 / (m/s²)."""
+        alone = [Forecast.at(np.full(len(seen), centre)) for centre in self.centre]
+        of_level = np.stack(
+            [
+                self.spread.log_density(forecast, seen.acceleration, seen.moving)
+                for forecast in alone
+            ],
+            axis=1,
+        )
+        return np.asarray(logsumexp(chances(seen) + of_level[:, None, :], axis=2))
+
+    def fitted(
+        self,
+        chances: Chances,
+        log_share: Float64[np.ndarray, " policy"],
+        by_driver: dict[int, Float64[np.ndarray, " policy"]] | None = None,
+    ) -> Fitted:
+        """Return the model of some policies, mixed.
+
+        Args:
+            chances: Of the policies.
+            log_share: Log-probability of each policy, for drivers that aren't known.
+            by_driver: The same of known drivers.
+        """
+        shares_of = by_driver or {}
+
+        def forecast(seen: Situations, last: Any) -> Forecast:  # noqa: ARG001
+            shares = np.array(
+                [shares_of.get(vehicle, log_share) for vehicle in seen.vehicle.tolist()]
+            )
+            shares = shares.reshape(len(seen), len(log_share), 1)
+            mixed = np.asarray(logsumexp(shares + chances(seen), axis=1))
+            return Forecast(mixed, np.tile(self.centre, (len(seen), 1)))
+
+        return Fitted(forecast, self.spread, by_driver is not None)
+
+
+def of_policies(policies: Sequence[Any]) -> Chances:
+    """Return the log-probabilities of policies that read `features`.
+
+    Args:
+        policies: Each with a method `probabilities`.
+    """
+
+    def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
+        inputs = features(seen).astype(np.float32)
+        chances_of = np.stack(
+            [np.asarray(policy.probabilities(inputs)) for policy in policies], axis=1
+        )
+        chances_of = np.maximum(chances_of.astype(np.float64), _LEAST)
+        return np.log(chances_of / chances_of.sum(axis=2, keepdims=True))
+
+    return chances
+
+
+AT_ANGLE, BY_DRIVER = "dial", "dial, angle by driver"
+
+ANGLES = np.linspace(0.0, 90.0, 7)
+"""Degrees; angles integrated over."""
+
+SHARES = (0.0, 0.125, 0.25, 0.5, 1.0)
+"""κ: how far drivers go from the clone to the dial."""
+
+TEMPERATURE = 1.0
+"""η of the dial at all angles, s: its rewards are seconds."""
+
+_RATE = 3e-3  # Adam's initial learning rate, which falls; few updates need more than the default
+_PARTS = 2  # of the training drivers
+
+
+def trained_dials(
+    tasks: Sequence[Task], tables: Sequence[Demonstrations], settings: Training
+) -> list[dict[str, Fitted]]:
+    """Return the dial of every fold as a model of drivers: with one angle for all, and by driver.
+
+    Args:
+        tasks: One for each fold.
+        tables: Training moments of each as demonstrations.
+        settings: Settings.
+    """
+    groups = [grouped(task.train.vehicle, _PARTS) for task in tasks]
+    without = [
+        demonstrations(task.train.rows(_besides(group, number)), settings.levels)
+        for task, group in zip(tasks, groups, strict=True)
+        for number in range(_PARTS)
+    ]
+    seeds = [task.seed for task in tasks]
+    every = _dials(
+        [*tables, *without], seeds + [seed for seed in seeds for _ in range(_PARTS)], settings
+    )
+    models = []
+    for fold, (task, group) in enumerate(zip(tasks, groups, strict=True)):
+        levels, first = Levels(task, settings), len(tasks) + _PARTS * fold
+        density = np.empty((len(task.train), len(SHARES) * len(ANGLES)))
+        for number, chances in enumerate(every[first : first + _PARTS]):
+            rows = group == number
+            density[rows] = levels.log_density(chances, task.train.rows(rows))
+        models.append(_models(task, levels, every[fold], density))
+    return models
+
+
+def _besides(part: Int64[np.ndarray, " moment"], number: int) -> Bool[np.ndarray, " moment"]:
+    """Whether moments are of other parts; all of them, if there is no other."""
+    besides = part != number
+    return besides if besides.any() else ~besides
+
+
+def _dials(
+    tables: Sequence[Demonstrations], seeds: Sequence[int], settings: Training
+) -> list[Chances]:
+    """Return the family of a dial of each table, all trained in one program."""
+    longest = max(int(np.bincount(table.episode).max()) for table in tables)
+    shape = StaticConfig(
+        low=float(ANGLES[0]),
+        high=float(ANGLES[-1]),
+        high_share=None,
+        view="flat",
+        hidden=settings.hidden,
+        batch_size=settings.batch_size,
+        updates=settings.updates,
+        whole_episode=longest + 1,  # a vehicle that leaves the view drives on
+    )
+    numbers = [
+        Hyperparameters(TEMPERATURE, TEMPERATURE, settings.discount, _RATE, seed=seed)
+        for seed in seeds
+    ]
+    stages = train_together(shape, numbers, tables)
+    clones = stages["behaviour"].state.target_network
+    families = []
+    for index in range(len(tables)):
+        clone, dial = QPolicy.of(network_of(clones, index), 1.0, {}), stages["dial"].policy(index)
+        families.append(of_family([clone, *(dial.at(angle) for angle in ANGLES.tolist())]))
+    return families
+
+
+def of_family(policies: Sequence[Any]) -> Chances:
+    """Return log p(k | s) for each κ of `SHARES` and each angle of `ANGLES`, κ first.
+
+    Args:
+        policies: β, then π of each angle; each with a method `probabilities`.
+    """
+    every = of_policies(policies)
+    share = np.array(SHARES)[:, None, None]
+
+    def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
+        log_chances = every(seen)
+        clone, turned = log_chances[:, None, :1], log_chances[:, None, 1:]
+        mixed = log_softmax((1 - share) * clone + share * turned, axis=3)
+        return mixed.reshape(len(seen), -1, mixed.shape[3])
+
+    return chances
+
+
+def _models(
+    task: Task, levels: Levels, chances: Chances, density: Float64[np.ndarray, "moment policy"]
+) -> dict[str, Fitted]:
+    """Return the dial at the angle of the population, and at each driver's.
+
+    Args:
+        task: The fold.
+        levels: Its levels.
+        chances: Of the family.
+        density: Log-densities of the training moments, by families of other drivers.
+    """
+    trait = family_trait(ANGLES, strengths=SHARES)
+    likelihood = _by_driver(density, task.train.vehicle)
+    alike, differ = (
+        population_posterior(log_marginal(likelihood, grid), grid)
+        for grid in (trait.alike(), trait)
+    )
+    vehicles = np.unique(task.own.vehicle)
+    own_likelihood = _by_driver(levels.log_density(chances, task.own), task.own.vehicle)
+    posterior = driver_posteriors(own_likelihood, differ)
+    by_driver = {
+        vehicle: _log(chance) for vehicle, chance in zip(vehicles.tolist(), posterior, strict=True)
+    }
+    at_angle = levels.fitted(chances, _log(alike.driver_prior))
+    share = {"dial_share": float(alike.driver_prior.sum(axis=1) @ np.array(SHARES))}
+    return {
+        AT_ANGLE: at_angle._replace(inferred=share),
+        BY_DRIVER: levels.fitted(chances, _log(differ.driver_prior), by_driver),
+    }
+
+
+def _by_driver(
+    density: Float64[np.ndarray, "moment policy"], vehicle: Int64[np.ndarray, " moment"]
+) -> Float64[np.ndarray, "driver shared value"]:
+    """Return the log-likelihood of each driver, in the order of their numbers."""
+    vehicles, driver = np.unique(vehicle, return_inverse=True)
+    shape = (len(density), len(SHARES), len(ANGLES))
+    return driver_log_likelihood(density.reshape(shape), driver, len(vehicles))
+
+
+def _log(chance: Float64[np.ndarray, "shared value"]) -> Float64[np.ndarray, " policy"]:
+    return np.log(np.maximum(chance.ravel(), np.finfo(np.float64).tiny))
+
 
 CLONE = "clone"
-LEARNED = (CLONE, dial.AT_ANGLE, dial.BY_DRIVER)
+LEARNED = (CLONE, AT_ANGLE, BY_DRIVER)
 """Models that our learners train."""
 
 
@@ -29,22 +340,22 @@ def trained(
         settings: Settings.
         names: Those of `LEARNED` that are wanted.
     """
-    found: list[dict[str, Fitted]] = [{} for _ in tasks]
-    tables = [demonstrations(one.train, settings.levels) for one in tasks]
-    seeds = [one.seed for one in tasks]
+    models: list[dict[str, Fitted]] = [{} for _ in tasks]
+    tables = [demonstrations(task.train, settings.levels) for task in tasks]
+    seeds = [task.seed for task in tasks]
     if CLONE in names:
         shape = behaviour_cloning.StaticConfig(
             hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
         )
         runs = [
-            behaviour_cloning.Hyperparameters(learning_rate=1e-3, seed=seed, dataset=place)
-            for place, seed in enumerate(seeds)
+            behaviour_cloning.Hyperparameters(learning_rate=1e-3, seed=seed, dataset=fold)
+            for fold, seed in enumerate(seeds)
         ]
         clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)
-        for place, task in enumerate(tasks):
-            chances = of_policies([clones.policy(place)])
-            found[place][CLONE] = Levels(task, settings).fitted(chances, np.zeros(1))
-    if {dial.AT_ANGLE, dial.BY_DRIVER} & set(names):
-        for one, more in zip(found, dial.trained(tasks, tables, settings), strict=True):
-            one |= {name: model for name, model in more.items() if name in names}
-    return found
+        for fold, task in enumerate(tasks):
+            chances = of_policies([clones.policy(fold)])
+            models[fold][CLONE] = Levels(task, settings).fitted(chances, np.zeros(1))
+    if {AT_ANGLE, BY_DRIVER} & set(names):
+        for fitted, dials in zip(models, trained_dials(tasks, tables, settings), strict=True):
+            fitted |= {name: model for name, model in dials.items() if name in names}
+    return models

@@ -1,4 +1,7 @@
-"""Driver models: each fitted to training moments, predicting the next second's acceleration."""
+"""Driver models: each fitted to training moments, predicting the next second's acceleration.
+
+Learned models read `features`: bounded numbers of a situation, 0 where nothing is there.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,88 @@ from jaxtyping import Bool, Float64
 
 from socialiq.foreign import optional
 from socialiq_recordings import DISTRIBUTION
+from socialiq_recordings.idm import ballistic
 from socialiq_recordings.prediction import following
 from socialiq_recordings.prediction.density import Forecast, Spread
-from socialiq_recordings.prediction.features import features
 from socialiq_recordings.prediction.folds import grouped
-from socialiq_recordings.prediction.situation import HORIZON, Situations, ballistic
+from socialiq_recordings.prediction.following import literature, next_second
+from socialiq_recordings.prediction.situations import HORIZON, Situations
+
+NAMES = (
+    "speed",
+    "moving",
+    "leader_near",
+    "leader_headway",
+    "leader_slower",
+    "idm",
+    "follower_near",
+    "follower_faster",
+    "junction_near",
+    "left",
+    "right",
+    "limit",
+    "gives_way",
+    "conflict",
+    "arrives",
+    "other_arrives",
+    "first",
+    "merging",
+    "other_speed",
+)
+"""Columns of `features`."""
+
+_NEAR = 20.0  # m over which nearness falls by e
+_SPEED = 10.0  # m/s
+_LONG = 5.0  # s; longer times are all the same
+
+
+def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
+    """Return what models learn from, in the order of `NAMES`; of about unit size.
+
+    Args:
+        seen: Situations.
+    """
+    leads, follows = np.isfinite(seen.gap), np.isfinite(seen.behind)
+    conflict = seen.conflict
+    arrives, other_arrives = (
+        _time(gap, speed)
+        for gap, speed in ((seen.to_area, seen.speed), (seen.other_to_area, seen.other_speed))
+    )
+    limit = np.where(np.isfinite(seen.limit), seen.limit, 0.0)
+    columns = (
+        seen.speed / _SPEED,
+        seen.moving,
+        _near(seen.gap),
+        np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
+        np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
+        np.clip(next_second(literature(), seen), -4.0, 2.0),
+        _near(seen.behind),
+        np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
+        _near(seen.to_junction),
+        np.clip(seen.turn, 0.0, 90.0) / 90.0,
+        np.clip(-seen.turn, 0.0, 90.0) / 90.0,
+        limit / _SPEED,
+        seen.gives_way,
+        conflict,
+        np.where(conflict, 1 - arrives / _LONG, 0.0),
+        np.where(conflict, 1 - other_arrives / _LONG, 0.0),
+        np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
+        seen.merging & conflict,
+        np.where(conflict, seen.other_speed / _SPEED, 0.0),
+    )
+    return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
+
+
+def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:
+    return np.exp(-np.maximum(metres, 0.0) / _NEAR)
+
+
+def _time(
+    metres: Float64[np.ndarray, " moment"], speed: Float64[np.ndarray, " moment"]
+) -> Float64[np.ndarray, " moment"]:
+    """Return the time to drive a distance, s; at most `_LONG`, also where nothing is there."""
+    return np.clip(np.maximum(metres, 0.0) / np.maximum(speed, 0.1), 0.0, _LONG)
+
 
 Residuals = Float64[np.ndarray, " moment"]
 
@@ -104,8 +184,8 @@ def _of_mean(
     personal: bool = False,
 ) -> Fitted:
     """Return a model of a mean; its spread is that of its errors in training, if none are given."""
-    own = task.train.acceleration - mean(task.train, task.residual) if errors is None else errors
-    spread = Spread.fit(own, task.train.acceleration, task.train.moving)
+    off = task.train.acceleration - mean(task.train, task.residual) if errors is None else errors
+    spread = Spread.fit(off, task.train.acceleration, task.train.moving)
     return Fitted(lambda seen, last: Forecast.at(mean(seen, last)), spread, personal)
 
 
@@ -156,9 +236,9 @@ def idm_by_driver(task: Task) -> Fitted:
     # Of first halves, from which drivers' parameters come, the errors are those of the population.
     trained = mean_of(task.train.rows(task.first))
     errors = np.where(task.first, off, task.train.acceleration - trained(task.train, task.residual))
-    found = Spread.fit(errors, task.train.acceleration, task.train.moving)
+    spread_of_errors = Spread.fit(errors, task.train.acceleration, task.train.moving)
     personal = mean_of(task.own)
-    return Fitted(lambda seen, last: Forecast.at(personal(seen, last)), found, True)
+    return Fitted(lambda seen, last: Forecast.at(personal(seen, last)), spread_of_errors, True)
 
 
 def boosting(task: Task) -> Fitted:
@@ -173,14 +253,14 @@ def boosting_residual(task: Task) -> Fitted:
 
 def _boosted(task: Task, inputs: Callable[[Situations, Residuals], Any]) -> Fitted:
     """Return gradient boosting; its spread is of errors for drivers that it was not trained on."""
-    given, target = inputs(task.train, task.residual), task.train.acceleration
-    part = grouped(task.train.vehicle, 5)
+    columns, target = inputs(task.train, task.residual), task.train.acceleration
+    group = grouped(task.train.vehicle, 5)
     errors = np.zeros(len(target))
-    for one in np.unique(part):
-        others = part != one if (part != one).any() else part == one
-        trees = _trees(task.seed).fit(given[others], target[others])
-        errors[part == one] = target[part == one] - trees.predict(given[part == one])
-    trees = _trees(task.seed).fit(given, target)
+    for number in np.unique(group):
+        besides = group != number if (group != number).any() else group == number
+        trees = _trees(task.seed).fit(columns[besides], target[besides])
+        errors[group == number] = target[group == number] - trees.predict(columns[group == number])
+    trees = _trees(task.seed).fit(columns, target)
     return _of_mean(lambda seen, last: trees.predict(inputs(seen, last)), task, errors)
 
 

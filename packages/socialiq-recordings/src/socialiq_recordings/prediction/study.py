@@ -14,9 +14,8 @@ from socialiq.foreign import one_line
 from socialiq.learners.config import check_seed
 from socialiq.types import Row
 from socialiq_recordings.identity.identify import identify
-from socialiq_recordings.prediction import learned, levels
-from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.prediction.contrasts import contrasts
+from socialiq_recordings.prediction import learned
+from socialiq_recordings.prediction.choices import ChoiceTable, rewards
 from socialiq_recordings.prediction.density import Forecast
 from socialiq_recordings.prediction.folds import HOLDOUTS, Fold, Holdout, folds, possible
 from socialiq_recordings.prediction.following import FITTED, fit_population
@@ -30,10 +29,8 @@ from socialiq_recordings.prediction.models import (
     residuals,
     rollout,
 )
-from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.prediction.rewards import rewards
-from socialiq_recordings.prediction.scores import Held, Predicted, scores
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.scores import Held, Predicted, contrasts, scores
+from socialiq_recordings.prediction.situations import Situations, situations_of
 from socialiq_recordings.recording import Recording
 
 ALL_MODELS = (*MODELS, *learned.LEARNED)
@@ -57,18 +54,18 @@ class Config:
 
     holdouts: tuple[Holdout, ...] = ()
     models: tuple[str, ...] = ALL_MODELS
-    training: levels.Training = field(default_factory=levels.Training)
+    training: learned.Training = field(default_factory=learned.Training)
     seed: int = 0
     resamples: int = 2000
 
     def __post_init__(self) -> None:
         """Refuse unknown names."""
-        for one in self.holdouts:
-            one_of("holdout", one, HOLDOUTS)
-        for one in self.models:
-            if one not in ALL_MODELS:  # some names have a comma, so that each is quoted
+        for holdout in self.holdouts:
+            one_of("holdout", holdout, HOLDOUTS)
+        for model in self.models:
+            if model not in ALL_MODELS:  # some names have a comma, so that each is quoted
                 names = ", ".join(f"'{name}'" for name in ALL_MODELS)
-                raise UserError(f"unknown model '{one_line(one, 80)}': choose from {names}")
+                raise UserError(f"unknown model '{one_line(model, 80)}': choose from {names}")
         check_seed(self.seed)
         if not 100 <= self.resamples <= 100_000:
             raise UserError(f"resamples must be from 100 to 100000, got {self.resamples}")
@@ -112,32 +109,38 @@ def predict(seen: Situations, config: Config) -> Prediction:
     holdouts = config.holdouts or possible(seen)
     if not holdouts:
         folds(seen, "moments")  # its line says what is missing
-    made = [fold for one in dict.fromkeys(holdouts) for fold in folds(seen, one)]
-    names = [one for one in ALL_MODELS if one in (*TRIVIAL, *config.models)]
+    all_folds = [fold for holdout in dict.fromkeys(holdouts) for fold in folds(seen, holdout)]
+    names = [name for name in ALL_MODELS if name in (*TRIVIAL, *config.models)]
     half = seen.half()
-    tasks = [_task(seen, half, fold, config.seed) for fold in made]
+    tasks = [_task(seen, half, fold, config.seed) for fold in all_folds]
     policies = learned.trained(tasks, config.training, names)
     outputs: dict[str, list[tuple[Fold, list[Predicted]]]] = {}
     sizes = []
-    for fold, task, more in zip(made, tasks, policies, strict=True):
-        fitted = {one: MODELS[one](task) for one in names if one in MODELS} | more
-        inferred = [one.inferred for one in fitted.values()]
+    for fold, task, policies_of in zip(all_folds, tasks, policies, strict=True):
+        fitted = {name: MODELS[name](task) for name in names if name in MODELS} | policies_of
+        inferred = [model.inferred for model in fitted.values()]
         sizes.append(
-            _fold_row(seen, fold, task) | {k: v for one in inferred for k, v in one.items()}
+            _fold_row(seen, fold, task) | {k: v for numbers in inferred for k, v in numbers.items()}
         )
         outputs.setdefault(fold.holdout, []).append((fold, _predicted(seen, fold, task, fitted)))
-    found = [_tested(seen, half, name, each) for name, each in outputs.items()]
-    rows = [row for one in found for row in scores(one, config.seed, config.resamples)]
-    return Prediction(rows, sizes, contrasts(found, config.seed, config.resamples))
+    tested = [_tested(seen, half, name, outputs_of) for name, outputs_of in outputs.items()]
+    rows = [row for held in tested for row in scores(held, config.seed, config.resamples)]
+    return Prediction(rows, sizes, contrasts(tested, config.seed, config.resamples))
 
 
 def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
     train = seen.rows(fold.train)
     idm = fit_population(train)
     last = residuals(idm, seen)
-    own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
+    own_first = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
     return Task(
-        train, last[fold.train], half[fold.train] == 0, seen.rows(own), last[own], idm, seed
+        train,
+        last[fold.train],
+        half[fold.train] == 0,
+        seen.rows(own_first),
+        last[own_first],
+        idm,
+        seed,
     )
 
 
@@ -145,19 +148,19 @@ def _predicted(
     seen: Situations, fold: Fold, task: Task, fitted: dict[str, Fitted]
 ) -> list[Predicted]:
     test, last = seen.rows(fold.test), residuals(task.idm, seen)[fold.test]
-    found = []
+    predictions = []
     for name, model in fitted.items():
-        made = model.forecast(test, last)
-        found.append(
+        forecast = model.forecast(test, last)
+        predictions.append(
             Predicted(
                 name,
                 model.personal,
-                model.spread.log_density(made, test.acceleration, test.moving),
-                made.mean,
+                model.spread.log_density(forecast, test.acceleration, test.moving),
+                forecast.mean,
                 rollout(model, task.idm, test, last),
             )
         )
-    return found
+    return predictions
 
 
 def _tested(
@@ -166,22 +169,22 @@ def _tested(
     """Return the predictions of all folds of a holdout, in the order of the moments."""
     rows = np.concatenate([np.flatnonzero(fold.test) for fold, _ in each])
     order = np.argsort(rows, kind="stable")
-    kept = seen.rows(rows[order])
+    moments = seen.rows(rows[order])
     models = []
-    for same in zip(*(made for _, made in each), strict=True):
+    for same in zip(*(predictions for _, predictions in each), strict=True):
         columns = (
-            np.concatenate([getattr(one, name) for one in same])[order]
+            np.concatenate([getattr(prediction, name) for prediction in same])[order]
             for name in ("log_density", "mean", "driven")
         )
         models.append(Predicted(same[0].model, same[0].personal, *columns))
     return Held(
         holdout,
-        kept.acceleration,
-        kept.driven,
-        kept.chain,
-        kept.vehicle,
-        kept.moving,
-        kept.conflict,
+        moments.acceleration,
+        moments.driven,
+        moments.chain,
+        moments.vehicle,
+        moments.moving,
+        moments.conflict,
         half[rows[order]] == 1,
         models,
     )
@@ -256,7 +259,8 @@ def on_grid(
     """
     made: Forecast = model.forecast(seen, residual)
     densities = [
-        model.spread.log_density(made, np.full(len(seen), one), seen.moving) for one in grid
+        model.spread.log_density(made, np.full(len(seen), acceleration), seen.moving)
+        for acceleration in grid
     ]
-    found = np.stack(densities, axis=1)
-    return found - logsumexp(found, axis=1, keepdims=True)
+    log_density = np.stack(densities, axis=1)
+    return log_density - logsumexp(log_density, axis=1, keepdims=True)

@@ -19,9 +19,16 @@ from socialiq.reading import check_file, sha256_of_file
 from socialiq.storage import read_json
 from socialiq_recordings.readers.commonroad import MOST_STATES
 from socialiq_recordings.readers.motion import wrapped
-from socialiq_recordings.recording import Imported, Recording, Refused, order_fault
+from socialiq_recordings.recording import (
+    FARTHEST,
+    Imported,
+    Recording,
+    Refused,
+    RoadUser,
+    Tracks,
+    order_fault,
+)
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, equal_bounds
-from socialiq_recordings.tracks import FARTHEST, RoadUser, Tracks
 
 DT = 0.1
 """s; scenarios have 10 states a second, for 11 s."""
@@ -59,23 +66,25 @@ def read_argoverse(path: Path, most_states: int = MOST_STATES) -> Imported:
     table = _table(path, most_states)
     refused: list[Refused] = []
     skipped = {kind: int(count) for kind in _OBJECTS if (count := (table["kind"] == kind).sum())}
-    kept = [track for track in _tracks(path, table) if _usable(table, track, refused)]
-    if not kept:
+    usable = [track for track in _tracks(path, table) if _usable(table, track, refused)]
+    if not usable:
         raise UserError(f"{path} holds no track that can be used")
-    rows = np.concatenate(kept)
-    users = [KINDS[str(table["kind"][track[0]])] for track in kept]
+    rows = np.concatenate(usable)
+    users = [KINDS[str(table["kind"][track[0]])] for track in usable]
     tracks = Tracks(
-        track=np.repeat(np.arange(len(kept), dtype=np.int32), [len(one) for one in kept]),
+        track=np.repeat(
+            np.arange(len(usable), dtype=np.int32), [len(rows_of) for rows_of in usable]
+        ),
         frame=table["timestep"][rows].astype(np.int32),
         x=table["position_x"][rows],
         y=table["position_y"][rows],
         heading=wrapped(table["heading"][rows]),
         vx=table["velocity_x"][rows],
         vy=table["velocity_y"][rows],
-        identity=np.arange(len(kept), dtype=np.int64) + 1,
-        road_user=np.array([int(one[0]) for one in users], np.int8),
-        length=np.array([one[1] for one in users]),
-        width=np.array([one[2] for one in users]),
+        identity=np.arange(len(usable), dtype=np.int64) + 1,
+        road_user=np.array([int(user[0]) for user in users], np.int8),
+        length=np.array([user[1] for user in users]),
+        width=np.array([user[2] for user in users]),
         dt=DT,
         recording=one_line(str(table["scenario_id"][0]), 60) or path.stem,
         source={
@@ -84,7 +93,7 @@ def read_argoverse(path: Path, most_states: int = MOST_STATES) -> Imported:
             "sha256": sha256_of_file(path),
             "licence": LICENCE,
             "city": one_line(str(table["city"][0]), 60),
-            "track_ids": [one_line(str(table["name"][track[0]]), 60) for track in kept],
+            "track_ids": [one_line(str(table["name"][track[0]]), 60) for track in usable],
         },
     )
     recording = Recording(tracks, _road_beside(path))
@@ -106,16 +115,16 @@ def _table(path: Path, most_states: int) -> dict[str, np.ndarray]:
             )
         read = file.read(columns=list(_COLUMNS)).to_pydict()
         floats = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
-        found: dict[str, np.ndarray] = {name: np.array(read[name], np.float64) for name in floats}
-        found["timestep"] = np.array(read["timestep"], np.int64)
+        columns: dict[str, np.ndarray] = {name: np.array(read[name], np.float64) for name in floats}
+        columns["timestep"] = np.array(read["timestep"], np.int64)
     except UserError:
         raise
     except Exception as error:  # pyarrow has many
         raise UserError(f"cannot read {path} as Parquet: {one_line(str(error))}") from error
-    found["name"], found["kind"] = (
-        np.array([str(one) for one in read[name]], object) for name in ("track_id", "object_type")
+    columns["name"], columns["kind"] = (
+        np.array([str(text) for text in read[name]], object) for name in ("track_id", "object_type")
     )
-    return found | {name: np.array(read[name], object) for name in ("scenario_id", "city")}
+    return columns | {name: np.array(read[name], object) for name in ("scenario_id", "city")}
 
 
 def _tracks(path: Path, table: dict[str, np.ndarray]) -> list[np.ndarray]:
@@ -127,7 +136,7 @@ def _tracks(path: Path, table: dict[str, np.ndarray]) -> list[np.ndarray]:
     number = np.unique(table["name"][users].astype(str), return_inverse=True)[1]
     order = np.lexsort([table["timestep"][users], number])
     ends = np.flatnonzero(np.diff(number[order])) + 1
-    return [one for one in np.split(users[order], ends) if len(one)]
+    return [rows for rows in np.split(users[order], ends) if len(rows)]
 
 
 def _usable(table: dict[str, np.ndarray], track: np.ndarray, refused: list[Refused]) -> bool:
@@ -162,10 +171,10 @@ def read_map(path: Path) -> RoadNetwork:
     if not isinstance(segments, dict):
         raise UserError(f"{path} has no lane_segments: name a map of Argoverse 2")
     road: dict[int, Lanelet] = {}
-    for number, one in segments.items():
+    for number, segment in segments.items():
         try:
-            if one["lane_type"] != "BIKE":
-                lanelet = _lanelet(one)
+            if segment["lane_type"] != "BIKE":
+                lanelet = _lanelet(segment)
                 road[lanelet.identity] = lanelet
         except (KeyError, TypeError, ValueError, OverflowError, UserError) as error:
             name = one_line(str(number), 30)
@@ -182,13 +191,13 @@ def _lanelet(one: dict[str, Any]) -> Lanelet:
     left, right = equal_bounds(bounds[0].reshape(-1, 2), bounds[1].reshape(-1, 2))
     beside = [one.get(f"{side}_neighbor_id") for side in ("left", "right")]
     # A neighbour may have the other direction, which the map doesn't say: none is taken as same.
-    sides = [None if other is None else (int(other), False) for other in beside]
+    sides = [None if neighbour is None else (int(neighbour), False) for neighbour in beside]
     return Lanelet(
         int(one["id"]),
         left,
         right,
-        tuple(int(other) for other in one["successors"]),
-        tuple(int(other) for other in one["predecessors"]),
+        tuple(int(number) for number in one["successors"]),
+        tuple(int(number) for number in one["predecessors"]),
         adjacent_left=sides[0],
         adjacent_right=sides[1],
     )

@@ -15,7 +15,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.reading import read_toml
 from socialiq_recordings.measurement import MeasurementError
-from socialiq_recordings.tracks import RoadUser
+from socialiq_recordings.recording import RoadUser
 
 _FOOT = 0.3048
 UNITS: dict[str, dict[str, float]] = {
@@ -102,9 +102,9 @@ def read_map(name: str) -> ColumnMap:
     if not name.endswith(".toml"):
         one_of("column map (or a file that ends in .toml)", name, known_maps())
         path = _MAPS / f"{name}.toml"
-    said = read_toml(path)
+    content = read_toml(path)
     try:
-        return _map_of(said, path.stem)
+        return _map_of(content, path.stem)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
 
@@ -115,24 +115,24 @@ def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
         *("map", "error"),
     )
     _only("", said, (*tables, "format", "licence", "separator"))
-    parts = {table: said.get(table, {}) for table in tables}
-    for table, content in parts.items():
+    sections = {table: said.get(table, {}) for table in tables}
+    for table, content in sections.items():
         if not isinstance(content, dict):
             raise UserError(f"{table} must be a table: write [{table}]")
-    time, users, axes = parts["time"], parts["road_users"], parts["axes"]
+    time, users, axes = sections["time"], sections["road_users"], sections["axes"]
     _only("time", time, ("rate", "rate_file", "rate_column", "order", "repeated_ids", "periods"))
-    _only("map", parts["map"], ("origin",))
+    _only("map", sections["map"], ("origin",))
     _only("road_users", users, ("file", "id", *_PER_TRACK))
     _only("axes", axes, ("y", "point"))
     separator = _choice("separator", said.get("separator", ","), (",", ";", "\t", "|", " "))
     order = _choice("time.order", time.get("order", "ascending"), ("ascending", "any"))
-    found = ColumnMap(
+    column_map = ColumnMap(
         format=_text("format", said.get("format", name)),
         licence=_text("licence", said.get("licence", "not stated by the column map")),
         separator=separator,
-        columns=_columns(parts["columns"], users),
-        classes=_classes(parts["classes"]),
-        scales=_scales(parts["units"]),
+        columns=_columns(sections["columns"], users),
+        classes=_classes(sections["classes"]),
+        scales=_scales(sections["units"]),
         rate=_rate(time),
         rate_file=_rate_file(time),
         any_order=order == "any",
@@ -140,21 +140,21 @@ def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
         y_down=_choice("axes.y", axes.get("y", "up"), ("up", "down")) == "down",
         point=_choice("axes.point", axes.get("point", "centre"), ("centre", "front", "corner")),
         users_file=_endings("road_users.file", users["file"]) if "file" in users else None,
-        users_columns={key: _text(key, one) for key, one in users.items() if key != "file"},
-        default_sizes=_default_sizes(parts["default_sizes"]),
+        users_columns={key: _text(key, column) for key, column in users.items() if key != "file"},
+        default_sizes=_default_sizes(sections["default_sizes"]),
         periods=_choice("time.periods", time.get("periods", False), (True, False)),
-        origin=_endings("map.origin", parts["map"]["origin"]) if parts["map"] else None,
-        error=_error(parts["error"]),
+        origin=_endings("map.origin", sections["map"]["origin"]) if sections["map"] else None,
+        error=_error(sections["error"]),
     )
-    if found.periods and not {"time", "frame"} <= set(found.columns):
+    if column_map.periods and not {"time", "frame"} <= set(column_map.columns):
         raise UserError("time.periods needs the columns time and frame")
-    if found.origin and found.rate_file is None:
+    if column_map.origin and column_map.rate_file is None:
         raise UserError("map.origin needs time.rate_file, the file with these columns")
-    if found.users_file and "id" not in found.users_columns:
+    if column_map.users_file and "id" not in column_map.users_columns:
         raise UserError(
             "[road_users] has a file but no id: name the column with the track's number"
         )
-    return found
+    return column_map
 
 
 def _only(table: str, content: dict[str, Any], known: tuple[str, ...]) -> None:
@@ -180,23 +180,23 @@ def _text(what: str, value: Any) -> str:
 
 def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
     _only("columns", columns, COLUMNS)
-    found = {name: _text(f"columns.{name}", column) for name, column in columns.items()}
-    missing = [name for name in REQUIRED if name not in found]
-    missing += [name for name in _PER_TRACK if name not in found and name not in users]
-    if "frame" not in found and "time" not in found:
+    names = {name: _text(f"columns.{name}", column) for name, column in columns.items()}
+    missing = [name for name in REQUIRED if name not in names]
+    missing += [name for name in _PER_TRACK if name not in names and name not in users]
+    if "frame" not in names and "time" not in names:
         missing.append("frame (or time)")
-    if ("vx" in found) != ("vy" in found):
+    if ("vx" in names) != ("vy" in names):
         missing.append("vx and vy, both or none")
     if missing:
         raise UserError(f"[columns] lacks {', '.join(missing)}")
-    return found
+    return names
 
 
 def _classes(classes: dict[str, Any]) -> dict[str, RoadUser]:
     if not classes:
         raise UserError("[classes] is missing: give the class of each word of the class column")
     for word, kind in classes.items():
-        one_of(f"class of '{one_line(word, 40)}'", kind, [one.name.lower() for one in RoadUser])
+        one_of(f"class of '{one_line(word, 40)}'", kind, [kind.name.lower() for kind in RoadUser])
     return {word: RoadUser[kind.upper()] for word, kind in classes.items()}
 
 
@@ -205,7 +205,8 @@ def _scales(units: dict[str, Any]) -> dict[str, float]:
     for quantity, unit in units.items():
         one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
     return {
-        quantity: known[units.get(quantity, next(iter(known)))] for quantity, known in UNITS.items()
+        quantity: factors[units.get(quantity, next(iter(factors)))]
+        for quantity, factors in UNITS.items()
     }
 
 
@@ -232,7 +233,7 @@ def _endings(what: str, value: Any) -> tuple[str, str]:
 
 
 def _error(stated: dict[str, Any]) -> MeasurementError:
-    names = tuple(one.name for one in fields(MeasurementError))
+    names = tuple(field.name for field in fields(MeasurementError))
     _only("error", stated, names)
     for name, value in stated.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -241,11 +242,15 @@ def _error(stated: dict[str, Any]) -> MeasurementError:
 
 
 def _default_sizes(sizes: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    found = {}
+    result = {}
     for word, size in sizes.items():
         numbers = size if isinstance(size, list) else []
-        good = [one for one in numbers if isinstance(one, int | float) and 0 < one < math.inf]
+        good = [
+            number
+            for number in numbers
+            if isinstance(number, int | float) and 0 < number < math.inf
+        ]
         if len(numbers) != 2 or len(good) != 2:
             raise UserError(f"default_sizes.{one_line(word, 40)} must be [length, width] in metres")
-        found[word] = float(good[0]), float(good[1])
-    return found
+        result[word] = float(good[0]), float(good[1])
+    return result

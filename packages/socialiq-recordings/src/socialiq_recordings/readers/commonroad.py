@@ -22,8 +22,15 @@ from socialiq_recordings.readers.commonroad_road import RoadDraft
 from socialiq_recordings.readers.commonroad_xml import State
 from socialiq_recordings.readers.commonroad_xml import read as read_xml
 from socialiq_recordings.readers.motion import differences, wrapped
-from socialiq_recordings.recording import Imported, Recording, Refused, order_fault
-from socialiq_recordings.tracks import FARTHEST, STEPS, Tracks
+from socialiq_recordings.recording import (
+    FARTHEST,
+    STEPS,
+    Imported,
+    Recording,
+    Refused,
+    Tracks,
+    order_fault,
+)
 
 MOST_STATES = 5_000_000
 """States of a file that are read by default: 1.5 GB of memory at the peak, 300 bytes for each
@@ -140,9 +147,9 @@ class _Draft:
 
     def _drop_pending(self) -> None:
         """Discard states that no track used."""
-        kept = self._starts[-1]
-        del self._frames[kept:]
-        del self._values[5 * kept :]
+        count = self._starts[-1]
+        del self._frames[count:]
+        del self._values[5 * count :]
         self._fault = ""
 
     def _track(self, thing: Element) -> None:
@@ -209,7 +216,7 @@ class _Draft:
             heading=heading,
             vx=rows[:, 3] * np.cos(direction),
             vy=rows[:, 3] * np.sin(direction),
-            identity=np.array([one[0] for one in self._users], np.int64),
+            identity=np.array([user[0] for user in self._users], np.int64),
             road_user=users[:, 1].astype(np.int8),
             length=users[:, 2].copy(),
             width=users[:, 3].copy(),
@@ -256,9 +263,9 @@ def _kind_and_size(thing: Element) -> tuple[int, float, float]:
     kind = int(words.TYPES[name])
     shapes = list(thing.find("shape") or [])  # type: ignore[arg-type]
     if len(shapes) != 1 or shapes[0].tag not in ("rectangle", "circle"):
-        found = ", ".join(shape.tag for shape in shapes) or "missing"
+        names = ", ".join(shape.tag for shape in shapes) or "missing"
         raise ValueError(
-            f"its shape is {one_line(found, 40)}: only one rectangle or circle is read"
+            f"its shape is {one_line(names, 40)}: only one rectangle or circle is read"
         )
     shape = shapes[0]
     if shape.tag == "circle":

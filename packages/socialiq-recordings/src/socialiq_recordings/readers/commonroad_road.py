@@ -73,20 +73,20 @@ class RoadDraft:
     def network(self) -> RoadNetwork:
         """Return the road: each lanelet with the strongest of its signs and the lowest limit."""
         return RoadNetwork(
-            {identity: self._with_signs(one) for identity, one in self._lanelets.items()}
+            {identity: self._with_signs(lanelet) for identity, lanelet in self._lanelets.items()}
         )
 
     def _with_signs(self, lanelet: Lanelet) -> Lanelet:
-        named = self._named[lanelet.identity]
-        signs = [self._signs[one] for one in named if one in self._signs]
+        references = self._named[lanelet.identity]
+        signs = [self._signs[number] for number in references if number in self._signs]
         if not signs:
             return lanelet
         # A light takes precedence over signs, as on the road.
-        sign = max(one for one, _ in signs)
+        sign = max(sign_of for sign_of, _ in signs)
         limit = min(lanelet.speed_limit, *(limit for _, limit in signs))
-        cycles = [self._cycles[one] for one in named if one in self._cycles]
+        cycles = [self._cycles[number] for number in references if number in self._cycles]
         # Lights for several directions of one lanelet can't be told apart by a route: none is read.
-        cycle = cycles[0] if cycles and all(one == cycles[0] for one in cycles) else None
+        cycle = cycles[0] if cycles and all(cycle_of == cycles[0] for cycle_of in cycles) else None
         return replace(lanelet, sign=sign, speed_limit=limit, cycle=cycle)
 
     def _lanelet(self, thing: Element) -> None:
@@ -106,22 +106,22 @@ class RoadDraft:
             speed_limit=np.inf if limit is None else float(limit),
             stop_line=_stop_line(thing.find("stopLine"), left, right),
         )
-        named = [*_references(thing, "trafficSignRef"), *_references(thing, "trafficLightRef")]
-        self._named[identity] = named
+        references = [*_references(thing, "trafficSignRef"), *_references(thing, "trafficLightRef")]
+        self._named[identity] = references
 
 
 def _references(thing: Element, name: str) -> tuple[int, ...]:
-    return tuple(whole_number(one.attrib["ref"]) for one in thing.findall(name))
+    return tuple(whole_number(element.attrib["ref"]) for element in thing.findall(name))
 
 
 def _points(bound: Element | None) -> np.ndarray:
     if bound is None:
         raise KeyError("bound on one side")
-    found = [
+    points = [
         (float(point.findtext("x") or ""), float(point.findtext("y") or ""))
         for point in bound.findall("point")
     ]
-    return np.array(found, np.float64).reshape(-1, 2)
+    return np.array(points, np.float64).reshape(-1, 2)
 
 
 def _beside(element: Element | None) -> tuple[int, bool] | None:
@@ -145,18 +145,18 @@ def _cycle(element: Element | None) -> Cycle | None:
     phases = [] if element is None else element.findall("cycleElement")
     if element is None or not phases:
         return None
-    found = tuple(
+    cycle = tuple(
         (
-            COLOURS[(one.findtext("color") or "").strip()],
-            whole_number(one.findtext("duration") or ""),
+            COLOURS[(element_of.findtext("color") or "").strip()],
+            whole_number(element_of.findtext("duration") or ""),
         )
-        for one in phases
+        for element_of in phases
     )
-    if min(length for _, length in found) < 1 or sum(length for _, length in found) > LONGEST_CYCLE:
+    if min(length for _, length in cycle) < 1 or sum(length for _, length in cycle) > LONGEST_CYCLE:
         raise ValueError(
             f"its phases must have a frame or more each, and {LONGEST_CYCLE:,} together at most"
         )
-    return Cycle(found, whole_number(element.findtext("timeOffset") or "0"))
+    return Cycle(cycle, whole_number(element.findtext("timeOffset") or "0"))
 
 
 def _sign(thing: Element) -> tuple[Sign, float]:
@@ -201,13 +201,13 @@ def road_of(path: Path) -> RoadNetwork:
     if path.suffix.lower() == ".xml":
         gathered = _RoadAlone(path)
         read(path, gathered)
-        found = gathered.draft.network()
+        road = gathered.draft.network()
     elif path.is_file() and kind_of(path) == files.KIND:
-        found = files.load(path).road
+        road = files.load(path).road
     else:
         raise UserError(
             f"{path} is not a map: name a CommonRoad file (.xml), or a recording that has lanelets"
         )
-    if not found.lanelets:
+    if not road.lanelets:
         raise UserError(f"{path} holds no lanelet: name a map that does")
-    return found
+    return road

@@ -12,8 +12,8 @@ from xml.parsers import expat
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import open_file
+from socialiq_recordings.recording import RoadUser
 from socialiq_recordings.road.network import Colour, Sign
-from socialiq_recordings.tracks import RoadUser
 
 VERSIONS = ("2017a", "2017b", "2018a", "2018b", "2020a")
 IN_SECONDS = ("2017a", "2017b")
@@ -230,27 +230,27 @@ class _Stream:
     def _make_state_end(self) -> Callable[[str], None]:
         """Return the handler of the end of an element inside a state; the inner loop of reading."""
         texts: list[str] = []
-        found: State = {}
+        state: State = {}
         consumer = self._consumer
         self._state_text = texts.append
 
         def end(name: str) -> None:
             if name in _LEAVES:
-                found[name] = "".join(texts)
+                state[name] = "".join(texts)
             elif name in _VALUES:
-                if "exact" in found:
-                    found[name] = found.pop("exact")
-                elif "intervalStart" in found and "intervalEnd" in found:
-                    found[name] = found.pop("intervalStart"), found.pop("intervalEnd")  # type: ignore[assignment]
+                if "exact" in state:
+                    state[name] = state.pop("exact")
+                elif "intervalStart" in state and "intervalEnd" in state:
+                    state[name] = state.pop("intervalStart"), state.pop("intervalEnd")  # type: ignore[assignment]
             elif name in _STATES:
-                consumer.state(found)
-                found.clear()
+                consumer.state(state)
+                state.clear()
                 self._finished += 1
                 self._outside_states()
             elif name in _REGIONS:
-                found["region"] = name
+                state["region"] = name
             elif name != "point" and name != "position":
-                found.pop("exact", None)
+                state.pop("exact", None)
             texts.clear()
 
         return end

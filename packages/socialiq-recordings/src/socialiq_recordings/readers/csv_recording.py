@@ -13,12 +13,25 @@ from socialiq.foreign import one_line
 from socialiq.reading import sha256_of_file
 from socialiq_recordings.readers.column_map import ColumnMap
 from socialiq_recordings.readers.commonroad import MOST_STATES
-from socialiq_recordings.readers.csv_periods import frames_of, recordings_of
-from socialiq_recordings.readers.csv_table import Table, origin_of, rate_of, users_of
+from socialiq_recordings.readers.csv_table import (
+    Table,
+    frames_of,
+    origin_of,
+    rate_of,
+    recordings_of,
+    users_of,
+)
 from socialiq_recordings.readers.motion import Directions, heading_of_motion, smoothed, wrapped
-from socialiq_recordings.recording import Imported, Recording, Refused, order_fault
+from socialiq_recordings.recording import (
+    FARTHEST,
+    Imported,
+    Recording,
+    Refused,
+    RoadUser,
+    Tracks,
+    order_fault,
+)
 from socialiq_recordings.road.network import RoadNetwork
-from socialiq_recordings.tracks import FARTHEST, RoadUser, Tracks
 
 _TURN = 2 * np.pi
 
@@ -59,12 +72,12 @@ def read_csv(
     if origin is not None:
         source |= {"utm_origin": list(origin)}
     group, names = recordings_of(table, columns, frame, dt)
-    found = []
+    recordings = []
     for number, name in names.items():
         rows = np.flatnonzero(group == number)
         draft = _Draft(table, columns, users, frame, dt, road or RoadNetwork())
-        found.append(draft.imported(rows, name, source))
-    return found
+        recordings.append(draft.imported(rows, name, source))
+    return recordings
 
 
 class _NeverMovesError(Exception):
@@ -93,41 +106,47 @@ class _Draft:
         rows, starts = self._sorted(rows)
         self._check_heading_unit(rows)
         self._check_rate(rows, starts)
-        found, standing = {}, []
+        tracks_by_row, standing = {}, []
         for first, end in itertools.pairwise(starts):
             try:
-                found[first] = self._read(rows[first:end])
+                tracks_by_row[first] = self._read(rows[first:end])
             except _NeverMovesError:
                 standing.append((first, end))
             except ValueError as error:
                 self._refuse(rows[first:end], str(error))
         if standing:
-            self._directions = Directions(self._road, [one[2] for one in found.values()])
+            self._directions = Directions(
+                self._road, [track[2] for track in tracks_by_row.values()]
+            )
         for first, end in standing:
             try:
-                found[first] = self._read(rows[first:end])
+                tracks_by_row[first] = self._read(rows[first:end])
             except ValueError as error:
                 self._refuse(rows[first:end], str(error))
-        kept, users, states = (
-            zip(*(found[first] for first in sorted(found)), strict=True) if found else ((), (), ())
+        used, users, states = (
+            zip(*(tracks_by_row[first] for first in sorted(tracks_by_row)), strict=True)
+            if tracks_by_row
+            else ((), (), ())
         )
-        if not kept:
+        if not used:
             first = f"{self._refused[0].identity}: {self._refused[0].reason}"
             raise UserError(f"{self._table.path}: no track can be used; the first, {first}")
         columns = np.concatenate(states, axis=1)
-        all_rows = np.concatenate(kept)
+        all_rows = np.concatenate(used)
         tracks = Tracks(
-            track=np.repeat(np.arange(len(kept), dtype=np.int32), [len(one) for one in kept]),
+            track=np.repeat(
+                np.arange(len(used), dtype=np.int32), [len(rows_of) for rows_of in used]
+            ),
             frame=self._frame[all_rows].astype(np.int32),
             x=columns[0],
             y=columns[1],
             heading=columns[2],
             vx=columns[3],
             vy=columns[4],
-            identity=np.array([self._table["id"][one[0]] for one in kept], np.int64),
-            road_user=np.array([one[0] for one in users], np.int8),
-            length=np.array([one[1] for one in users]),
-            width=np.array([one[2] for one in users]),
+            identity=np.array([self._table["id"][rows_of[0]] for rows_of in used], np.int64),
+            road_user=np.array([user[0] for user in users], np.int8),
+            length=np.array([user[1] for user in users]),
+            width=np.array([user[2] for user in users]),
             dt=self._dt,
             recording=name,
             source=dict(source),
@@ -177,10 +196,10 @@ class _Draft:
         time = np.diff(self._table["time"][rows]) * self._columns.scales["time"]
         off = inside & ~(np.abs(time - np.diff(self._frame[rows]) * self._dt) < self._dt / 2)
         if off.any():
-            place = int(np.argmax(off))
-            row = self._table.row_name(int(rows[place + 1]))
+            index = int(np.argmax(off))
+            row = self._table.row_name(int(rows[index + 1]))
             raise UserError(
-                f"{self._table.path}, {row}: {time[place]:g} s after the frame before, with frames "
+                f"{self._table.path}, {row}: {time[index]:g} s after the frame before, with frames "
                 f"{self._dt:g} s apart: correct the rate or the unit of time in the column map"
             )
 
@@ -188,13 +207,13 @@ class _Draft:
         """Return class, length and width of a track."""
         table, places = self._table, track
         if self._users is not None:
-            found = np.flatnonzero(self._users["id"] == table["id"][track[0]])
-            if not len(found):
+            rows = np.flatnonzero(self._users["id"] == table["id"][track[0]])
+            if not len(rows):
                 raise ValueError(f"no row in {self._users.path.name}")
         else:
-            found = track
+            rows = track
         beside = self._users
-        of_class = (beside, found) if beside is not None and "class" in beside else (table, places)
+        of_class = (beside, rows) if beside is not None and "class" in beside else (table, places)
         numbers = of_class[0]["class"][of_class[1]]
         word = of_class[0].word("class", int(numbers[0]))
         if (numbers != numbers[0]).any():
@@ -205,7 +224,7 @@ class _Draft:
                 f"{of_class[0].path}, {of_class[0].row_name(int(of_class[1][0]))}: class "
                 f"'{one_line(word, 40)}' is not in the column map's [classes]"
             )
-        length, width = (self._size(side, found, places) for side in ("length", "width"))
+        length, width = (self._size(side, rows, places) for side in ("length", "width"))
         if not (length > 0 and width > 0):
             if word.strip() not in self._columns.default_sizes:
                 raise ValueError(f"it has no size, nor has {kind.name.lower()} a default")
@@ -227,7 +246,7 @@ class _Draft:
             raise ValueError(f"{self._table.row_name(int(track[jump]))}: {fault}")
         kind, length, width = user
         up = -1.0 if self._columns.y_down else 1.0
-        x, y = (self._table[one][track] * self._columns.scales["position"] for one in "xy")
+        x, y = (self._table[axis][track] * self._columns.scales["position"] for axis in "xy")
         self._check_finite("x or y", track, x + y)
         if self._columns.point == "corner":
             # The upper left corner of an axis-parallel box, with y as in the file.

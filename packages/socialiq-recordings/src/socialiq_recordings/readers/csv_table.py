@@ -1,6 +1,7 @@
 """CSV files as typed columns, read in chunks, so that memory holds numbers and not text.
 
 Python's reader is fast enough (see `socialiq bench recordings`) and gives the row of an error.
+Frames and recordings of the rows follow from a column, or from periods of observation.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.storage import open_csv
 from socialiq_recordings.readers.column_map import ColumnMap
-from socialiq_recordings.tracks import STEPS
+from socialiq_recordings.recording import STEPS
 
 _ROWS = 4_000
 _MOST_LINE = 1 << 20
@@ -44,9 +45,9 @@ class Table:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a complete column."""
-        parts = self._parts[name]
-        if len(parts) > 1:
-            self._parts[name] = [np.concatenate(parts)]
+        pieces = self._parts[name]
+        if len(pieces) > 1:
+            self._parts[name] = [np.concatenate(pieces)]
         return self._parts[name][0]
 
     def __contains__(self, name: str) -> bool:
@@ -55,7 +56,7 @@ class Table:
 
     def word(self, name: str, number: int) -> str:
         """Return the word with a number in a column of text."""
-        return next(word for word, one in self.words[name].items() if one == number)
+        return next(word for word, index in self.words[name].items() if index == number)
 
     def row_name(self, place: int) -> str:
         """Return the name of a row for messages: the header is row 1."""
@@ -104,12 +105,12 @@ class Table:
                 f"{self.path}, {self.row_name(self.n_rows + short)}: {len(chunk[short])} cells, so "
                 "columns are missing: restore the file"
             )
-        for name, place in places.items():
-            cells = [row[place] for row in chunk]
+        for name, index in places.items():
+            cells = [row[index] for row in chunk]
             if name in texts:
                 numbers = self.words.setdefault(name, {})
                 column = np.array(
-                    [numbers.setdefault(one, len(numbers)) for one in cells], np.int32
+                    [numbers.setdefault(cell, len(numbers)) for cell in cells], np.int32
                 )
             elif name in whole:
                 column = self._whole(columns[name], cells)
@@ -123,27 +124,27 @@ class Table:
             return np.array(list(map(float, cells)))
         except ValueError:
             pass  # A cell is empty or not a number: check each.
-        found = np.full(len(cells), np.nan)
+        values = np.full(len(cells), np.nan)
         for at, cell in enumerate(cells):
             if cell.strip().lower() not in _MISSING:
                 try:
-                    found[at] = float(cell)
+                    values[at] = float(cell)
                 except ValueError as error:
                     raise self._no_number(column, at, cell, "a number") from error
-        return found
+        return values
 
     def _whole(self, column: str, cells: list[str]) -> np.ndarray:
         try:
             return np.array(list(map(int, cells)), np.int64)
         except (ValueError, OverflowError):
             pass
-        found = np.zeros(len(cells), np.int64)
+        values = np.zeros(len(cells), np.int64)
         for at, cell in enumerate(cells):
             match = _ID.fullmatch(cell.strip())
             if match is None:
                 raise self._no_number(column, at, cell, "a whole number")
-            found[at] = int(match[1])
-        return found
+            values[at] = int(match[1])
+        return values
 
     def _no_number(self, column: str, at: int, cell: str, what: str) -> UserError:
         return UserError(
@@ -166,10 +167,10 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
     names = _as_mapped([name.strip() for name in header], columns)
     missing = [column for column in columns.values() if column not in names]
     if missing:
-        known = one_line(", ".join(names), 300)
+        names_there = one_line(", ".join(names), 300)
         raise UserError(
             f"{path} has no column {', '.join(missing)}: correct the column map; "
-            f"the file has {known}"
+            f"the file has {names_there}"
         )
     twice = next((column for column in columns.values() if names.count(column) > 1), None)
     if twice is not None:
@@ -250,3 +251,77 @@ def users_of(path: Path, columns: ColumnMap) -> Table | None:
     if len(twice):
         raise UserError(f"{users.path}: {int(twice[0])} has two rows: leave one")
     return users
+
+
+_MOST_RECORDINGS = 1_000
+_SAME_PERIOD = 10.0  # s; starts this close are those of one period
+
+
+def recordings_of(
+    table: Table, columns: ColumnMap, frame: np.ndarray, dt: float
+) -> tuple[np.ndarray, dict[int, str]]:
+    """Return the number of each row's recording, and the recordings' names.
+
+    Within a period of observation frames count its time, so their difference is constant.
+    """
+    group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)
+    names = _names(table, columns)
+    if not columns.periods:
+        return group, names
+    began = np.round(table["time"] * columns.scales["time"] / dt) - frame
+    if not np.isfinite(began).all():
+        raise UserError(f"{table.path}, {_first(table, ~np.isfinite(began))}: no time")
+    starts = np.unique(began)
+    period = np.concatenate([[0], np.cumsum(np.diff(starts) > _SAME_PERIOD / dt)])
+    pairs = np.column_stack([group, period[np.searchsorted(starts, began)]])
+    distinct, group = np.unique(pairs, axis=0, return_inverse=True)
+    if len(distinct) > _MOST_RECORDINGS:
+        raise UserError(
+            f"{table.path}: {len(distinct):,} periods: frames and times have different rates; "
+            "correct the rate or the unit of time in the column map"
+        )
+    several = {word for word in distinct[:, 0].tolist() if (distinct[:, 0] == word).sum() > 1}
+    numbers = [(distinct[:at, 0] == word).sum() + 1 for at, word in enumerate(distinct[:, 0])]
+    return group.ravel(), {
+        at: names[word] + (f"-period-{numbers[at]}" if word in several else "")
+        for at, word in enumerate(distinct[:, 0].tolist())
+    }
+
+
+def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
+    """Return the names of the recordings: the file's, and the column's word if it has several."""
+    stem = table.path.stem
+    if columns.users_file is not None:
+        stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
+    words = table.words.get("recording", {"": 0})
+    if len(words) > _MOST_RECORDINGS:
+        column = columns.columns["recording"]
+        raise UserError(
+            f"{table.path}: {len(words):,} recordings by {column}: correct the column map"
+        )
+    if len(words) == 1:
+        return {0: stem}
+    return {number: f"{stem}-{one_line(word, 60)}" for word, number in words.items()}
+
+
+def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
+    """Return the numbers of frames, derived from the time if the file has none."""
+    if "frame" in table:
+        frame = table["frame"]
+    else:
+        steps = table["time"] * columns.scales["time"] / dt
+        if not np.isfinite(steps).all():
+            raise UserError(f"{table.path}, {_first(table, ~np.isfinite(steps))}: no time")
+        frame = np.round(steps - steps.min()).astype(np.int64)
+        off = np.abs(steps - steps.min() - frame) > 0.1
+        if off.any():
+            raise UserError(
+                f"{table.path}, {_first(table, off)}: the time is not a multiple of {dt:g} s after "
+                "the first: correct the unit or the rate in the column map"
+            )
+    low, high = int(frame.min()), int(frame.max())
+    return frame if low >= 0 and high < 2**31 else frame - low
+
+
+def _first(table: Table, bad: np.ndarray) -> str:
+    return table.row_name(int(np.argmax(bad)))

@@ -1,9 +1,11 @@
-"""Import of recorded traffic: read a file of any format, and keep plausible tracks."""
+"""Import of recorded traffic: read a file of any format, with a map, and keep plausible tracks."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq_recordings.measurement import MeasurementError
@@ -11,10 +13,35 @@ from socialiq_recordings.physics import sift
 from socialiq_recordings.readers.argoverse import read_argoverse
 from socialiq_recordings.readers.column_map import ColumnMap
 from socialiq_recordings.readers.commonroad import MOST_STATES, read_commonroad
+from socialiq_recordings.readers.commonroad_road import road_of
 from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.readers.csv_table import origin_of
-from socialiq_recordings.readers.maps import map_of
+from socialiq_recordings.readers.lanelet2_road import read_lanelet2
 from socialiq_recordings.recording import Imported, Recording
+from socialiq_recordings.road.network import RoadNetwork
+
+
+def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
+    """Read a map in the frame of a recording's tracks.
+
+    Args:
+        path: CommonRoad XML, a recording, or a Lanelet2 map (.osm).
+        source: The recording's provenance; `utm_origin` is the origin of the frame of inD's tracks.
+
+    Raises:
+        UserError: If it can't be read, or holds no lanelet.
+    """
+    if path.suffix.lower() != ".osm":
+        return road_of(path)
+    origin = source.get("utm_origin")
+    if origin is None:
+        return read_lanelet2(path)
+    try:
+        x, y = (float(coordinate) for coordinate in origin)
+    except (TypeError, ValueError) as error:
+        raise UserError("the recording's utm_origin is not two numbers: import it again") from error
+    return read_lanelet2(path, (x, y))
+
 
 FORMATS = ("commonroad", "csv", "argoverse")
 
@@ -57,8 +84,8 @@ def import_file(
     if road is not None:
         origin = origin_of(path, columns)
         lanelets = map_of(road, {} if origin is None else {"utm_origin": list(origin)})
-    found = read_csv(path, columns, most_states, lanelets)
-    return [_sifted(path, one, error or columns.error) for one in found]
+    recordings = read_csv(path, columns, most_states, lanelets)
+    return [_sifted(path, imported, error or columns.error) for imported in recordings]
 
 
 def _sifted(path: Path, imported: Imported, error: MeasurementError | None) -> Imported:

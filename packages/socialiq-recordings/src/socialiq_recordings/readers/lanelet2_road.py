@@ -47,9 +47,9 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
     """
     optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
     _check_content(path)
-    found = _in_a_process(path, utm_origin)
+    answer = _in_a_process(path, utm_origin)
     try:
-        road = RoadNetwork({one["identity"]: _of_plain(one) for one in found})
+        road = RoadNetwork({values["identity"]: _of_plain(values) for values in answer})
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     if not road.lanelets:
@@ -68,17 +68,18 @@ def _in_a_process(path: Path, utm_origin: tuple[float, float] | None) -> list[di
 
     The library dereferences what a damaged file lacks, which would end this process.
     """
-    asked = json.dumps({"path": str(path.resolve()), "utm_origin": utm_origin})
+    request = json.dumps({"path": str(path.resolve()), "utm_origin": utm_origin})
     code = f"from {__name__} import serve; serve()"
     try:
         done = subprocess.run(
             [sys.executable, "-c", code],
-            input=asked,
+            input=request,
             capture_output=True,
             text=True,
             timeout=_MOST_SECONDS,
             check=False,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(one for one in sys.path if one)},
+            env=os.environ
+            | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
         )
         told = json.loads(done.stdout.rpartition(_ANSWER)[2])
     except subprocess.TimeoutExpired as error:
@@ -95,9 +96,9 @@ def _in_a_process(path: Path, utm_origin: tuple[float, float] | None) -> list[di
 
 def serve() -> None:
     """Read the map that standard input names, and write its lanelets as JSON."""
-    asked = json.load(sys.stdin)
+    request = json.load(sys.stdin)
     try:
-        told: dict[str, Any] = {"lanelets": _read(Path(asked["path"]), asked["utm_origin"])}
+        told: dict[str, Any] = {"lanelets": _read(Path(request["path"]), request["utm_origin"])}
     except Exception as error:  # of the library's own kinds, and ours
         told = {"error": str(error)}
     sys.stdout.write(_ANSWER + json.dumps(told))
@@ -106,12 +107,12 @@ def serve() -> None:
 def _read(path: Path, utm_origin: tuple[float, float] | None) -> list[dict[str, Any]]:
     library = optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
     projector, origin = _projector(library, path, utm_origin)
-    found, _ = library.io.loadRobust(str(path), projector)
+    map_read, _ = library.io.loadRobust(str(path), projector)
     rules = library.traffic_rules.create(
         library.traffic_rules.Locations.Germany, library.traffic_rules.Participants.Vehicle
     )
-    graph = library.routing.RoutingGraph(found, rules)
-    return [_plain(one) for one in _Road(graph, rules, np.array(origin)).lanelets(found)]
+    graph = library.routing.RoutingGraph(map_read, rules)
+    return [_plain(lanelet) for lanelet in _Road(graph, rules, np.array(origin)).lanelets(map_read)]
 
 
 def _plain(one: Lanelet) -> dict[str, Any]:
@@ -153,7 +154,7 @@ def _projector(
 ) -> tuple[Any, tuple[float, float]]:
     """Return a projector to UTM, and the coordinates to subtract."""
     node = _NODE.search(read_bytes(path, _MOST_BYTES))
-    texts = [place.search(node[0]) if node else None for place in _PLACE]
+    texts = [pattern.search(node[0]) if node else None for pattern in _PLACE]
     try:
         latitude, longitude = (float(text[1]) for text in texts if text)
     except ValueError as error:
@@ -177,14 +178,14 @@ class _Road:
 
     def lanelets(self, found: Any) -> Iterator[Lanelet]:
         lanelets = list(found.laneletLayer)
-        driven = [one for one in lanelets if self._rules.canPass(one)]
-        for one in driven:
-            self._numbers[_key(one)] = one.id
-        free = 1 + max([0, *(one.id for one in lanelets)])
-        both = [one.invert() for one in driven if not self._rules.isOneWay(one)]
-        for number, one in enumerate(both, free):
-            self._numbers[_key(one)] = number
-        return (self._lanelet(one) for one in (*driven, *both))
+        driven = [lanelet for lanelet in lanelets if self._rules.canPass(lanelet)]
+        for drivable in driven:
+            self._numbers[_key(drivable)] = drivable.id
+        free = 1 + max([0, *(lanelet.id for lanelet in lanelets)])
+        backwards = [drivable.invert() for drivable in driven if not self._rules.isOneWay(drivable)]
+        for number, drivable in enumerate(backwards, free):
+            self._numbers[_key(drivable)] = number
+        return (self._lanelet(drivable) for drivable in (*driven, *backwards))
 
     def _lanelet(self, one: Any) -> Lanelet:
         left, right = equal_bounds(self._points(one.leftBound), self._points(one.rightBound))
@@ -208,7 +209,7 @@ class _Road:
         return points - self._origin
 
     def _of(self, lanelets: Any) -> tuple[int, ...]:
-        keys = (_key(one) for one in lanelets)
+        keys = (_key(lanelet) for lanelet in lanelets)
         return tuple(self._numbers[key] for key in keys if key in self._numbers)
 
     def _beside(self, other: Any) -> tuple[int, bool] | None:
@@ -221,18 +222,18 @@ class _Road:
         sign, line = Sign.NONE, None
         for rule in one.regulatoryElements:
             kind = type(rule).__name__
-            found = Sign.NONE
+            kind_of_sign = Sign.NONE
             if kind == "TrafficLight":
-                found = Sign.LIGHT
+                kind_of_sign = Sign.LIGHT
             elif kind == "AllWayStop":
-                found = Sign.STOP
+                kind_of_sign = Sign.STOP
             elif kind == "RightOfWay":
                 manoeuvre = str(rule.getManeuver(one))
-                found = Sign.YIELD if manoeuvre.endswith("Yield") else Sign.NONE
-                found = Sign.PRIORITY if manoeuvre.endswith("RightOfWay") else found
-            sign = max(sign, found)
+                kind_of_sign = Sign.YIELD if manoeuvre.endswith("Yield") else Sign.NONE
+                kind_of_sign = Sign.PRIORITY if manoeuvre.endswith("RightOfWay") else kind_of_sign
+            sign = max(sign, kind_of_sign)
             stop = getattr(rule, "stopLine", None)
-            if stop is not None and len(stop) >= 2 and found in (Sign.YIELD, Sign.LIGHT):
+            if stop is not None and len(stop) >= 2 and kind_of_sign in (Sign.YIELD, Sign.LIGHT):
                 line = self._points(stop)[[0, -1]]
         return sign, line
 

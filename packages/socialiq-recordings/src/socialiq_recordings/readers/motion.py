@@ -46,8 +46,8 @@ def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
     if window < 3:
         return differences(x, y, dt)
     vx, vy = (
-        np.asarray(savgol_filter(one, window, 2, deriv=1, delta=dt, mode="interp"))
-        for one in (x, y)
+        np.asarray(savgol_filter(positions, window, 2, deriv=1, delta=dt, mode="interp"))
+        for positions in (x, y)
     )
     return vx, vy
 
@@ -71,8 +71,8 @@ class Directions:
     """Directions of lanes, or of the vehicles that moved, by place."""
 
     def __init__(self, road: RoadNetwork, states: list[np.ndarray]) -> None:
-        lines = [lanelet_points(one) for one in road.lanelets.values()]
-        moving = [one[:3, np.hypot(one[3], one[4]) >= _MOVING].T for one in states]
+        lines = [lanelet_points(lanelet) for lanelet in road.lanelets.values()]
+        moving = [rows[:3, np.hypot(rows[3], rows[4]) >= _MOVING].T for rows in states]
         self._points, self._reach = (lines, _LANE) if lines else (moving, _PASSED)
         self._all = np.concatenate([np.zeros((0, 3)), *self._points])
         self._tree = KDTree(self._all[:, :2]) if len(self._all) else None
@@ -81,5 +81,5 @@ class Directions:
         """Return the direction at a place, rad; None if nothing is near."""
         if self._tree is None or not np.isfinite([x, y]).all():
             return None
-        distance, place = self._tree.query([x, y])
-        return float(self._all[place, 2]) if distance <= self._reach else None
+        distance, nearest = self._tree.query([x, y])
+        return float(self._all[nearest, 2]) if distance <= self._reach else None

@@ -3,7 +3,7 @@
 The frame is that of `tracks`: metres, x to the east, y to the north. Two lanelets cross if their
 centre lines do; they merge if they lead to the same lanelet. Lanelets that follow each other or
 leave the same lanelet also overlap, but their vehicles follow each other: no conflict. Conflicts
-need Shapely (extra `maps`), which only this module and `conflicts.areas` import.
+need Shapely (extra `maps`), which only this module and `conflicts.encounters` use.
 """
 
 from __future__ import annotations
@@ -166,16 +166,16 @@ def equal_bounds(
     """Return two bounds with as many points each, at the same shares of their lengths."""
     if min(len(left), len(right)) < 2:
         return left, right  # `Lanelet` refuses them
-    shares = [_shares(one) for one in (left, right)]
+    shares = [_shares(bound) for bound in (left, right)]
     if len(left) == len(right) and np.allclose(*shares, atol=0.02):
         return left, right
     every = np.unique(np.concatenate(shares))
     every = every[np.concatenate([[True], np.diff(every) > 1e-6])]
-    both = [
+    resampled = [
         np.column_stack([np.interp(every, share, line[:, axis]) for axis in range(2)])
         for share, line in zip(shares, (left, right), strict=True)
     ]
-    return both[0], both[1]
+    return resampled[0], resampled[1]
 
 
 def _shares(line: np.ndarray) -> np.ndarray:
@@ -229,12 +229,12 @@ def lanes_of(road: RoadNetwork) -> Lanes:
     numbers = sorted(road.lanelets)
     tree = library.STRtree([areas[number] for number in numbers])
     for first, second in tree.query([areas[n] for n in numbers], predicate="intersects").T:
-        one, other = numbers[first], numbers[second]
-        if one >= other:
+        lower, higher = numbers[first], numbers[second]
+        if lower >= higher:
             continue
-        kind = _kind(road.lanelets[one], road.lanelets[other], centres[one], centres[other])
+        kind = _kind(road.lanelets[lower], road.lanelets[higher], centres[lower], centres[higher])
         if kind is not None:
-            conflicts[one, other] = kind
+            conflicts[lower, higher] = kind
     groups: list[set[int]] = []
     for pair in conflicts:
         joined = [group for group in groups if group & set(pair)]

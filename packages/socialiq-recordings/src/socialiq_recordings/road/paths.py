@@ -128,8 +128,8 @@ class Polyline:
         """Return points on the line or its straight extensions, and directions there, rad."""
         piece = np.clip(np.searchsorted(self.starts, along, side="right") - 1, 0, None)
         unit = self.steps / self._lengths[:, None]
-        found = self.points[piece] + unit[piece] * (along - self.starts[piece])[:, None]
-        return found, np.arctan2(unit[piece, 1], unit[piece, 0])
+        points = self.points[piece] + unit[piece] * (along - self.starts[piece])[:, None]
+        return points, np.arctan2(unit[piece, 1], unit[piece, 0])
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,8 @@ class Arc:
     ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
         """Return points on the circle, and directions of its tangent there, rad."""
         turned = self.phase + self.sense * along / self.radius
-        found = np.stack([np.cos(turned), np.sin(turned)], axis=1) * self.radius
-        return found + np.array([self.x, self.y]), wrapped(turned + self.sense * np.pi / 2)
+        points = np.stack([np.cos(turned), np.sin(turned)], axis=1) * self.radius
+        return points + np.array([self.x, self.y]), wrapped(turned + self.sense * np.pi / 2)
 
 
 def wrapped(angle: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point"]:
@@ -189,8 +189,8 @@ def wrapped(angle: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point
 def path_of(points: Float64[np.ndarray, "point 2"]) -> Path:
     """Return the line through some points: an arc if they are on a circle, else a polyline."""
     moved = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 0])
-    kept = points[moved]
-    return _arc_of(kept) or Polyline(kept)
+    distinct = points[moved]
+    return _arc_of(distinct) or Polyline(distinct)
 
 
 def _arc_of(points: Float64[np.ndarray, "point 2"]) -> Arc | None:

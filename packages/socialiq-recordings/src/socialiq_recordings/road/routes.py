@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanes, RoadNetwork, lanes_of
 from socialiq_recordings.road.paths import Path, path_of, wrapped
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 LANE_CHANGE = 2.0  # cost of a change of lane, in m of misfit for one state
 GAP = 20.0  # cost of a step to a lanelet that is not connected
@@ -52,7 +51,7 @@ class Matcher:
     def __init__(self, road: RoadNetwork) -> None:
         self.numbers = np.array(list(road.lanelets), np.int64)
         self.paths = [path_of(lanelet.centre) for lanelet in road.lanelets.values()]
-        self._place = {int(number): place for place, number in enumerate(self.numbers)}
+        self._place = {int(number): index for index, number in enumerate(self.numbers)}
         self._road = road
         self._price = self._prices()
 
@@ -64,13 +63,13 @@ class Matcher:
         count = len(self.numbers)
         follows = np.zeros((count, count), bool)
         price = np.full((count, count), GAP)
-        for place, lanelet in enumerate(self._road.lanelets.values()):
+        for index, lanelet in enumerate(self._road.lanelets.values()):
             for beside in (lanelet.adjacent_left, lanelet.adjacent_right):
                 if beside is not None and beside[1] and beside[0] in self._place:
-                    price[place, self._place[beside[0]]] = LANE_CHANGE
+                    price[index, self._place[beside[0]]] = LANE_CHANGE
             for number in lanelet.successors:
                 if number in self._place:
-                    follows[place, self._place[number]] = True
+                    follows[index, self._place[number]] = True
         reached = follows.copy()
         for _ in range(_HOPS):
             price[reached] = 0.0
@@ -93,11 +92,11 @@ class Matcher:
         """
         metres = np.empty((len(x), len(self.paths)))
         radians = np.empty_like(metres)
-        for place, path in enumerate(self.paths):
-            seen = path.coordinates(x, y)
-            beyond = np.maximum(seen.along - path.length, 0) + np.maximum(-seen.along, 0)
-            metres[:, place] = abs(seen.lateral) + beyond
-            radians[:, place] = abs(wrapped(heading - seen.heading))
+        for index, path in enumerate(self.paths):
+            position = path.coordinates(x, y)
+            beyond = np.maximum(position.along - path.length, 0) + np.maximum(-position.along, 0)
+            metres[:, index] = abs(position.lateral) + beyond
+            radians[:, index] = abs(wrapped(heading - position.heading))
         return metres + radians, metres
 
     def match(self, tracks: Tracks, number: int) -> Matched:
@@ -105,14 +104,14 @@ class Matcher:
         rows = slice(*tracks.starts[number : number + 2])
         misfit, metres = self.misfit(tracks.x[rows], tracks.y[rows], tracks.heading[rows])
         chosen = self._cheapest(misfit)
-        sequence, place = [int(chosen[0])], np.zeros(len(chosen), np.int64)
+        sequence, index = [int(chosen[0])], np.zeros(len(chosen), np.int64)
         for state in range(1, len(chosen)):
             if chosen[state] != sequence[-1]:
                 sequence += self._between(sequence[-1], int(chosen[state]))
-            place[state] = len(sequence) - 1
-        lanelets = [int(self.numbers[one]) for one in sequence]
+            index[state] = len(sequence) - 1
+        lanelets = [int(self.numbers[number_of_lanelet]) for number_of_lanelet in sequence]
         off = float(metres[np.arange(len(chosen)), chosen].mean())
-        return Matched(tuple(lanelets + self._onwards(lanelets[-1])), place, off)
+        return Matched(tuple(lanelets + self._onwards(lanelets[-1])), index, off)
 
     def _cheapest(self, misfit: Float64[np.ndarray, "state lanelet"]) -> Int64[np.ndarray, " s"]:
         total = misfit[0].copy()
@@ -147,10 +146,10 @@ class Matcher:
         """Return the lanelets that follow, always the straightest successor."""
         way, length = [number], 0.0
         while length < AHEAD:
-            following = [one for one in self._next(way[-1]) if one not in way]
+            following = [candidate for candidate in self._next(way[-1]) if candidate not in way]
             if not following:
                 break
-            way.append(min(following, key=lambda one: _bend(self._road, one)))
+            way.append(min(following, key=lambda candidate: _bend(self._road, candidate)))
             length += self.path(way[-1]).length
         return way[1:]
 

@@ -43,14 +43,14 @@ def log_marginal(
     if not trait.spread.any():
         return log_likelihood[..., trait.population.argmax(axis=1)]  # all drivers at the mean
     top = log_likelihood.max(axis=2, keepdims=True)
-    found = np.empty((*log_likelihood.shape[:2], len(trait.mean)))
-    block = max(1, _BLOCK // found[0].size)
+    marginal = np.empty((*log_likelihood.shape[:2], len(trait.mean)))
+    block = max(1, _BLOCK // marginal[0].size)
     tiny = np.finfo(np.float64).tiny
-    for first in range(0, len(found), block):
-        part = slice(first, first + block)
-        within = np.exp(log_likelihood[part] - top[part]) @ trait.population.T
-        found[part] = np.log(np.maximum(within, tiny)) + top[part]
-    return found
+    for first in range(0, len(marginal), block):
+        block_rows = slice(first, first + block)
+        within = np.exp(log_likelihood[block_rows] - top[block_rows]) @ trait.population.T
+        marginal[block_rows] = np.log(np.maximum(within, tiny)) + top[block_rows]
+    return marginal
 
 
 class Population(NamedTuple):
@@ -94,8 +94,8 @@ def population_posterior(
         trait: The grid.
         counts: How often each driver counts; once by default. 0 leaves it out.
     """
-    each = np.ones(len(log_marginals)) if counts is None else counts
-    total = np.tensordot(each, log_marginals, 1)
+    weight = np.ones(len(log_marginals)) if counts is None else counts
+    total = np.tensordot(weight, log_marginals, 1)
     return Population(trait, softmax(total))
 
 
@@ -138,14 +138,14 @@ class Inference(NamedTuple):
         Args:
             least: Probability over that of the likeliest point.
         """
-        each = (self.population, *self.others)
-        found = (
-            [one.chance.sum(axis=1) for one in each],
-            [one.driver_prior.sum(axis=0) for one in each],
-            [one.chance.sum(axis=0) for one in each],
+        populations = (self.population, *self.others)
+        chances = (
+            [population.chance.sum(axis=1) for population in populations],
+            [population.driver_prior.sum(axis=0) for population in populations],
+            [population.chance.sum(axis=0) for population in populations],
         )
         shared, value, hyper = (
-            np.any([one >= least * one.max() for one in of], axis=0) for of in found
+            np.any([chance >= least * chance.max() for chance in of], axis=0) for of in chances
         )
         return shared, value, hyper
 
@@ -165,15 +165,15 @@ def infer(
         trait: The grid.
     """
     marginals, fold = log_marginal(log_likelihood, trait), chain % FOLDS
-    others = tuple(
-        population_posterior(marginals, trait, (fold != one).astype(np.float64))
-        for one in range(int(fold.max()) + 1)
+    without = tuple(
+        population_posterior(marginals, trait, (fold != number).astype(np.float64))
+        for number in range(int(fold.max()) + 1)
     )
     posterior = np.empty_like(log_likelihood)
-    for one, population in enumerate(others):
-        rows = np.flatnonzero(fold == one)
+    for number, population in enumerate(without):
+        rows = np.flatnonzero(fold == number)
         posterior[rows] = driver_posteriors(log_likelihood[rows], population)
-    return Inference(population_posterior(marginals, trait), fold, others, posterior)
+    return Inference(population_posterior(marginals, trait), fold, without, posterior)
 
 
 def weighted_quantiles(

@@ -14,7 +14,7 @@ halves of the other chains. Every model has the same decisions and the same base
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,9 @@ from jaxtyping import Float, Int64
 from scipy.special import log_softmax
 
 from socialiq.errors import UserError
+from socialiq.statistics.clusters import cluster_mean, clusters_needed
+from socialiq.statistics.comparisons import holm
+from socialiq.types import Row
 from socialiq_recordings.prediction.choices import ChoiceTable
 from socialiq_recordings.trait.choice_model import (
     Evaluated,
@@ -75,14 +78,14 @@ def sample_of(table: ChoiceTable) -> Sample:
     """
     table = table.rows(table.conflict)
     first, second = (np.unique(table.driver[table.half == half]) for half in (0, 1))
-    both = np.intersect1d(first, second)
-    if len(both) == 0:
+    with_both = np.intersect1d(first, second)
+    if len(with_both) == 0:
         raise UserError(
             "no driver has decisions in conflict in both halves: longer recordings are needed"
         )
-    table = table.rows(np.isin(table.driver, both))
-    identity, place, driver = np.unique(table.driver, return_index=True, return_inverse=True)
-    chain = np.unique(table.chain[place], return_inverse=True)[1]
+    table = table.rows(np.isin(table.driver, with_both))
+    identity, first_row, driver = np.unique(table.driver, return_index=True, return_inverse=True)
+    chain = np.unique(table.chain[first_row], return_inverse=True)[1]
     return Sample(table, driver.astype(np.int64), chain.astype(np.int64), identity)
 
 
@@ -155,21 +158,21 @@ def models_of(
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
     chosen = np.take_along_axis(table.log_base, table.chosen[:, None], axis=1)[:, 0]
-    found = {"base": Prediction(chosen, base)}
+    predictions = {"base": Prediction(chosen, base)}
     alike, later = _narrowed(sample, angle.alike(), of_angle, again)
-    found["population"] = predict(later, alike.drivers, driver)
+    predictions["population"] = predict(later, alike.drivers, driver)
     progress, later = _narrowed(sample, gain, of_gain, again)
-    found["progress gain"] = predict(later, progress.drivers, driver)
+    predictions["progress gain"] = predict(later, progress.drivers, driver)
     inferred, later = _narrowed(sample, angle, of_angle, again)
-    found["angle"] = predict(later, inferred.drivers, driver)
-    found |= residual_models(sample, alike, every)
+    predictions["angle"] = predict(later, inferred.drivers, driver)
+    predictions |= residual_models(sample, alike, every)
     turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
-    found["shuffled angle"] = Prediction(
-        np.mean([one.log_likelihood for one in turns], axis=0),
-        np.mean([one.mean for one in turns], axis=0),
+    predictions["shuffled angle"] = Prediction(
+        np.mean([turn.log_likelihood for turn in turns], axis=0),
+        np.mean([turn.mean for turn in turns], axis=0),
     )
-    each = tuple(float(one.log_likelihood.mean()) for one in turns)
-    return Models(sample, found, inferred, inferred.population.trait, each)
+    shuffled_means = tuple(float(turn.log_likelihood.mean()) for turn in turns)
+    return Models(sample, predictions, inferred, inferred.population.trait, shuffled_means)
 
 
 def _narrowed(
@@ -208,13 +211,13 @@ def _shuffled(
 ) -> list[Prediction]:
     """Return predictions by the posteriors of other drivers, who are drawn for each turn."""
     rng, count = np.random.default_rng(seed), len(posterior)
-    found = []
+    turns = []
     for _ in range(shuffles):
         cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
-        other = np.empty(count, np.int64)
-        other[cycle] = np.roll(cycle, 1)
-        found.append(predict(evaluated, posterior, other[driver]))
-    return found
+        next_driver = np.empty(count, np.int64)
+        next_driver[cycle] = np.roll(cycle, 1)
+        turns.append(predict(evaluated, posterior, next_driver[driver]))
+    return turns
 
 
 def residual_models(
@@ -237,8 +240,8 @@ def residual_models(
     running = _tilted(log_population, table, table.residual)
     of_others = np.array(
         [
-            running.log_likelihood[~second & (fold != one)].sum(axis=0)
-            for one in range(len(alike.others))
+            running.log_likelihood[~second & (fold != number)].sum(axis=0)
+            for number in range(len(alike.others))
         ]
     )
     weight = np.exp(of_others - of_others.max(axis=1, keepdims=True))
@@ -247,11 +250,11 @@ def residual_models(
     last = _tilted(log_population, table, began)
     return {
         name: predict(
-            Evaluated(one.log_likelihood[second, None], one.mean[second, None]),
+            Evaluated(tilted.log_likelihood[second, None], tilted.mean[second, None]),
             posterior,
             fold[second],
         )
-        for name, one in (("last residual", last), ("running residual", running))
+        for name, tilted in (("last residual", last), ("running residual", running))
     }
 
 
@@ -263,16 +266,16 @@ def _population_choice(
     It is that of the mean weights, or the mean of the tabulated probabilities.
     """
     table, rewards = sample.table, rewards_of(sample.table)
-    fold, found = alike.fold[sample.driver], np.empty_like(table.log_base)
-    for one, population in enumerate(alike.others):
-        rows = fold == one
+    fold, log_choices = alike.fold[sample.driver], np.empty_like(table.log_base)
+    for number, population in enumerate(alike.others):
+        rows = fold == number
         if every is None:
             weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
-            found[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
+            log_choices[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
         else:
             chance = np.exp(every.log_p[rows])
-            found[rows] = np.log(np.tensordot(chance, population.driver_prior, 2))
-    return found
+            log_choices[rows] = np.log(np.tensordot(chance, population.driver_prior, 2))
+    return log_choices
 
 
 def _tilted(
@@ -294,6 +297,86 @@ def _known_at_the_second_half(sample: Sample) -> Float[np.ndarray, " driver"]:
     """Return each driver's residual at the first decision of its second half."""
     rows = np.flatnonzero(sample.second)
     rows = rows[np.argsort(sample.table.time[rows], kind="stable")][::-1]
-    found = np.zeros(len(sample.chain))
-    found[sample.driver[rows]] = sample.table.residual[rows]  # the earliest is written last
-    return found
+    residuals = np.zeros(len(sample.chain))
+    residuals[sample.driver[rows]] = sample.table.residual[rows]  # the earliest is written last
+    return residuals
+
+
+RIVALS = ("population", "progress gain", "last residual", "running residual", "shuffled angle")
+"""Models that the angle must be better than, and what it would show: that drivers differ, in what
+they do about others, for longer than a moment, and each in its own way."""
+
+ERROR = 0.05
+"""Chance that any contrast is called a gain though none is."""
+
+
+def scores(models: Models) -> list[Row]:
+    """Return the mean log-likelihood and the error of every model, by model."""
+    observed = models.sample.table.acceleration[models.sample.second]
+    base = models.predictions["base"]
+    return [
+        {
+            "model": name,
+            "decisions": len(observed),
+            "log_likelihood": float(prediction.log_likelihood.mean()),
+            "gain_nats": float((prediction.log_likelihood - base.log_likelihood).mean()),
+            "rmse": float(np.sqrt(np.mean((observed - prediction.mean) ** 2))),
+        }
+        for name, prediction in models.predictions.items()
+    ]
+
+
+def contrasts(models: Models, seed: int, resamples: int = 2000) -> list[Row]:
+    """Return what the angle gains over each rival, with intervals by chain and Holm's correction.
+
+    The differences of log-likelihoods are tested. Those of errors are given with intervals.
+
+    Args:
+        models: Predictions.
+        seed: Of the resampling.
+        resamples: Number of resamples.
+    """
+    sample = models.sample
+    chain = sample.chain[sample.driver[sample.second]]
+    observed = sample.table.acceleration[sample.second]
+    rows = [
+        _contrast(models.predictions, rival, observed, chain, seed, resamples) for rival in RIVALS
+    ]
+    for row, p in zip(rows, holm([row["p"] for row in rows]).tolist(), strict=True):
+        row["p_holm"] = p
+        row["found"] = bool(p <= ERROR and row["gain_nats"] > 0)
+    return rows
+
+
+def _contrast(
+    predictions: Mapping[str, Prediction],
+    rival: str,
+    observed: Float[np.ndarray, " decision"],
+    chain: np.ndarray,
+    seed: int,
+    resamples: int,
+) -> Row:
+    angle, rival_prediction = predictions["angle"], predictions[rival]
+    gain = cluster_mean(
+        angle.log_likelihood - rival_prediction.log_likelihood, chain, seed, resamples
+    )
+    squared = [(observed - prediction.mean) ** 2 for prediction in (rival_prediction, angle)]
+    less = cluster_mean(squared[0] - squared[1], chain, seed, resamples)
+    return {
+        "angle_over": rival,
+        "gain_nats": gain.mean,
+        "low": gain.low,
+        "high": gain.high,
+        "p": gain.p,
+        "rmse_gain": 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean())),
+        "less_squared_error": less.mean,
+        "error_low": less.low,
+        "error_high": less.high,
+        "decisions": len(observed),
+        "chains": gain.clusters,
+    }
+
+
+def chains_to_find_anything() -> int:
+    """Return the fewest chains with which any contrast can be found at all."""
+    return clusters_needed(ERROR, len(RIVALS))

@@ -53,20 +53,22 @@ def larger_sample(sample: Sample, size: int, rng: np.random.Generator) -> tuple[
         rng: Generator of the draws.
     """
     chains = int(sample.chain.max()) + 1
-    drawn = np.arange(chains) if size == 1 else rng.integers(chains, size=size * chains)
-    of_chain = [np.flatnonzero(sample.chain[sample.driver] == one) for one in range(chains)]
-    rows = np.concatenate([of_chain[one] for one in drawn])
-    place = np.repeat(np.arange(len(drawn)), [len(of_chain[one]) for one in drawn])
-    number = place * len(sample.chain) + sample.driver[rows]
+    chain_numbers = np.arange(chains) if size == 1 else rng.integers(chains, size=size * chains)
+    of_chain = [np.flatnonzero(sample.chain[sample.driver] == number) for number in range(chains)]
+    rows = np.concatenate([of_chain[drawn_chain] for drawn_chain in chain_numbers])
+    repeat_of = np.repeat(
+        np.arange(len(chain_numbers)), [len(of_chain[drawn_chain]) for drawn_chain in chain_numbers]
+    )
+    number = repeat_of * len(sample.chain) + sample.driver[rows]
     identity, first, driver = np.unique(number, return_index=True, return_inverse=True)
-    table = _with_rows(sample.table, rows, driver, place)
-    return Sample(table, driver.astype(np.int64), place[first], identity), rows
+    table = _with_rows(sample.table, rows, driver, repeat_of)
+    return Sample(table, driver.astype(np.int64), repeat_of[first], identity), rows
 
 
 def _with_rows(
     table: ChoiceTable, rows: np.ndarray, driver: np.ndarray, chain: np.ndarray
 ) -> ChoiceTable:
-    columns = {name: one[rows] for name, one in table.arrays().items() if name != "grid"}
+    columns = {name: column[rows] for name, column in table.arrays().items() if name != "grid"}
     return dataclasses.replace(
         table, **(columns | {"driver": driver.astype(np.int64), "chain": chain.astype(np.int64)})
     )
@@ -87,8 +89,8 @@ def decide(
     table = sample.table
     score = np.einsum("dcr,dr->dc", rewards_of(table), weights[sample.driver])
     below = softmax(table.log_base + score, axis=1).cumsum(axis=1)
-    drawn = (below < rng.random((len(table), 1)) * below[:, -1:]).sum(axis=1)
-    acceleration = table.grid[drawn]
+    choice = (below < rng.random((len(table), 1)) * below[:, -1:]).sum(axis=1)
+    acceleration = table.grid[choice]
     off = acceleration - np.exp(table.log_base) @ table.grid
     residual = before(off, sample.driver, table.time)
     table = dataclasses.replace(table, acceleration=acceleration, residual=residual)
@@ -103,9 +105,9 @@ def before(
     """Return the value of each driver's decision before, in time; 0 at the first."""
     order = np.lexsort([time, driver])
     same = driver[order][1:] == driver[order][:-1]
-    found = np.zeros(len(values))
-    found[order[1:]] = np.where(same, values[order][:-1], 0.0)
-    return found
+    earlier = np.zeros(len(values))
+    earlier[order[1:]] = np.where(same, values[order][:-1], 0.0)
+    return earlier
 
 
 def known_angle_gain(sample: Sample, planted: Planted, draws: int = 61) -> float:
@@ -124,12 +126,12 @@ def known_angle_gain(sample: Sample, planted: Planted, draws: int = 61) -> float
     table = sample.table.rows(sample.second)
     angle = planted.mean + planted.spread * norm.ppf((np.arange(draws) + 0.5) / draws)
     mean, variance = np.empty((2, draws, len(table)))
-    for place, weight in enumerate(planted.weights(angle)):
+    for number, weight in enumerate(planted.weights(angle)):
         chance = softmax(table.log_base + rewards_of(table) @ weight, axis=1)
-        mean[place] = chance @ table.grid
-        variance[place] = chance @ table.grid**2 - mean[place] ** 2
-    known = variance.mean()
-    return 1.0 - float(np.sqrt(known / (known + mean.var(axis=0).mean())))
+        mean[number] = chance @ table.grid
+        variance[number] = chance @ table.grid**2 - mean[number] ** 2
+    error_if_known = variance.mean()
+    return 1.0 - float(np.sqrt(error_if_known / (error_if_known + mean.var(axis=0).mean())))
 
 
 def strength_of_gain(sample: Sample, spread: float, mean: float, gain: float) -> float | None:
@@ -146,7 +148,7 @@ def strength_of_gain(sample: Sample, spread: float, mean: float, gain: float) ->
     """
     scale = reward_scale(sample.table)
     tried = np.geomspace(0.05, CERTAIN, 40) / scale
-    gains = [known_angle_gain(sample, Planted(spread, mean, one)) for one in tried]
+    gains = [known_angle_gain(sample, Planted(spread, mean, strength)) for strength in tried]
     enough = np.flatnonzero(np.array(gains) >= gain)
     if len(enough) == 0:
         return None

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
+from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Row
 from socialiq_recordings.trait.choice_model import (
@@ -22,8 +24,7 @@ from socialiq_recordings.trait.choice_model import (
     reward_scale,
     rewards_of,
 )
-from socialiq_recordings.trait.contrasts import contrasts
-from socialiq_recordings.trait.models import Models, Sample, models_of
+from socialiq_recordings.trait.models import Models, Sample, contrasts, models_of
 from socialiq_recordings.trait.planted import (
     CERTAIN,
     Planted,
@@ -75,7 +76,7 @@ class PowerConfig:
 
     def __post_init__(self) -> None:
         """Check every option."""
-        if not self.spreads or not all(0.0 <= one <= 90.0 for one in self.spreads):
+        if not self.spreads or not all(0.0 <= spread <= 90.0 for spread in self.spreads):
             raise UserError(f"spreads must be from 0 to 90 degrees, got {list(self.spreads)}")
         if not -180.0 <= self.mean <= 180.0:
             raise UserError(f"mean must be from -180 to 180 degrees, got {self.mean:g}")
@@ -85,7 +86,7 @@ class PowerConfig:
             )
         if not 0.0 < self.gain < 1.0:
             raise UserError(f"gain must be a share between 0 and 1, got {self.gain:g}")
-        if not self.sizes or not all(1 <= one <= 1000 for one in self.sizes):
+        if not self.sizes or not all(1 <= size <= 1000 for size in self.sizes):
             raise UserError(f"sizes must be whole numbers from 1 to 1000, got {list(self.sizes)}")
         if not 1 <= self.repeats <= 10_000:
             raise UserError(f"repeats must be from 1 to 10000, got {self.repeats}")
@@ -120,23 +121,23 @@ class Simulator:
     def __init__(self, sample: Sample, config: PowerConfig) -> None:
         self._sample, self._config = sample, config
         self._grids = Grids.of(sample)
-        self._angle, self._gain = (Tabulated.of(sample.table, one) for one in self._grids)
+        self._angle, self._gain = (Tabulated.of(sample.table, trait) for trait in self._grids)
 
     def models(self, planted: Planted, size: int, seed: Sequence[int]) -> Models:
         """Return the models of one simulated sample."""
         rng = np.random.default_rng(seed)
         sample, rows = larger_sample(self._sample, size, rng)
         angle = planted.mean + planted.spread * rng.standard_normal(len(sample.chain))
-        drawn = decide(sample, planted.weights(angle), rng)
-        chosen = drawn.table.chosen
+        planted_sample = decide(sample, planted.weights(angle), rng)
+        chosen = planted_sample.table.chosen
 
         def again(trait: Trait) -> Evaluated:
             if size == 1:
-                return evaluate(drawn.table, trait)
+                return evaluate(planted_sample.table, trait)
             return Tabulated.of(self._sample.table, trait).at(rows, chosen)
 
         return models_of(
-            drawn,
+            planted_sample,
             self._grids.angle,
             self._angle.at(rows, chosen),
             self._grids.gain,
@@ -148,15 +149,17 @@ class Simulator:
 
     def row(self, planted: Planted, size: int, counted: Callable[[], None] | None = None) -> Row:
         """Return gains and shares of detections over all repeats of a size."""
-        config, found = self._config, []
+        config, outcomes = self._config, []
         for repeat in range(config.repeats):
             seed = [config.seed, repeat, size, round(100 * planted.spread)]
             tests = contrasts(self.models(planted, size, seed), repeat, config.resamples)
-            every = all(one["found"] for one in tests)
-            found.append([tests[0][name] for name in ("gain_nats", "rmse_gain", "found")] + [every])
+            every = all(test["found"] for test in tests)
+            outcomes.append(
+                [tests[0][name] for name in ("gain_nats", "rmse_gain", "found")] + [every]
+            )
             if counted:
                 counted()
-        nats, error, detected, gate = np.array(found, np.float64).T
+        nats, error, detected, gate = np.array(outcomes, np.float64).T
         share = wilson(int(detected.sum()), config.repeats)
         return {
             "size": size,
@@ -179,15 +182,15 @@ def populations(sample: Sample, config: PowerConfig) -> list[tuple[str, Planted]
     The last is left out where no strength saves as much on these moments.
     """
     strength = config.strength / reward_scale(sample.table)
-    found = [
+    named_populations = [
         (f"spread {spread:g}", Planted(spread, config.mean, strength)) for spread in config.spreads
     ]
     widest = max(config.spreads)
     needed = strength_of_gain(sample, widest, config.mean, config.gain) if widest > 0 else None
     if needed is not None:
         name = f"spread {widest:g}, {100 * config.gain:g} % if known"
-        found.append((name, Planted(widest, config.mean, needed)))
-    return found
+        named_populations.append((name, Planted(widest, config.mean, needed)))
+    return named_populations
 
 
 def power_rows(
@@ -212,11 +215,11 @@ def power_rows(
     simulator, scale = Simulator(sample, config), reward_scale(sample.table)
     rows: list[Row] = []
     for name, planted in populations(sample, config):
-        known = known_angle_gain(sample, planted)
+        gain_if_known = known_angle_gain(sample, planted)
         head = {"population": name, "spread": planted.spread, "strength": planted.strength * scale}
         for size in sorted(config.sizes):
             row = simulator.row(planted, size, counted)
-            rows.append(head | {"known_angle_gain": known} | row)
+            rows.append(head | {"known_angle_gain": gain_if_known} | row)
             if planted.spread > 0 and row["detected"] >= ENOUGH:
                 break  # larger samples find it too
     return rows
@@ -233,9 +236,11 @@ def needed_rows(rows: Sequence[Row]) -> list[Row]:
     """
     found: list[Row] = []
     for name in dict.fromkeys(row["population"] for row in rows):
-        mine = sorted((row for row in rows if row["population"] == name), key=lambda r: r["size"])
-        size = _size_of(mine) if mine[0]["spread"] > 0 else None
-        first, last = mine[0], mine[-1]
+        of_population = sorted(
+            (row for row in rows if row["population"] == name), key=lambda r: r["size"]
+        )
+        size = _size_of(of_population) if of_population[0]["spread"] > 0 else None
+        first, last = of_population[0], of_population[-1]
         found.append(
             {
                 "population": name,
@@ -252,11 +257,51 @@ def needed_rows(rows: Sequence[Row]) -> list[Row]:
 
 def _size_of(rows: Sequence[Row]) -> float | None:
     """Return the smallest size at which the share of detections reaches `POWER`."""
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         if row["detected"] >= POWER:
-            if place == 0:
+            if index == 0:
                 return float(row["size"])
-            low = rows[place - 1]
+            low = rows[index - 1]
             way = (POWER - low["detected"]) / (row["detected"] - low["detected"])
             return float(low["size"] * (row["size"] / low["size"]) ** way)
     return None
+
+
+def power(rows: Sequence[Row]) -> Figure:
+    """Draw the share of detections and the gain over the number of drivers, by population.
+
+    Args:
+        rows: Rows of `power.csv`.
+    """
+    drawing = figure(10.0, 4.0)
+    left, right = drawing.subplots(1, 2)
+    names = list(dict.fromkeys(row["population"] for row in rows))
+    colors = list(COLORS.values())
+    for number, name in enumerate(names):
+        of_population = [row for row in rows if row["population"] == name]
+        drivers = [row["drivers"] for row in of_population]
+        share = [row["detected"] for row in of_population]
+        ends = [
+            [max(0.0, row["detected"] - row["low"]) for row in of_population],
+            [max(0.0, row["high"] - row["detected"]) for row in of_population],
+        ]
+        color = colors[number % len(colors)]
+        shifted = [driver * 1.03**number for driver in drivers]
+        left.errorbar(shifted, share, ends, fmt="o-", color=color, markersize=4, label=name)
+        gain = [100 * row["rmse_gain"] for row in of_population]
+        right.plot(drivers, gain, "o-", color=color, markersize=4, label=name)
+        right.axhline(
+            100 * of_population[0]["known_angle_gain"], color=color, linewidth=0.8, linestyle=":"
+        )
+    left.axhline(POWER, color="#777777", linewidth=0.8)
+    for axes in (left, right):
+        axes.set_xscale("log")
+    finish(left, "Angle found (95 % of the share)", 8, xlabel="drivers", ylabel="share of tries")
+    left.set_ylim(-0.02, 1.02)
+    finish(
+        right,
+        "RMSE saved by inferred angles (dotted: by known ones)",
+        xlabel="drivers",
+        ylabel="%",
+    )
+    return drawing

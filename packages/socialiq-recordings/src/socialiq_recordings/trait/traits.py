@@ -75,7 +75,7 @@ class Trait(NamedTuple):
         spreads: Float[np.ndarray, " spread"],
     ) -> Trait:
         """Return the trait of a rule on grids; means are on the grid of the values."""
-        mean, spread = (one.ravel() for one in np.meshgrid(value, spreads, indexing="ij"))
+        mean, spread = (grid.ravel() for grid in np.meshgrid(value, spreads, indexing="ij"))
         population = np.array([rule.shares(value, m, s) for m, s in zip(mean, spread, strict=True)])
         weights = rule.weights(shared[:, None], value[None, :])
         return Trait(name, shared, value, weights, mean, spread, population, rule)
@@ -101,7 +101,7 @@ class Trait(NamedTuple):
         spreads = np.unique(self.spread)
         left = np.isin(spreads, self.spread[spread])
         grids = [(self.shared, shared), (self.value, value), (spreads, left)]
-        finer = [_finer(*one) for one in grids]
+        finer = [_finer(*grid_and_left) for grid_and_left in grids]
         if all(
             len(new) == len(old) and (new == old).all()
             for new, (old, _) in zip(finer, grids, strict=True)
@@ -111,12 +111,12 @@ class Trait(NamedTuple):
 
     def alike(self) -> Trait:
         """Return the trait without differences between drivers: only populations of spread 0."""
-        kept = self.spread == 0.0
+        without_spread = self.spread == 0.0
         return self._replace(
             name="population",
-            mean=self.mean[kept],
-            spread=self.spread[kept],
-            population=self.population[kept],
+            mean=self.mean[without_spread],
+            spread=self.spread[without_spread],
+            population=self.population[without_spread],
         )
 
 

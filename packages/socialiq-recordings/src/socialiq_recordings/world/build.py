@@ -9,22 +9,54 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq_recordings.conflicts.config import ConflictConfig
-from socialiq_recordings.conflicts.pairs import Encounters
+from socialiq_recordings.conflicts.encounters import Area, ConflictConfig, Encounters
+from socialiq_recordings.conflicts.measures import sign, turn
 from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.identity.duplicates import once, same_moments
 from socialiq_recordings.identity.identify import Identified, identify
-from socialiq_recordings.identity.once import once, same_moments
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.simulated_source import signs_of_simulation
-from socialiq_recordings.world.closures import closures_of, on_way_of
 from socialiq_recordings.world.config import WorldConfig
-from socialiq_recordings.world.drivers import Calibration, calibrate
-from socialiq_recordings.world.lines import SPACING, line_of, speed_limits, states_of, stretches
-from socialiq_recordings.world.observed import Observed, observe
+from socialiq_recordings.world.drivers import Calibration, Observed, calibrate, observe
+from socialiq_recordings.world.lines import (
+    SPACING,
+    closures_of,
+    line_of,
+    on_way_of,
+    speed_limits,
+    states_of,
+    stretches,
+)
 from socialiq_recordings.world.recorded_world import LAYOUT, RecordedWorld, Road
-from socialiq_recordings.world.right_of_way import yields
+
+_MINOR = ("yield", "stop")
+_MAJOR = ("priority", "none", "light")
+_LEFT, _STRAIGHT = 45.0, 30.0  # degrees
+
+
+def yields(encounters: Encounters, way: Way, other: Way, area: Area) -> int:
+    """Return 1 if the first vehicle yields, -1 if the other does, 0 if who comes first goes first.
+
+    Args:
+        encounters: Of the recording.
+        way: Of the first vehicle.
+        other: Way of the other.
+        area: Their conflict area, the first one's coordinates first.
+    """
+    signs = sign(encounters, way, other), sign(encounters, other, way)
+    if signs[0] in _MINOR and signs[1] in _MAJOR:
+        return 1
+    if signs[1] in _MINOR and signs[0] in _MAJOR:
+        return -1
+    if area.kind == Conflict.CROSSING:
+        turns = turn(way, area.entry[0], area.exit[0]), turn(other, area.entry[1], area.exit[1])
+        left = turns[0] > _LEFT, turns[1] > _LEFT
+        if left[0] != left[1] and min(abs(turn) for turn in turns) < _STRAIGHT:
+            return 1 if left[0] else -1
+    return 0
+
 
 LEAST_VEHICLES = 2
 MOST_VEHICLES = 2000
@@ -69,12 +101,12 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
     for one in recordings:
         _check_rate(one, config)
     identified = identify(recordings)
-    every = [_encounters(one, config) for one in recordings]
-    kept = _kept(every, recordings, identified)
-    observed = observe(every, kept)
+    every = [_encounters(recording, config) for recording in recordings]
+    counted = _kept(every, recordings, identified)
+    observed = observe(every, counted)
     calibration = calibrate(observed)
-    parts = [_Part(one, calibration.lateral, config) for one in every]
-    columns = _joined(parts, kept)
+    rows_by_recording = [_Part(encounters, calibration.lateral, config) for encounters in every]
+    columns = _joined(rows_by_recording, counted)
     columns["drivers"] = [calibration.drivers.array()]
     arrays = {name: _column(name, values) for name, values in columns.items()}
     if not len(arrays["egos"]):
@@ -85,7 +117,7 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
     speeds = observed.speeds
     fastest = max(calibration.drivers.desired_speed.high, float(np.quantile(speeds, 0.99)))
     provenance = {
-        "recordings": [_described(one) for one in every],
+        "recordings": [_described(encounters) for encounters in every],
         "sites": sorted(set(identified.site)),
         "calibration": calibration.as_header(),
         "vehicles": len(arrays["identity"]),
@@ -93,7 +125,7 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
         "closures": len(arrays["closed"]),
     }
     world = RecordedWorld(Road(**arrays), config, float(fastest), provenance)
-    return Made(world, every, kept, observed, calibration, identified)
+    return Made(world, every, counted, observed, calibration, identified)
 
 
 def _check_rate(recording: Recording, config: WorldConfig) -> None:
@@ -111,19 +143,19 @@ def _encounters(recording: Recording, config: WorldConfig) -> Encounters:
     name = one_line(recording.tracks.recording, 60)
     if not recording.road.lanelets:
         raise UserError(f"{name} has no road: name its map with --road")
-    made = Encounters(Scene(recording), ConflictConfig(slack=config.slack))
-    made.ways = {track: way for track, way in made.ways.items() if len(way.along) > 1}
-    if len(made.ways) < LEAST_VEHICLES:
+    encounters = Encounters(Scene(recording), ConflictConfig(slack=config.slack))
+    encounters.ways = {track: way for track, way in encounters.ways.items() if len(way.along) > 1}
+    if len(encounters.ways) < LEAST_VEHICLES:
         raise UserError(
-            f"{name} has {len(made.ways)} vehicles on its lanelets: a world needs "
+            f"{name} has {len(encounters.ways)} vehicles on its lanelets: a world needs "
             f"{LEAST_VEHICLES} or more; is --road the map of this recording?"
         )
-    if len(made.ways) > MOST_VEHICLES:
+    if len(encounters.ways) > MOST_VEHICLES:
         raise UserError(
-            f"{name} has {len(made.ways):,} vehicles, more than {MOST_VEHICLES:,}: "
+            f"{name} has {len(encounters.ways):,} vehicles, more than {MOST_VEHICLES:,}: "
             "import it in parts"
         )
-    return made
+    return encounters
 
 
 def _kept(
@@ -132,12 +164,12 @@ def _kept(
     """Return the tracks of each recording that no other recording shows for longer."""
     same = same_moments(identified)
     sizes = {
-        (place, track): float(len(way.along))
-        for place, encounters in enumerate(every)
+        (number, track): float(len(way.along))
+        for number, encounters in enumerate(every)
         for track, way in encounters.ways.items()
     }
     chosen = once(sizes, lambda key: same.get(key, ()))
-    return [{t for p, t in chosen if p == place} for place in range(len(recordings))]
+    return [{t for p, t in chosen if p == number} for number in range(len(recordings))]
 
 
 def _described(encounters: Encounters) -> dict[str, Any]:
@@ -162,7 +194,7 @@ class _Part:
         closures = closures_of(encounters, self.first_frame) if inferred else []
         self.rows: dict[str, list[Any]] = {name: [] for name in LAYOUT}
         self._pairs(config)
-        for place, way in enumerate(self.ways):
+        for number, way in enumerate(self.ways):
             line, states = line_of(way), states_of(way, self.first_frame)
             limits = speed_limits(line, lateral)
             rows = self.rows
@@ -173,7 +205,7 @@ class _Part:
             rows["state_step"].append(states.first)
             rows["state"].append(np.column_stack([states.along, states.speed]))
             rows["closed"].append(np.array(on_way_of(way, closures)).reshape(-1, 3))
-            self._route(place, way, len(line.x))
+            self._route(number, way, len(line.x))
 
     def _pairs(self, config: WorldConfig) -> None:
         """Add conflict areas and stretches of the ordered pairs that an episode may have.
@@ -181,23 +213,25 @@ class _Part:
         A pair may be in an episode if its vehicles are seen at most `_APART` s apart.
         """
         rows, count = self.rows, len(self.ways)
-        place_of = {way.track: place for place, way in enumerate(self.ways)}
+        place_of = {way.track: number for number, way in enumerate(self.ways)}
         area_of, lengths = np.full(count**2, -1), np.zeros(count**2, np.int64)
-        for place, one in enumerate(self.ways):
-            apart = _APART / one.dt
-            for other in self._encounters.in_time.seen(one.first - apart, one.last + apart):
-                if one.track == other.track:
+        for number, ego_way in enumerate(self.ways):
+            apart = _APART / ego_way.dt
+            for partner in self._encounters.in_time.seen(
+                ego_way.first - apart, ego_way.last + apart
+            ):
+                if ego_way.track == partner.track:
                     continue
-                pair = place * count + place_of[other.track]
-                found = stretches(other, one, config.slack)
-                if found:
-                    rows["stretch"].append(np.array(found))
-                    lengths[pair] = len(found)
-                area = self._encounters.area(one.track, other.track)
+                pair = number * count + place_of[partner.track]
+                lying = stretches(partner, ego_way, config.slack)
+                if lying:
+                    rows["stretch"].append(np.array(lying))
+                    lengths[pair] = len(lying)
+                area = self._encounters.area(ego_way.track, partner.track)
                 if area is not None:
                     area_of[pair] = len(rows["area"])
                     rows["area"].append((area.entry[0], area.exit[0], area.entry[1], area.exit[1]))
-                    rows["area_yields"].append(yields(self._encounters, one, other, area))
+                    rows["area_yields"].append(yields(self._encounters, ego_way, partner, area))
                     rows["area_merges"].append(int(area.kind == Conflict.MERGING))
         self.area_of, self.stretches = area_of.reshape(count, count), lengths
 
@@ -206,10 +240,10 @@ class _Part:
         rows, numbers = self.rows, self.area_of[place]
         areas = [rows["area"][number] for number in numbers[numbers >= 0].tolist()]
         begin = float(way.along[0])
-        ahead = [one for one in areas if one[1] > begin]
+        ahead = [area for area in areas if area[1] > begin]
         end = (points - 2) * SPACING
-        first = min((one[0] for one in ahead), default=end)
-        last = max((one[1] for one in ahead), default=end)
+        first = min((area[0] for area in ahead), default=end)
+        last = max((area[1] for area in ahead), default=end)
         arrival = min(last + way.length / 2 + _BEYOND, end)
         rows["zone"].append((first - _APPROACH, last))
         rows["origin"].append(first)
@@ -224,25 +258,25 @@ def _joined(parts: Sequence[_Part], kept: Sequence[set[int]]) -> dict[str, list[
     for name in firsts:
         columns[name].append(0)
     columns["stretch_first"].append(np.zeros(1, np.int64))
-    for part, tracks in zip(parts, kept, strict=True):
+    for rows_of, tracks in zip(parts, kept, strict=True):
         vehicles, areas = len(columns["identity"]), len(columns["area"])
         for name in ("line", "state", "closed"):
-            for one in part.rows[name]:
-                columns[f"{name}_first"].append(columns[f"{name}_first"][-1] + len(one))
-                columns[name].append(one)
-        columns["stretch"] += part.rows["stretch"]
+            for values in rows_of.rows[name]:
+                columns[f"{name}_first"].append(columns[f"{name}_first"][-1] + len(values))
+                columns[name].append(values)
+        columns["stretch"] += rows_of.rows["stretch"]
         stretches_before = columns["stretch_first"][-1][-1]
-        columns["stretch_first"].append(stretches_before + np.cumsum(part.stretches))
+        columns["stretch_first"].append(stretches_before + np.cumsum(rows_of.stretches))
         for name in ("identity", "length", "width", "arrival", "origin", "zone", "state_step"):
-            columns[name] += part.rows[name]
-        numbers = part.area_of.ravel()
+            columns[name] += rows_of.rows[name]
+        numbers = rows_of.area_of.ravel()
         columns["area_of"].append(np.where(numbers >= 0, numbers + areas, -1))
         for name in ("area", "area_yields", "area_merges"):
-            columns[name] += part.rows[name]
+            columns[name] += rows_of.rows[name]
         columns["egos"] += [
-            vehicles + place
-            for place, way in enumerate(part.ways)
-            if part.rows["egos"][place] and way.track in tracks
+            vehicles + number
+            for number, way in enumerate(rows_of.ways)
+            if rows_of.rows["egos"][number] and way.track in tracks
         ]
         columns["recording_first"].append(len(columns["identity"]))
         columns["pair_first"].append(columns["pair_first"][-1] + len(numbers))

@@ -103,5 +103,5 @@ class WorldConfig:
         """
         rewards = dict(header["rewards"])
         rewards["target_speeds"] = tuple(rewards["target_speeds"])
-        given = header | {"levels": tuple(header["levels"]), "rewards": Options(**rewards)}
-        return WorldConfig(**given)
+        options = header | {"levels": tuple(header["levels"]), "rewards": Options(**rewards)}
+        return WorldConfig(**options)

@@ -11,8 +11,7 @@ import numpy as np
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
 from socialiq.worlds.highway.state import Contact
-from socialiq_recordings.world import chance
-from socialiq_recordings.world.seen import annotate, observe, touched
+from socialiq_recordings.world.observation import annotate, observe, touched
 from socialiq_recordings.world.traffic import (
     DT,
     GONE,
@@ -23,7 +22,11 @@ from socialiq_recordings.world.traffic import (
     ahead_of,
     closed_line,
     drive,
+    following,
+    hashed,
     limit_at,
+    normal,
+    uniform,
 )
 
 RESET, DECIDE, SKIP = range(3)
@@ -37,23 +40,23 @@ _CURVE = 0.5  # s in which the ego's control comes down to the speed of a curve
 
 
 @kernel
-def draw_driver(road, traffic, row, base, one):
+def draw_driver(road, traffic, row, base, vehicle):
     """Draw a driver's parameters; its desired speed is at least its recorded first one."""
     for number in range(len(road.drivers)):
         mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
-        value = mean + deviation * chance.normal(traffic.seed[row], number, one)
+        value = mean + deviation * normal(traffic.seed[row], number, vehicle)
         value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
-        traffic.driver[row, one, number] = value
-    first = road.state[road.state_first[base + one], 1]
-    traffic.driver[row, one, 0] = max(traffic.driver[row, one, 0], first)
+        traffic.driver[row, vehicle, number] = value
+    first = road.state[road.state_first[base + vehicle], 1]
+    traffic.driver[row, vehicle, 0] = max(traffic.driver[row, vehicle, 0], first)
 
 
 @kernel
-def _put(traffic, row, one, along, speed):
-    traffic.status[row, one] = PRESENT
-    traffic.along[row, one], traffic.speed[row, one] = along, speed
-    traffic.before[row, one], traffic.barrier[row, one] = speed, math.inf
-    traffic.present[row, traffic.n_present[row]] = one
+def _put(traffic, row, vehicle, along, speed):
+    traffic.status[row, vehicle] = PRESENT
+    traffic.along[row, vehicle], traffic.speed[row, vehicle] = along, speed
+    traffic.before[row, vehicle], traffic.barrier[row, vehicle] = speed, math.inf
+    traffic.present[row, traffic.n_present[row]] = vehicle
     traffic.n_present[row] += 1
 
 
@@ -73,23 +76,23 @@ def populate(road, traffic, row, recording, ego, step):
     traffic.recording[row], traffic.ego[row] = recording, ego
     traffic.step[row] = traffic.begun[row] = step
     traffic.n_present[row] = 0
-    for one in range(end - base):
-        draw_driver(road, traffic, row, base, one)
-        first, last = road.state_first[base + one], road.state_first[base + one + 1] - 1
-        since = step - road.state_step[base + one]
+    for vehicle in range(end - base):
+        draw_driver(road, traffic, row, base, vehicle)
+        first, last = road.state_first[base + vehicle], road.state_first[base + vehicle + 1] - 1
+        since = step - road.state_step[base + vehicle]
         if since < 0:
-            traffic.status[row, one] = WAITING
+            traffic.status[row, vehicle] = WAITING
         elif since <= last - first:
-            _put(traffic, row, one, road.state[first + since, 0], road.state[first + since, 1])
+            _put(traffic, row, vehicle, road.state[first + since, 0], road.state[first + since, 1])
         else:
-            traffic.status[row, one] = GONE
+            traffic.status[row, vehicle] = GONE
 
 
 @inlined_kernel
 def reset(road, traffic, row):
     """Begin an episode: draw the ego's place and the moment from the row's seed."""
     seed = traffic.seed[row]
-    vehicle = road.egos[np.int64(chance.uniform(seed, _EGO, 0) * len(road.egos))]
+    vehicle = road.egos[np.int64(uniform(seed, _EGO, 0) * len(road.egos))]
     recording = np.int64(0)
     while road.recording_first[recording + 1] <= vehicle:
         recording += 1
@@ -99,7 +102,7 @@ def reset(road, traffic, row):
         road.arrival[vehicle] - road.state[first + moments, 0] >= _LEAST_WAY
     ):
         moments += 1
-    moment = np.int64(chance.uniform(seed, _MOMENT, 0) * moments)
+    moment = np.int64(uniform(seed, _MOMENT, 0) * moments)
     ego = vehicle - road.recording_first[recording]
     populate(road, traffic, row, recording, ego, road.state_step[vehicle] + moment)
 
@@ -108,49 +111,60 @@ def reset(road, traffic, row):
 def enter(road, traffic, row, base, count):
     """Let waiting vehicles enter whose time has come and whose place is free."""
     pairs = road.pair_first[traffic.recording[row]]
-    for one in range(count):
-        if traffic.status[row, one] != WAITING:
+    for vehicle in range(count):
+        if traffic.status[row, vehicle] != WAITING:
             continue
-        if road.state_step[base + one] > traffic.step[row]:
+        if road.state_step[base + vehicle] > traffic.step[row]:
             continue
-        begin = road.state_first[base + one]
+        begin = road.state_first[base + vehicle]
         along, speed = road.state[begin, 0], road.state[begin, 1]
-        half, jam = 0.5 * road.length[base + one], traffic.driver[row, one, 2]
+        half, jam = 0.5 * road.length[base + vehicle], traffic.driver[row, vehicle, 2]
         free = True
-        for place in range(traffic.n_present[row]):
-            other = traffic.present[row, place]
-            theirs, need = traffic.along[row, other], half + 0.5 * road.length[base + other]
+        for slot in range(traffic.n_present[row]):
+            present = traffic.present[row, slot]
+            along_there, need = (
+                traffic.along[row, present],
+                half + 0.5 * road.length[base + present],
+            )
             at = ahead_of(
-                road.stretch_first, road.stretch, pairs + one * count + other, theirs, along
+                road.stretch_first,
+                road.stretch,
+                pairs + vehicle * count + present,
+                along_there,
+                along,
             )
             if at > along:
                 clear = at - along - need - jam
                 free = free and clear > 0.0
                 # It enters no faster than lets it stop behind the other.
-                reach = traffic.speed[row, other] ** 2 + 2.0 * 3.0 * max(clear, 0.0)
+                reach = traffic.speed[row, present] ** 2 + 2.0 * 3.0 * max(clear, 0.0)
                 speed = min(speed, math.sqrt(reach))
             behind = ahead_of(
-                road.stretch_first, road.stretch, pairs + other * count + one, along, theirs
+                road.stretch_first,
+                road.stretch,
+                pairs + present * count + vehicle,
+                along,
+                along_there,
             )
-            if behind > theirs:
-                free = free and behind - theirs - need > 0.5
+            if behind > along_there:
+                free = free and behind - along_there - need > 0.5
         if free:
-            _put(traffic, row, one, along, speed)
+            _put(traffic, row, vehicle, along, speed)
 
 
 @inlined_kernel
 def leave(road, traffic, row, base):
     """Take vehicles off the road that are at the end of their ways; the ego stays."""
-    kept = 0
-    for place in range(traffic.n_present[row]):
-        one = traffic.present[row, place]
-        points = road.line_first[base + one + 1] - road.line_first[base + one]
-        if one != traffic.ego[row] and traffic.along[row, one] >= points - 2.0:
-            traffic.status[row, one] = GONE
+    remaining = 0
+    for slot in range(traffic.n_present[row]):
+        vehicle = traffic.present[row, slot]
+        points = road.line_first[base + vehicle + 1] - road.line_first[base + vehicle]
+        if vehicle != traffic.ego[row] and traffic.along[row, vehicle] >= points - 2.0:
+            traffic.status[row, vehicle] = GONE
         else:
-            traffic.present[row, kept] = one
-            kept += 1
-    traffic.n_present[row] = kept
+            traffic.present[row, remaining] = vehicle
+            remaining += 1
+    traffic.n_present[row] = remaining
 
 
 @inlined_kernel
@@ -167,28 +181,29 @@ def sub_step(road, traffic, row, base, count, level, fastest):
         fastest: The ego's largest speed, m/s.
     """
     now = traffic.step[row] * DT
-    for place in range(traffic.n_present[row]):
-        one = traffic.present[row, place]
-        rate = drive(road, traffic, row, base, count, one, now)
-        if one == traffic.ego[row] and not math.isnan(level):
-            speed = traffic.speed[row, one]
+    for slot in range(traffic.n_present[row]):
+        vehicle = traffic.present[row, slot]
+        rate = drive(road, traffic, row, base, count, vehicle, now)
+        if vehicle == traffic.ego[row] and not math.isnan(level):
+            speed = traffic.speed[row, vehicle]
             most = min(
-                limit_at(road.line_first, road.line, base + one, traffic.along[row, one]), fastest
+                limit_at(road.line_first, road.line, base + vehicle, traffic.along[row, vehicle]),
+                fastest,
             )
             rate = min(level, max((most - speed) / _CURVE, -HARDEST))
-        traffic.rate[row, one] = rate
-    for place in range(traffic.n_present[row]):
-        one = traffic.present[row, place]
-        driven, speed = advance(traffic.speed[row, one], traffic.rate[row, one])
-        traffic.along[row, one] += driven
-        traffic.speed[row, one] = speed
+        traffic.rate[row, vehicle] = rate
+    for slot in range(traffic.n_present[row]):
+        vehicle = traffic.present[row, slot]
+        driven, speed = advance(traffic.speed[row, vehicle], traffic.rate[row, vehicle])
+        traffic.along[row, vehicle] += driven
+        traffic.speed[row, vehicle] = speed
     traffic.step[row] += 1
     leave(road, traffic, row, base)
     enter(road, traffic, row, base, count)
 
 
 @inlined_kernel
-def decide(road, traffic, made, row, level, options, slack):
+def decide(road, traffic, results, row, level, options, slack):
     """Run the sub-steps of a decision and write its results."""
     settings = options[0]
     recording = traffic.recording[row]
@@ -197,17 +212,17 @@ def decide(road, traffic, made, row, level, options, slack):
     ego = traffic.ego[row]
     vehicle, half = base + ego, 0.5 * road.length[base + ego]
     start, ending = traffic.along[row, ego], _NONE
-    for place in range(traffic.n_present[row]):
-        one = traffic.present[row, place]
-        traffic.before[row, one] = traffic.speed[row, one]
-    made.contact[row] = _UNTOUCHED
+    for slot in range(traffic.n_present[row]):
+        number = traffic.present[row, slot]
+        traffic.before[row, number] = traffic.speed[row, number]
+    results.contact[row] = _UNTOUCHED
     for _ in range(settings.frames):
         front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
         line = closed_line(road.closed_first, road.closed, vehicle, front, now)
         sub_step(road, traffic, row, base, count, level, settings.max_speed)
         contact = touched(road, traffic, row, base, slack)
         if contact != _UNTOUCHED:
-            made.contact[row] = contact
+            results.contact[row] = contact
             ending = _COLLISION
         elif traffic.along[row, ego] + half >= line:
             ending = _OTHER
@@ -218,7 +233,7 @@ def decide(road, traffic, made, row, level, options, slack):
     elapsed = (traffic.step[row] - traffic.begun[row]) * DT
     if ending == _NONE and elapsed >= settings.duration - 1e-9:
         ending = _TIMEOUT
-    made.speed[row], made.ending[row] = traffic.speed[row, ego], ending
+    results.speed[row], results.ending[row] = traffic.speed[row, ego], ending
     progress = traffic.along[row, ego] - start
     annotate(
         road,
@@ -229,60 +244,60 @@ def decide(road, traffic, made, row, level, options, slack):
         progress,
         ending,
         settings,
-        made.signals[row],
-        made.pair[row],
+        results.signals[row],
+        results.pair[row],
     )
 
 
 def _sources() -> int:
     """Return a number that changes with any source that the compiled code depends on."""
     here = Path(__file__).parent
-    names = ("chance", "core", "seen", "state", "traffic", "recorded_world")
+    names = ("batch", "core", "observation", "recorded_world", "traffic")
     text = b"".join((here / f"{name}.py").read_bytes() for name in names)
     return int.from_bytes(hashlib.sha256(text).digest()[:7], "big") ^ fingerprint()
 
 
 def _entries(sources: int):
     @entry_point
-    def run(road, traffic, made, commands, seeded, seeds, levels, options, slack, first, end):
+    def run(road, traffic, results, commands, seeded, seeds, levels, options, slack, first, end):
         for row in range(first, end):
             if commands[row] == SKIP:
                 continue
             if commands[row] == DECIDE:
-                decide(road, traffic, made, row, levels[row], options, slack)
+                decide(road, traffic, results, row, levels[row], options, slack)
             else:
                 if seeded[row]:
-                    traffic.seed[row] = chance.hashed(seeds[row])
+                    traffic.seed[row] = hashed(seeds[row])
                 else:
-                    traffic.seed[row] = chance.following(traffic.seed[row])
+                    traffic.seed[row] = following(traffic.seed[row])
                 reset(road, traffic, row)
             base = road.recording_first[traffic.recording[row]]
             count = road.recording_first[traffic.recording[row] + 1] - base
-            observe(road, traffic, row, base, count, made.observation[row])
+            observe(road, traffic, row, base, count, results.observation[row])
         return sources  # so that the cache depends on the sources
 
     @entry_point
-    def replay(road, traffic, made, rows, egos, steps, options, first, end):
+    def replay(road, traffic, results, rows, egos, steps, options, first, end):
         """Write observation and rewards of recorded states; `replay.py` documents it."""
         settings = options[0]
-        for place in range(first, end):
-            recording = rows[place]
+        for moment in range(first, end):
+            recording = rows[moment]
             base = road.recording_first[recording]
             count = road.recording_first[recording + 1] - base
-            ego, step = egos[place], steps[place]
+            ego, step = egos[moment], steps[moment]
             populate(road, traffic, 0, recording, ego, step)
-            observe(road, traffic, 0, base, count, made.observation[place])
-            made.speed[place] = traffic.speed[0, ego]
+            observe(road, traffic, 0, base, count, results.observation[moment])
+            results.speed[moment] = traffic.speed[0, ego]
             start = traffic.along[0, ego]
             populate(road, traffic, 0, recording, ego, step + settings.frames)
             for spot in range(traffic.n_present[0]):
-                one = traffic.present[0, spot]
-                begun = max(road.state_step[base + one], step)
-                at = road.state_first[base + one] + begun - road.state_step[base + one]
-                traffic.before[0, one] = road.state[at, 1]
+                vehicle = traffic.present[0, spot]
+                begun = max(road.state_step[base + vehicle], step)
+                at = road.state_first[base + vehicle] + begun - road.state_step[base + vehicle]
+                traffic.before[0, vehicle] = road.state[at, 1]
             progress = traffic.along[0, ego] - start
             ending = _ARRIVAL if traffic.along[0, ego] >= road.arrival[base + ego] else _NONE
-            made.ending[place] = ending
+            results.ending[moment] = ending
             annotate(
                 road,
                 traffic,
@@ -292,8 +307,8 @@ def _entries(sources: int):
                 progress,
                 ending,
                 settings,
-                made.signals[place],
-                made.pair[place],
+                results.signals[moment],
+                results.pair[moment],
             )
         return sources
 
@@ -305,10 +320,10 @@ def _entries(sources: int):
             base = road.recording_first[recordings[row]]
             count = road.recording_first[recordings[row] + 1] - base
             for step in range(steps):
-                for place in range(traffic.n_present[row]):
-                    one = traffic.present[row, place]
-                    states[row, step, one, 0] = traffic.along[row, one]
-                    states[row, step, one, 1] = traffic.speed[row, one]
+                for slot in range(traffic.n_present[row]):
+                    vehicle = traffic.present[row, slot]
+                    states[row, step, vehicle, 0] = traffic.along[row, vehicle]
+                    states[row, step, vehicle, 1] = traffic.speed[row, vehicle]
                 sub_step(road, traffic, row, base, count, math.nan, 1.0)
         return sources
 

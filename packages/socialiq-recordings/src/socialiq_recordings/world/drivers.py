@@ -1,7 +1,8 @@
-"""Population of drivers of a recorded junction: parameters of the IDM and of gap acceptance.
+"""Traffic that recordings show, and the population of drivers that is calibrated on it.
 
-Each parameter has a normal distribution, clipped to an interval; a driver draws its own when it
-enters. What the recording shows too rarely keeps the value of the literature, and says so.
+Each parameter of the IDM and of gap acceptance has a normal distribution, clipped to an interval; a
+driver draws its own when it enters. What the recording shows too rarely keeps the value of the
+literature, and says so.
 """
 
 from __future__ import annotations
@@ -17,14 +18,136 @@ from scipy.optimize import least_squares
 
 from socialiq.types import Row
 from socialiq.worlds.intersection.options import Normal
-from socialiq_recordings.conflicts.idm import Idm
-from socialiq_recordings.world.observed import Followed, Observed
+from socialiq_recordings.conflicts.encounters import Encounters
+from socialiq_recordings.conflicts.measures import gaps, pet
+from socialiq_recordings.conflicts.ways import Way, leader, on_way
+from socialiq_recordings.idm import Idm, acceleration
+from socialiq_recordings.world.lines import curvature, line_of
+
+_MOVING = 2.0  # m/s
+_STANDING = 0.5  # m/s
+_FREE = 4.0  # s; a leader further ahead does not bind
+_STEADY = 1.5  # m/s; largest difference of speeds in steady following
+_CURVED = 1 / 80  # 1/m; sharper ways are curves
+_AHEAD = 60.0  # m; further leaders are not followed
+_SECOND = 1.0  # s between the moments
+
+
+class Followed(NamedTuple):
+    """Moments at which a vehicle follows another.
+
+    Attributes:
+        speed: m/s.
+        gap: Between bumpers, m.
+        leader_speed: m/s.
+        acceleration: Of the next second, m/s².
+    """
+
+    speed: Float64[np.ndarray, " moment"]
+    gap: Float64[np.ndarray, " moment"]
+    leader_speed: Float64[np.ndarray, " moment"]
+    acceleration: Float64[np.ndarray, " moment"]
+
+
+class Observed(NamedTuple):
+    """Quantities of the traffic of some recordings.
+
+    Attributes:
+        speeds: Of all vehicles at all moments, m/s.
+        free_speeds: Fastest of each vehicle without leader or curve, m/s.
+        headways: Median gap by speed of each vehicle that follows steadily, s.
+        standing_gaps: Median gap of each vehicle that stands behind another, m.
+        lateral: v² κ in curves, m/s².
+        followed: Moments of following.
+        pets: Post-encroachment times of conflicts, s.
+        accepted: Gaps and lags accepted, s.
+        vehicles: Number of vehicles.
+    """
+
+    speeds: Float64[np.ndarray, " moment"]
+    free_speeds: Float64[np.ndarray, " vehicle"]
+    headways: Float64[np.ndarray, " vehicle"]
+    standing_gaps: Float64[np.ndarray, " vehicle"]
+    lateral: Float64[np.ndarray, " moment"]
+    followed: Followed
+    pets: Float64[np.ndarray, " conflict"]
+    accepted: Float64[np.ndarray, " conflict"]
+    vehicles: int
+
+
+def observe(every: Sequence[Encounters], kept: Sequence[set[int]]) -> Observed:
+    """Return what some recordings show.
+
+    Args:
+        every: Encounters of each recording.
+        kept: Tracks of each that count, so that a vehicle in two recordings counts once.
+    """
+    rows: dict[str, list[float]] = {
+        name: []
+        for name in (*Observed._fields, *Followed._fields)
+        if name not in ("followed", "vehicles")
+    }
+    vehicles = 0
+    for encounters, tracks in zip(every, kept, strict=True):
+        for way in encounters.ways.values():
+            if way.track in tracks:
+                _vehicle(encounters, way, rows)
+                vehicles += 1
+        _conflicts(encounters, tracks, rows)
+    arrays = {name: np.array(values, np.float64) for name, values in rows.items()}
+    followed = Followed(*(arrays.pop(name) for name in Followed._fields))
+    return Observed(**arrays, followed=followed, vehicles=vehicles)
+
+
+def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> None:
+    """Add the moments of a vehicle, one a second."""
+    second = max(1, round(_SECOND / way.dt))
+    bends = curvature(line_of(way))
+    free, headways, standing = [], [], []
+    for frame in range(way.first, way.last + 1, second):
+        along, speed = way.state(frame)
+        rows["speeds"].append(speed)
+        bend = float(bends[min(int(along), len(bends) - 1)])
+        ahead = leader(way, along, on_way(encounters.scene, way, frame, encounters.config.slack))
+        if bend > _CURVED and speed > _MOVING:
+            rows["lateral"].append(speed**2 * bend)
+        elif ahead.gap > _FREE * speed and speed > _MOVING:
+            free.append(speed)
+        if not 0 < ahead.gap < _AHEAD:
+            continue
+        if speed > _MOVING and abs(speed - ahead.speed) < _STEADY and ahead.gap < _FREE * speed:
+            headways.append(ahead.gap / speed)
+        if speed < _STANDING and ahead.speed < _STANDING and ahead.gap < 10.0:
+            standing.append(ahead.gap)
+        if frame + second <= way.last and max(speed, ahead.speed) > _STANDING:
+            rows["speed"].append(speed)
+            rows["gap"].append(ahead.gap)
+            rows["leader_speed"].append(ahead.speed)
+            rows["acceleration"].append((way.state(frame + second)[1] - speed) / _SECOND)
+    for name, values, best in (
+        ("free_speeds", free, np.max),
+        ("headways", headways, np.median),
+        ("standing_gaps", standing, np.median),
+    ):
+        if values:
+            rows[name].append(float(best(values)))
+
+
+def _conflicts(encounters: Encounters, tracks: set[int], rows: dict[str, list[float]]) -> None:
+    for meeting in encounters.meetings():
+        if meeting.ego.track not in tracks and meeting.other.track not in tracks:
+            continue
+        if meeting.ego.track < meeting.other.track and np.isfinite(pet(meeting)):
+            rows["pets"].append(pet(meeting))
+        if meeting.ego_first:
+            gap, lag = gaps(encounters, meeting)
+            rows["accepted"] += [seconds for seconds in (gap, lag) if np.isfinite(seconds)]
+
 
 LEAST = 10
 """Vehicles that must show a parameter before it is estimated."""
 
 _LEAST_MOMENTS = 30  # following decisions for a fit of the IDM
-_MOVING = 2.0  # m/s
 _ERROR = 1.0  # m/s²; errors beyond count less than squared (soft L1)
 _HEADWAYS, _GAPS = (0.4, 3.0), (0.5, 6.0)  # s, m; bounds of a driver's values
 _STRENGTHS = (0.5, 4.0), (0.5, 5.0)  # m/s²; of acceleration and deceleration
@@ -82,10 +205,10 @@ class Calibration:
 
     def as_header(self) -> dict[str, Any]:
         """Return the calibration as JSON, without the drivers."""
-        kept = dataclasses.asdict(self)
-        kept.pop("drivers")
-        numbers = {name: float(kept[name]) for name in ("rms", "rms_constant")}
-        return kept | {name: None if np.isnan(v) else v for name, v in numbers.items()}
+        header = dataclasses.asdict(self)
+        header.pop("drivers")
+        numbers = {name: float(header[name]) for name in ("rms", "rms_constant")}
+        return header | {name: None if np.isnan(v) else v for name, v in numbers.items()}
 
 
 def calibrate(observed: Observed) -> Calibration:
@@ -118,12 +241,14 @@ def calibrate(observed: Observed) -> Calibration:
     margin, margins = _margin(observed.pets)
     drivers = Drivers(speed, headway, jam, strong, comfort, margin)
     counts = [speeds, headways, jams, moments, moments, margins]
-    known = [one >= LEAST for one in counts]
-    known[3] = known[4] = fitted
+    estimated = [count >= LEAST for count in counts]
+    estimated[3] = estimated[4] = fitted
     evidence = tuple(
-        {"parameter": name, "mean": one.mean, "deviation": one.deviation}
+        {"parameter": name, "mean": normal.mean, "deviation": normal.deviation}
         | {"seen": count, "estimated": bool(yes)}
-        for name, one, count, yes in zip(Drivers._fields, drivers, counts, known, strict=True)
+        for name, normal, count, yes in zip(
+            Drivers._fields, drivers, counts, estimated, strict=True
+        )
     )
     return Calibration(drivers, _lateral(observed.lateral), evidence, rms, constant)
 
@@ -147,9 +272,9 @@ def _normal(
 
 
 def _margin(pets: Float64[np.ndarray, " conflict"]) -> tuple[Normal, int]:
-    known = pets[(pets > 0) & (pets < 5)]
-    mean = float(np.clip(np.quantile(known, 0.25), 0.5, 4.0)) if len(known) >= LEAST else 1.5
-    return Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean), len(known)
+    positive = pets[(pets > 0) & (pets < 5)]
+    mean = float(np.clip(np.quantile(positive, 0.25), 0.5, 4.0)) if len(positive) >= LEAST else 1.5
+    return Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean), len(positive)
 
 
 def _lateral(values: Float64[np.ndarray, " moment"]) -> float:
@@ -176,32 +301,14 @@ def _fit(
     target = np.maximum(desired, followed.speed + 0.5)
 
     def error(values: np.ndarray) -> np.ndarray:
-        return accelerations((*spacing, *values), followed, target) - followed.acceleration
+        drivers = (target, *spacing, *values)
+        modelled = acceleration(followed.speed, followed.gap, followed.leader_speed, *drivers)
+        return modelled - followed.acceleration
 
     low, high = zip(*_STRENGTHS, strict=True)
-    found = least_squares(error, start, bounds=(low, high), loss="soft_l1", f_scale=_ERROR)
-    rms = float(np.sqrt(np.mean(error(found.x) ** 2)))
+    fit = least_squares(error, start, bounds=(low, high), loss="soft_l1", f_scale=_ERROR)
+    rms = float(np.sqrt(np.mean(error(fit.x) ** 2)))
     constant = float(np.sqrt(np.mean(followed.acceleration**2)))
     if rms >= constant:
         return start, rms, constant
-    return (float(found.x[0]), float(found.x[1])), rms, constant
-
-
-def accelerations(
-    values: Sequence[float],
-    followed: Followed,
-    desired: Float64[np.ndarray, " moment"],
-) -> Float64[np.ndarray, " moment"]:
-    """Return the IDM's accelerations over arrays of moments; `conflicts.idm` has it for one.
-
-    Args:
-        values: T, s0, a, b.
-        followed: The moments.
-        desired: v0 of each, m/s.
-    """
-    headway, jam, strongest, comfort = values
-    speed = followed.speed
-    closing = speed * (speed - followed.leader_speed) / (2 * np.sqrt(strongest * comfort))
-    wanted = jam + np.maximum(0.0, speed * headway + closing)
-    made = strongest * (1 - (speed / desired) ** 4 - (wanted / np.maximum(followed.gap, 0.1)) ** 2)
-    return np.maximum(made, -Idm.hardest)
+    return (float(fit.x[0]), float(fit.x[1])), rms, constant

@@ -73,23 +73,23 @@ class RecordedJunctionEnv(gymnasium.Env):
         super().reset(seed=seed, options=options)
         if seed is None and not self.batch.begun.all():
             seed = int(self.np_random.integers(2**31))
-        seen = self.batch.reset(None if seed is None else [seed])
-        return self._seen(seen), self._place()
+        observation = self.batch.reset(None if seed is None else [seed])
+        return self._seen(observation), self._place()
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one decision. A timeout truncates; every other ending terminates."""
-        made = self.batch.step(np.array([int(action)]))
-        ending = int(made.ending[0])
+        decisions = self.batch.step(np.array([int(action)]))
+        ending = int(decisions.ending[0])
         info = {
-            "reward_pair": np.array([made.rewards.env[0], made.rewards.social[0]]),
-            "signals": {name: float(values[0]) for name, values in made.signals.items()},
+            "reward_pair": np.array([decisions.rewards.env[0], decisions.rewards.social[0]]),
+            "signals": {name: float(values[0]) for name, values in decisions.signals.items()},
             "ending": Ending(ending).name.lower(),
-            "speed": float(made.speed[0]),
-            "contact": Contact(int(made.contact[0])).name.lower(),
+            "speed": float(decisions.speed[0]),
+            "contact": Contact(int(decisions.contact[0])).name.lower(),
         }
-        reward = float(score(self._weights, made.rewards)[0])
+        reward = float(score(self._weights, decisions.rewards)[0])
         ended = ending in _TERMINAL
-        return self._seen(made.observation), reward, ended, ending == int(Ending.TIMEOUT), info
+        return self._seen(decisions.observation), reward, ended, ending == int(Ending.TIMEOUT), info
 
     def _seen(self, observation: np.ndarray) -> np.ndarray:
         if self._clock:
@@ -109,7 +109,7 @@ class RecordedJunctionEnv(gymnasium.Env):
         if self.render_mode != "rgb_array":
             return None
         from socialiq.worlds.pictures import pixels
-        from socialiq_recordings.world.figures import scene
+        from socialiq_recordings.world.compare import scene
 
         return pixels(scene(self.batch))
 

@@ -150,6 +150,11 @@ class RecordedWorld(World):
         return self.config.options(self.max_speed)
 
     @property
+    def whole_episode(self) -> int:
+        """Decisions of an episode; recorded vehicles leave the view before theirs is over."""
+        return self.config.decisions
+
+    @property
     def reward(self) -> dict[str, Any]:
         """Definition of the reward pair: weights of the signals, and the options that matter."""
         return reward_definition(self.options)
@@ -170,7 +175,7 @@ class RecordedWorld(World):
         Raises:
             UserError: If the name is unknown.
         """
-        from socialiq_recordings.world.state import AS_DRIVER
+        from socialiq_recordings.world.batch import AS_DRIVER
 
         one_of("driver of a recorded junction", name, self.drivers)
         actions = {"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}

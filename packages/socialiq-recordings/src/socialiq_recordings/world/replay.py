@@ -12,9 +12,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.settings import settings_of
+from socialiq_recordings.world.batch import Made, Traffic
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from socialiq_recordings.world.state import Made, Traffic
 
 HUMAN, SIMULATED = MODES = ("human", "simulated")
 """Modes of recorded drivers, by whether the recording shows signs of a simulation."""
@@ -106,18 +106,18 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
     steps = np.concatenate([steps for _, steps in runs])
     episode = np.repeat(np.arange(len(runs)), [len(steps) for _, steps in runs])
     recording = np.searchsorted(world.road.recording_first, vehicles[episode], side="right") - 1
-    made = _made(world, recording, vehicles[episode], steps)
+    results = _made(world, recording, vehicles[episode], steps)
     last = np.append(np.diff(episode) > 0, True)
     action, residual = np.zeros(len(steps), np.int32), np.zeros(len(steps))
     for number in range(len(runs)):
         rows = np.flatnonzero(episode == number)
-        levels = levels_of(made.speed[rows], world.config.levels, 1 / world.config.policy_rate)
+        levels = levels_of(results.speed[rows], world.config.levels, 1 / world.config.policy_rate)
         action[rows[:-1]], residual[rows[:-1]] = levels
     rows = np.flatnonzero(~last)
-    ending = made.ending.copy()
+    ending = results.ending.copy()
     final = rows[last[rows + 1]]  # the last decision of its episode
     ending[final] = np.where(ending[final] == int(Ending.NONE), int(Ending.TIMEOUT), ending[final])
-    observation = made.observation.reshape(len(steps), -1)
+    observation = results.observation.reshape(len(steps), -1)
     simulated = np.array(
         [int(source["simulated"] and not as_human) for source in world.provenance["recordings"]]
     )
@@ -126,7 +126,7 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
         action=action[rows],
         next_observation=observation[rows + 1],
         ending=ending[rows],
-        rewards=RewardPair(made.pair[rows, 0], made.pair[rows, 1]),
+        rewards=RewardPair(results.pair[rows, 0], results.pair[rows, 1]),
         episode=episode[rows],
         mode=simulated[recording[rows]],
         mode_names=MODES,
@@ -137,10 +137,10 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
         table,
         vehicles,
         steps[rows],
-        made.speed[rows + 1],
-        made.signals[rows],
+        results.speed[rows + 1],
+        results.signals[rows],
         residual[rows],
-        made.speed[rows + 1] - made.speed[rows],
+        results.speed[rows + 1] - results.speed[rows],
     )
 
 
@@ -170,10 +170,10 @@ def _made(
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
 
-    made = Made.of(world, len(steps))
+    results = Made.of(world, len(steps))
     settings = settings_of(world.config.options(world.max_speed))
     egos = vehicle - world.road.recording_first[recording]
     moments = (recording.astype(np.int64), egos.astype(np.int64), steps.astype(np.int64))
     traffic = Traffic.of(world, 1)
-    run_in_parts(core.replay, 1, len(steps), world.road, traffic, made, *moments, settings)
-    return made
+    run_in_parts(core.replay, 1, len(steps), world.road, traffic, results, *moments, settings)
+    return results

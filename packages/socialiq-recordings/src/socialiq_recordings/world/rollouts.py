@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
+from socialiq.evaluation.branching import rollouts
 from socialiq.types import Ending
 from socialiq.worlds.highway.state import Contact
 from socialiq_recordings.world.batch import JunctionBatch
@@ -57,18 +58,15 @@ def branch(batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act)
     """
     count = batch.world.n_actions
     copies = batch.branch(np.repeat(rows, count))
-    action = np.tile(np.arange(count), len(rows))
+    first = np.tile(np.arange(count), len(rows))
     returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
-    running = np.ones(copies.size, bool)
-    while running.any():
-        made = copies.step(action, rows=running)
-        returns[running] += np.column_stack(made.rewards)[running]
-        ended = running & (made.ending != int(Ending.NONE))
-        collided = made.ending == int(Ending.COLLISION)
-        at_fault |= ended & collided & (made.contact == int(Contact.EGO_STRUCK))
-        running &= ~ended
-        if running.any():
-            action[running] = policy(copies.observation[running])
+    steps = rollouts(
+        copies, first, np.ones(copies.size, bool), lambda rows: policy(copies.observation[rows])
+    )
+    for decided, decisions in steps:
+        returns[decided] += np.column_stack(decisions.rewards)[decided]
+        collided = decisions.ending == int(Ending.COLLISION)
+        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
     return Branched(returns.reshape(-1, count, 2), at_fault.reshape(-1, count))
 
 
@@ -81,15 +79,15 @@ def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"
         seeds: Of the episodes.
     """
     batch.reset(seeds)
-    running, found = np.ones(batch.size, bool), []
+    running, visited = np.ones(batch.size, bool), []
     while running.any():
         rows = np.flatnonzero(running)
-        seen, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
-        action[rows] = policy(seen[rows])
-        found.append((seen[rows], time[rows], action[rows], *branch(batch, rows, policy)))
-        made = batch.step(action, rows=running)
-        running &= made.ending == int(Ending.NONE)
-    seen, time, action, returns, at_fault = (
-        np.concatenate(column) for column in zip(*found, strict=True)
+        observation, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
+        action[rows] = policy(observation[rows])
+        visited.append((observation[rows], time[rows], action[rows], *branch(batch, rows, policy)))
+        decisions = batch.step(action, rows=running)
+        running &= decisions.ending == int(Ending.NONE)
+    observation, time, action, returns, at_fault = (
+        np.concatenate(column) for column in zip(*visited, strict=True)
     )
-    return Visited(seen, time, action, Branched(returns, at_fault))
+    return Visited(observation, time, action, Branched(returns, at_fault))

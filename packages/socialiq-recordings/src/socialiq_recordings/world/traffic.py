@@ -1,7 +1,9 @@
 """Compiled traffic of a recorded junction: IDM along recorded ways, right of way, closed lines.
 
-Vehicles are numbered within their recording, `base` is the first one's number in all. The IDM is
-that of `conflicts.idm`; in a sub-step all vehicles choose from the same positions and speeds.
+Vehicles are numbered within their recording, `base` is the first one's number in all. In a sub-step
+all vehicles choose from the same positions and speeds. Random numbers are functions of an episode's
+seed and of what they are for, by SplitMix64 (Steele, Lea and Flood 2014) as a hash: no draw depends
+on the order of others.
 """
 
 from __future__ import annotations
@@ -11,6 +13,49 @@ import math
 import numpy as np
 
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_S30, _S27, _S31, _S11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
+_ONE = np.uint64(1)
+_UNIT = 2.0**-53
+
+
+@kernel
+def hashed(word):
+    """Return the mixed bits of a word, SplitMix64's finaliser."""
+    word = (word ^ (word >> _S30)) * _FIRST
+    word = (word ^ (word >> _S27)) * _SECOND
+    return word ^ (word >> _S31)
+
+
+@kernel
+def uniform(seed, purpose, number):
+    """Return a number in [0, 1).
+
+    Args:
+        seed: The episode's, uint64.
+        purpose: What it is for.
+        number: Which one of these.
+    """
+    word = hashed(seed + _GOLDEN * np.uint64(purpose + 1))
+    word = hashed(word + _GOLDEN * np.uint64(number + 1))
+    return np.float64(word >> _S11) * _UNIT
+
+
+@kernel
+def normal(seed, purpose, number):
+    """Return a standard normal number (Box and Muller 1958)."""
+    first = uniform(seed, 2 * purpose, number)
+    second = uniform(seed, 2 * purpose + 1, number)
+    return math.sqrt(-2.0 * math.log(1.0 - first)) * math.cos(2.0 * math.pi * second)
+
+
+@kernel
+def following(seed):
+    """Return the seed of the next episode of a stream."""
+    return hashed(seed + _GOLDEN) + _ONE
+
 
 WAITING, PRESENT, GONE = range(3)
 """States of a vehicle in an episode."""
@@ -28,12 +73,12 @@ _CREEP = 0.3  # m/s; least speed of a projection
 
 @kernel
 def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
-    """Return the acceleration of the IDM, m/s²; `conflicts.idm.acceleration`."""
+    """Return the acceleration of the IDM, m/s²; `recordings.idm.acceleration`."""
     ratio = speed / desired
     free = 1.0 - ratio * ratio * ratio * ratio
     closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(strongest * comfort))
-    wanted = jam + max(0.0, speed * headway + closing)
-    interaction = wanted / max(gap, 0.1)
+    keeps = jam + max(0.0, speed * headway + closing)
+    interaction = keeps / max(gap, 0.1)
     return max(strongest * (free - interaction * interaction), -HARDEST)
 
 
@@ -53,8 +98,8 @@ def time_to(distance, speed, strongest, fastest):
 @kernel
 def limit_at(line_first, line, vehicle, along):
     """Return the largest speed on a vehicle's way, m/s."""
-    place = line_first[vehicle] + max(np.int64(along), 0)
-    return line[min(place, line_first[vehicle + 1] - 1), 3]
+    point = line_first[vehicle] + max(np.int64(along), 0)
+    return line[min(point, line_first[vehicle + 1] - 1), 3]
 
 
 @kernel
@@ -68,10 +113,10 @@ def ahead_of(stretch_first, stretch, pair, along, own):
         along: The other's coordinate on its way, m.
         own: One's own coordinate, m.
     """
-    for place in range(stretch_first[pair], stretch_first[pair + 1]):
-        begin, end = stretch[place, 0], stretch[place, 1]
+    for number in range(stretch_first[pair], stretch_first[pair + 1]):
+        begin, end = stretch[number, 0], stretch[number, 1]
         if begin <= along <= end:
-            low, high = stretch[place, 2], stretch[place, 3]
+            low, high = stretch[number, 2], stretch[number, 3]
             at = low + (along - begin) * (high - low) / (end - begin)
             if at > own:
                 return at
@@ -89,9 +134,9 @@ def closed_line(closed_first, closed, vehicle, front, now):
         front: Coordinate of its front, m.
         now: s from the recording's first frame.
     """
-    for place in range(closed_first[vehicle], closed_first[vehicle + 1]):
-        if closed[place, 0] > front and closed[place, 1] <= now < closed[place, 2]:
-            return closed[place, 0]
+    for number in range(closed_first[vehicle], closed_first[vehicle + 1]):
+        if closed[number, 0] > front and closed[number, 1] <= now < closed[number, 2]:
+            return closed[number, 0]
     return math.inf
 
 
@@ -136,7 +181,7 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
 
 
 @inlined_kernel
-def drive(road, traffic, row, base, count, one, now):
+def drive(road, traffic, row, base, count, vehicle, now):
     """Return a driver's acceleration, m/s², and write what is ahead of it to `barrier`.
 
     Args:
@@ -145,47 +190,47 @@ def drive(road, traffic, row, base, count, one, now):
         row: The episode.
         base: First vehicle of its recording.
         count: Vehicles of the recording.
-        one: The vehicle.
+        vehicle: The vehicle.
         now: s from the recording's first frame.
     """
-    along, speed = traffic.along[row, one], traffic.speed[row, one]
-    headway, jam = traffic.driver[row, one, _T], traffic.driver[row, one, _S0]
-    strongest, comfort = traffic.driver[row, one, _A], traffic.driver[row, one, _B]
-    free, margin = traffic.driver[row, one, _V0], traffic.driver[row, one, _MARGIN]
-    half = 0.5 * road.length[base + one]
-    pairs = road.pair_first[traffic.recording[row]] + one * count
-    desired = min(free, limit_at(road.line_first, road.line, base + one, along))
+    along, speed = traffic.along[row, vehicle], traffic.speed[row, vehicle]
+    headway, jam = traffic.driver[row, vehicle, _T], traffic.driver[row, vehicle, _S0]
+    strongest, comfort = traffic.driver[row, vehicle, _A], traffic.driver[row, vehicle, _B]
+    free, margin = traffic.driver[row, vehicle, _V0], traffic.driver[row, vehicle, _MARGIN]
+    half = 0.5 * road.length[base + vehicle]
+    pairs = road.pair_first[traffic.recording[row]] + vehicle * count
+    desired = min(free, limit_at(road.line_first, road.line, base + vehicle, along))
     gap, leader_speed, wait = math.inf, 0.0, math.inf
-    for place in range(traffic.n_present[row]):
-        other = traffic.present[row, place]
-        pair = pairs + other
+    for slot in range(traffic.n_present[row]):
+        partner = traffic.present[row, slot]
+        pair = pairs + partner
         number = road.area_of[pair]
         if number < 0 and road.stretch_first[pair] == road.stretch_first[pair + 1]:
             continue
-        theirs, their_speed = traffic.along[row, other], traffic.speed[row, other]
-        other_half = 0.5 * road.length[base + other]
-        at = ahead_of(road.stretch_first, road.stretch, pair, theirs, along)
+        their_along, their_speed = traffic.along[row, partner], traffic.speed[row, partner]
+        other_half = 0.5 * road.length[base + partner]
+        at = ahead_of(road.stretch_first, road.stretch, pair, their_along, along)
         if at > along and at - along - half - other_half < gap:
             gap, leader_speed = at - along - half - other_half, their_speed
         if number < 0:
             continue
         before = road.area[number, 0] - half - along
-        their_through = road.area[number, 3] + other_half - theirs
-        their_gap = road.area[number, 2] - other_half - theirs
+        their_through = road.area[number, 3] + other_half - their_along
+        their_gap = road.area[number, 2] - other_half - their_along
         if before <= 0.0 or before >= wait or their_through <= 0.0:
             continue
-        if their_gap > 0.0 and traffic.barrier[row, other] < road.area[number, 2]:
+        if their_gap > 0.0 and traffic.barrier[row, partner] < road.area[number, 2]:
             continue  # something holds it before the area
         through = road.area[number, 1] + half - along
         rule = road.area_yields[number]
         if waits(before, through, speed, strongest, free, margin, their_gap, their_through,
-                 their_speed, rule, one < other):  # fmt: skip
+                 their_speed, rule, vehicle < partner):  # fmt: skip
             wait = before
-    line = closed_line(road.closed_first, road.closed, base + one, along + half, now)
+    line = closed_line(road.closed_first, road.closed, base + vehicle, along + half, now)
     to_line = line - along - half
     if speed * speed <= 2.0 * _STOPS * to_line:
         wait = min(wait, to_line + 1.0)
-    traffic.barrier[row, one] = along + half + min(gap, to_line)
+    traffic.barrier[row, vehicle] = along + half + min(gap, to_line)
     rate = idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
     if wait < math.inf:
         rate = min(rate, idm(speed, wait, 0.0, desired, headway, jam, strongest, comfort))
@@ -194,7 +239,7 @@ def drive(road, traffic, row, base, count, one, now):
 
 @kernel
 def advance(speed, rate):
-    """Return the distance of a sub-step and the speed after it; `conflicts.idm.ballistic`."""
+    """Return the distance of a sub-step and the speed after it; `recordings.idm.ballistic`."""
     after = speed + rate * DT
     if after < 0.0:
         return speed * speed / (-2.0 * rate), 0.0

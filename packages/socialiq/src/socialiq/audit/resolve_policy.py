@@ -248,7 +248,7 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """Load a policy's file; its input may have the time as a further feature.
 
     The time is that of a world of this package or a recorded junction; other environments have
-    none (`evidence.drive`, `evidence.drive_junction`, `evaluation.play`).
+    none (`evidence.drive`, `evidence.drive_junction`, `evaluation.simulate.play`).
     """
     interface = interface_of(world)
     keywords: dict[str, Any] = {

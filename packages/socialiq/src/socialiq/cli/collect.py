@@ -11,12 +11,12 @@ import tyro
 
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.drivers import continuous_driver_of
-from socialiq.cli.evaluate_parts import SIDE_BY_SIDE
 from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation import play
+from socialiq.evaluation import rollout
+from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.foreign import one_line
@@ -178,7 +178,7 @@ class Collect:
         with driver as loaded:
             record = loaded.record
             source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
-            made = play.record(batch, loaded.policy, seeds, mode, source).transitions
+            made = rollout.record(batch, loaded.policy, seeds, mode, source).transitions
         return made.with_clock() if self.clock else made
 
 

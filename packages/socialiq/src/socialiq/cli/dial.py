@@ -47,8 +47,8 @@ class Dial:
     intersection-continuous, or intersection-continuous-steering (with -offroad: leaving the road
     ends an episode)."""
     policy: Path
-    """Dial file, of `socialiq train-dial`, or of `socialiq train --dial True` where actions are
-    continuous."""
+    """Dial file, of `socialiq train dial`; where actions are continuous, of `train sac` or
+    `iq-learn` with --set dial=true."""
     every: int = 5
     """Degrees between the rows. In a gridworld the summary has two mean regrets: that of the rows,
     mean_regret_every_N, and that of every degree, mean_regret_every_1."""

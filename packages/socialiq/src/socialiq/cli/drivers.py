@@ -117,7 +117,7 @@ def refuse_misfit(
 ) -> None:
     """Raise an error for a policy or dial that was trained for another world.
 
-    It may have the time as a further feature (`evaluation.play`).
+    It may have the time as a further feature (`evaluation.simulate.play`).
 
     Raises:
         UserError: If the numbers of features or actions differ.

@@ -2,43 +2,52 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
+import gymnasium
 import numpy as np
 import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
-from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts, driven_in
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
+from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
+from socialiq.evaluation import parts
 from socialiq.evaluation.context import evaluate_by_rule
-from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.learners.config import check_seed
 from socialiq.nn.q_policy import ValuePolicy
+from socialiq.policies.interface import Loaded
+from socialiq.policies.load import load_policy
 from socialiq.social.angle import check_angle
 from socialiq.social.angle_rule import AngleRule, load_rule
-from socialiq.worlds import CONTINUOUS
+from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
-from socialiq_lab.engine import Engine, work_folder
 from socialiq_lab.intersection.rows import policy_row
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
+
+ROADS = (IDS["intersection"], *CONTINUOUS_IDS.values())
+"""Ids of the intersection, whose environments show the time where a policy takes it."""
 
 Measure = Callable[[ValuePolicy], dict[str, Any]]
 
@@ -82,10 +91,9 @@ class Evaluate:
     """Number of episodes to roll out; 0 evaluates exactly, which only gridworlds allow."""
     seed: int = 0
     """Seed of the rollouts and the bootstrap."""
-    engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
-    work: Path | None = None
-    """Folder of the parts that are finished, with --processes or --cluster, which split episodes of
-    the intersection or of an environment by seed; by default a temporary folder."""
+    processes: int = 0
+    """Processes among which episodes of the intersection or of an environment are split, by seed;
+    by default this one plays all."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
     json: bool = False
@@ -135,8 +143,7 @@ class Evaluate:
             name
             for name, value in (
                 ("--episodes", self.episodes),
-                ("--processes or --cluster", self.engine.given),
-                ("--work", self.work),
+                ("--processes", self.processes),
             )
             if value
         ]
@@ -159,7 +166,9 @@ class Evaluate:
     def measured(self) -> list[dict[str, Any]]:
         """Return a row for each policy."""
         refuse_file(self.world)
-        self._check_engine()
+        parts.check_processes(self.processes)
+        if self.processes and self.world in (*GRIDWORLDS, *CONTINUOUS):
+            raise UserError(f"episodes of {self.world} are not split: leave out --processes")
         if self.world == "intersection" or self.world in CONTINUOUS:
             return [self.intersection(str(path)) for path in self.policies]
         if self.world not in GRIDWORLDS:
@@ -180,7 +189,7 @@ class Evaluate:
         if self.world in CONTINUOUS:
             episodes = self._steered(name)
         else:
-            episodes = self._split(name) if self.engine.given else self._played(name)
+            episodes = self._split(name) if self.processes else self._played(name)
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
@@ -202,28 +211,20 @@ class Evaluate:
             return episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
 
     def _split(self, name: str) -> Episodes:
-        """Play the episodes in parts, where the engine says."""
-        with self._parts() as parts:
-            return parts.episodes(name, self._seeds, self.soft)
+        """Play the episodes in parts, as many side by side as in one."""
+        driver = driver_of(name)
+        if name == "random" or (self.soft and not isinstance(driver, SoftPolicy)):
+            raise parts.draws_in_order(name)
+        size = min(SIDE_BY_SIDE, self.episodes)
+        blocks = parts.blocks_of(self._seeds, self.processes)
+        split = [_RoadPart(name, self.soft, size, block) for block in blocks]
+        with Display() as display:
+            played = parts.in_parts(_play_road, split, self.processes, display.stage("episodes"))
+        return parts.joined(played)
 
     @property
     def _seeds(self) -> range:
         return range(self.seed, self.seed + self.episodes)
-
-    @contextmanager
-    def _parts(self) -> Iterator[Parts]:
-        with work_folder(self.work) as work, Display() as display:
-            yield Parts(self.engine, work, display.stage)
-
-    def _check_engine(self) -> None:
-        if self.engine.given and self.world in (*GRIDWORLDS, *CONTINUOUS):
-            raise UserError(
-                f"episodes of {self.world} are not split: leave out --processes and --cluster"
-            )
-        if self.engine.cluster is not None and self.work is None:
-            raise UserError("a cluster needs a folder that all its workers see: add --work FOLDER")
-        if self.work is not None and not self.engine.given:
-            raise UserError("--work is of --processes or --cluster: add one, or leave it out")
 
     def gridworld(self) -> Measure:
         """Return exact or sampled metrics, with regret against the exact optimum."""
@@ -253,18 +254,31 @@ class Evaluate:
         self._check_episodes()
         rows = []
         for path in map(str, self.policies):
-            if self.engine.given:
-                with self._parts() as parts:
-                    rollout = parts.rollout(
-                        self.world, path, self._seeds, self.soft, self.angle, self.allow_code
-                    )
-            else:
-                with driven_in(self.world, path, self.angle, self.allow_code) as (env, loaded):
-                    rollout = rollout_env(
-                        env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
-                    )
+            rollout = self._in_environment(path)
             rows.append(self.sampled(rollout))
         return rows
+
+    def _in_environment(self, policy: str) -> Rollout:
+        """Play the episodes of a policy in an environment, in parts if there are processes.
+
+        In parts environment and policy must keep nothing from one episode to the next, as
+        Gymnasium's `reset(seed=...)` promises.
+        """
+        whole = _EnvironmentPart(
+            self.world, policy, self.angle, self.allow_code, self.soft, np.array(self._seeds)
+        )
+        if not self.processes:
+            return _play_in_environment(whole)
+        if self.soft:
+            raise parts.draws_in_order(policy)
+        blocks = parts.blocks_of(self._seeds, self.processes)
+        split = [whole._replace(seeds=block) for block in blocks]
+        with Display() as display:
+            report = display.stage("episodes")
+            played = parts.in_parts(_play_in_environment, split, self.processes, report)
+        table = concatenate([rollout.transitions for rollout in played])
+        table = dataclasses.replace(table, source=played[0].transitions.source)
+        return Rollout(table, np.concatenate([rollout.speed for rollout in played]))
 
     def _check_episodes(self) -> None:
         if self.episodes < 1:
@@ -288,3 +302,61 @@ def _at_rule(part: Table, chances: np.ndarray, rule: AngleRule) -> dict[str, Any
     by_context = dict(zip(rule.contexts, lost.tolist(), strict=True))
     found = {"decision_loss": float(lost.sum())}
     return found | {f"decision_loss where {name}": value for name, value in by_context.items()}
+
+
+class _RoadPart(NamedTuple):
+    """Episodes of a driver at the intersection; `size` of them run side by side."""
+
+    driver: str
+    soft: bool
+    size: int
+    seeds: np.ndarray
+
+
+def _play_road(part: _RoadPart) -> Episodes:
+    batch = Batch(Options(), part.size)
+    return episodes_of(batch, driver_of(part.driver), part.seeds, deterministic=not part.soft)
+
+
+class _EnvironmentPart(NamedTuple):
+    """Episodes of a policy in an environment, of successive seeds."""
+
+    world: str
+    policy: str
+    angle: float
+    allow_code: bool
+    soft: bool
+    seeds: np.ndarray
+
+
+def _play_in_environment(part: _EnvironmentPart) -> Rollout:
+    with driven_in(part.world, part.policy, part.angle, part.allow_code) as (env, loaded):
+        first, count = int(part.seeds[0]), len(part.seeds)
+        return rollout_env(env, loaded.policy, count, first, deterministic=not part.soft)
+
+
+@contextmanager
+def driven_in(
+    world: str, driver: str, angle: float, allow_code: bool
+) -> Iterator[tuple[gymnasium.Env[Any, Any], Loaded]]:
+    """Yield an environment and the policy that drives in it.
+
+    On a road of highway-env a file of this package may take the time as a further feature, which
+    the environment then shows, the intersection with continuous actions too.
+
+    Args:
+        world: Name, as of `make_environment`.
+        driver: The policy, as of `load_policy`.
+        angle: Of a dial, in degrees.
+        allow_code: Whether a module that is named may be imported.
+
+    Raises:
+        UserError: If one can't be made, or they don't fit together.
+    """
+    env = make_environment(world, allow_code=allow_code, continuous=True)
+    shows_time = world in (*SCENE_IDS, *SCENE_IDS.values(), *ROADS)
+    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": shows_time}
+    with load_policy(driver, *sizes(env), action_size=action_size(env), **more) as loaded:
+        if loaded.record.interface.n_features > sizes(env)[0]:
+            env = make_environment(world, {"clock": True}, continuous=True)
+        yield env, loaded

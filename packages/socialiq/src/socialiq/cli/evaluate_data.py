@@ -13,8 +13,8 @@ import numpy as np
 from socialiq.cli.output import print_json, print_table, say
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq.evaluation.off_policy.estimate import Estimate, Evaluator, OffPolicy
-from socialiq.evaluation.off_policy.logged import Chances, Logged
+from socialiq.evaluation.logged import Chances, Logged
+from socialiq.evaluation.off_policy import Estimate, Evaluator, OffPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.load import load_policy

@@ -151,7 +151,7 @@ class Turn:
     """
 
     dial: Annotated[Path, tyro.conf.Positional]
-    """Dial file, of `socialiq train-dial`."""
+    """Dial file, of `socialiq train dial`."""
     out: Path
     """Policy file to write."""
     angle: float | None = None

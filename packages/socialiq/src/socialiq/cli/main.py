@@ -89,6 +89,11 @@ def parse(arguments: list[str] | None) -> Any:
         _print_and_exit(f"socialiq {_version()}\n")
     if first.startswith(("--tyro-print-completion", "--tyro-write-completion")):
         return _options_of(every_command(), "socialiq", words, DESCRIPTION)
+    if first.startswith(("train", "improve")):
+        from socialiq.cli.train.forward import forwarded
+
+        words = forwarded(words, [name.partition(" ")[2] for name in COMMANDS if "train " in name])
+        first = words[0]
     for length in (2, 1):
         name = " ".join(words[:length])
         if name in COMMANDS:

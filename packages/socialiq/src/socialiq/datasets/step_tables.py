@@ -69,10 +69,10 @@ class Layout(NamedTuple):
         for name in names:
             if self.kind_of(name) is None:
                 vectors = (f"{vector}_0, ..." for vector in (*self.vectors, self.action))
-                known = ", ".join((*vectors, self.action, *self.scalars))
+                columns = ", ".join((*vectors, self.action, *self.scalars))
                 raise UserError(
                     f"{source} has an unknown column '{one_line(name, 60)}': remove or rename it; "
-                    f"known are {known}"
+                    f"known are {columns}"
                 )
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:

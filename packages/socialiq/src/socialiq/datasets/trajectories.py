@@ -114,18 +114,21 @@ def read_trajectories(
     Raises:
         UserError: If the file is missing or damaged, or an array or column is missing or wrong.
     """
-    kind, more = format_of(path), {"social": social, "time_limit": time_limit, "flatten": flatten}
+    kind, options = (
+        format_of(path),
+        {"social": social, "time_limit": time_limit, "flatten": flatten},
+    )
     source = source_of(path) if path.is_file() else {}
     if kind == ".npz":
         arrays = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
         return of_condensed(
-            arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **more
+            arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **options
         )
     columns = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
     try:
         trajectories = _by_trajectory(ROWS.arrays_of(columns, str(path)))
         return of_trajectories(
-            trajectories, n_actions=n_actions, bounds=bounds, modes=mode, source=source, **more
+            trajectories, n_actions=n_actions, bounds=bounds, modes=mode, source=source, **options
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from error

@@ -6,15 +6,18 @@ the same drivers and the same later traffic.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import UserError
-from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.episodes import State
+from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.social.angle import exact_weights, score
+from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds import world
+from socialiq.worlds.highway.episodes import RoadBatch, State
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
@@ -30,9 +33,35 @@ Worth = Callable[[Float32[np.ndarray, "row feature"]], RewardPair]
 (row, action)."""
 
 
+def rollouts(
+    copies: world.Batch,
+    first: np.ndarray,
+    running: Bool[np.ndarray, " copy"],
+    follow: Callable[[Int64[np.ndarray, " row"]], np.ndarray],
+) -> Iterator[tuple[Bool[np.ndarray, " copy"], Any]]:
+    """Take a first action in each copy, then follow a policy to the end of each episode.
+
+    Args:
+        copies: Copies of episodes.
+        first: First action of each.
+        running: Copies that run.
+        follow: From numbers of copies to their next actions.
+
+    Yields:
+        Of each decision the copies that took it, and its results.
+    """
+    action, deciding = first.copy(), running.copy()
+    while deciding.any():
+        made = copies.step(action, auto_reset=False, rows=deciding)
+        yield deciding, made
+        deciding = deciding & (made.ending == int(Ending.NONE))
+        rows = np.flatnonzero(deciding)
+        if len(rows):
+            action[rows] = follow(rows)
+
+
 def branched_returns(
     batch: Batch,
-    copies: Batch,
     follow: Act,
     clock: bool = False,
     angles: Float[np.ndarray, " batch"] | None = None,
@@ -45,7 +74,6 @@ def branched_returns(
 
     Args:
         batch: Episodes, on the core; they are not changed.
-        copies: Batch of the same options, three times as large.
         follow: Policy after the first action.
         clock: Whether it observes the time.
         angles: Of each episode in degrees, if the policy observes it.
@@ -53,22 +81,21 @@ def branched_returns(
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
-    copies.restore(now.rows(np.repeat(np.arange(size), count)))
+    copies = batch.branch(np.repeat(np.arange(size), count))
     same = equivalent_actions(now, batch.options)
     running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
     total = np.zeros((size * count, 2))
-    action = np.tile(np.arange(count), size)
     turned = None if angles is None else np.repeat(angles, count)
-    while running.any():
-        made = copies.step(action, auto_reset=False, rows=running)
-        total[running] += np.column_stack(made.rewards)[running]
-        running &= made.ending == int(Ending.NONE)
-        rows = np.flatnonzero(running)
-        if len(rows):
-            seen = observed(copies, clock, turned)[rows]
-            action[rows] = follow(seen)
-            if worth:
-                total[rows] += np.stack(worth(seen), axis=-1)[np.arange(len(rows)), action[rows]]
+
+    def act(rows: np.ndarray) -> np.ndarray:
+        seen = observed(copies, clock, turned)[rows]
+        action = follow(seen)
+        if worth:
+            total[rows] += np.stack(worth(seen), axis=-1)[np.arange(len(rows)), action]
+        return action
+
+    for decided, made in rollouts(copies, np.tile(np.arange(count), size), running, act):
+        total[decided] += np.column_stack(made.rewards)[decided]
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
     if worth:
         first = np.stack(worth(observed(batch, clock, angles)), axis=-1)
@@ -77,7 +104,7 @@ def branched_returns(
 
 
 def observed(
-    batch: Batch, clock: bool, angles: Float[np.ndarray, " batch"] | None = None
+    batch: RoadBatch, clock: bool, angles: Float[np.ndarray, " batch"] | None = None
 ) -> Float32[np.ndarray, "batch feature"]:
     """Return the present observations, followed by the time with a clock, and by the angles."""
     columns = [batch.observation]
@@ -90,18 +117,18 @@ def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "bat
     """Return for each action the first of those that select the same target speed.
 
     SLOWER and FASTER select the speeds below and above the one nearest to the present speed, IDLE
-    keeps the target speed (`core.ego.choose`); the lowest speed has none below.
+    keeps the target speed (`core.traffic.choose`); the lowest speed has none below.
     """
     ego = state.vehicles[np.arange(len(state.episodes)), state.episodes["ego"]]
     speeds = np.array(options.target_speeds)
     last = len(speeds) - 1
     share = (ego["speed"] - speeds[0]) / (speeds[last] - speeds[0])
     nearest = np.clip(np.rint(share * last), 0, last).astype(np.int64)
-    wanted = np.empty((len(ego), len(ACTIONS)))
-    wanted[:, SLOWER] = speeds[np.maximum(nearest - 1, 0)]
-    wanted[:, IDLE] = ego["target_speed"]
-    wanted[:, FASTER] = speeds[np.minimum(nearest + 1, last)]
-    return (wanted[:, :, None] == wanted[:, None, :]).argmax(axis=2)
+    target = np.empty((len(ego), len(ACTIONS)))
+    target[:, SLOWER] = speeds[np.maximum(nearest - 1, 0)]
+    target[:, IDLE] = ego["target_speed"]
+    target[:, FASTER] = speeds[np.minimum(nearest + 1, last)]
+    return (target[:, :, None] == target[:, None, :]).argmax(axis=2)
 
 
 class Branching:
@@ -136,22 +163,74 @@ class Branching:
                 raise UserError(f"{name} must be at least 1, got {value}")
         self._states, self._clock, self._angles, self._worth = states, clock, angles, worth
         self._batch = Batch(options, min(episodes, states))
-        self._copies = Batch(options, len(ACTIONS) * self._batch.size)
 
     def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Any:
         """Drive with `visit`, and label the states by rollouts of `follow`."""
-        batch, found = self._batch, []
+        batch, labelled = self._batch, []
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
         angles = self._angles(batch.size, rng) if self._angles else None
         for _ in range(-(-self._states // batch.size)):
             seen = observed(batch, self._clock, angles)
-            copies = self._copies
-            returns = branched_returns(batch, copies, follow, self._clock, angles, self._worth)
-            found.append((seen, *returns))
+            returns = branched_returns(batch, follow, self._clock, angles, self._worth)
+            labelled.append((seen, *returns))
             batch.step(visit(seen))
         states, env, social = (
-            np.concatenate(column)[: self._states] for column in zip(*found, strict=True)
+            np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
         )
         from socialiq.learners.policy_iteration.train import Labelled  # learning needs JAX
 
         return Labelled(states, RewardPair(env, social))
+
+
+class OracleLookahead:
+    """Policy with oracle lookahead in the batch that it drives.
+
+    It decides by `branched_returns` of another policy. The copies draw the same random numbers as
+    the episode itself will, so the best action is known in advance. This is one step of policy
+    improvement, not a bound: a better base policy would give more.
+
+    Args:
+        policy: Policy that drives the copies; one with `n_features` one more than the
+            observation's observes the time.
+        batch: Batch that it drives, on the core.
+        angle: At which totals are scored, in degrees.
+    """
+
+    def __init__(self, policy: Policy, batch: Batch, angle: float) -> None:
+        self._policy, self._batch, self._weights = policy, batch, exact_weights(angle)
+        self._clock = getattr(policy, "n_features", None) == batch.observation.shape[1] + 1
+
+    def predict(
+        self,
+        observation: np.ndarray,  # noqa: ARG002  the batch's state is used
+        state: None = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[Int64[np.ndarray, " batch"], None]:
+        """Choose the action of each episode with the best known end."""
+        return self.totals().argmax(axis=1), state
+
+    def totals(self) -> Float[np.ndarray, "batch action"]:
+        """Return the score that each action gives from now to the end of its episode."""
+        returns = branched_returns(
+            self._batch,
+            lambda seen: np.asarray(self._policy.predict(seen)[0]),
+            self._clock,
+        )
+        return score(self._weights, returns)
+
+
+def with_oracle_lookahead(
+    options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
+) -> Episodes:
+    """Run the episodes of a policy with oracle lookahead.
+
+    Args:
+        options: The scenario.
+        policy: Policy that drives the copies.
+        seeds: One for each episode.
+        angle: At which totals are scored, in degrees.
+        size: Number of episodes side by side.
+    """
+    batch = Batch(options, min(size, len(seeds)))
+    return episodes_of(batch, OracleLookahead(policy, batch, angle), seeds)

@@ -1,4 +1,4 @@
-"""Angle that depends on the situation, exactly: what a policy that follows a rule may mean.
+"""Angle that depends on the situation: what a policy that follows a rule may mean, and its losses.
 
 With an angle α(s) for each state there are three policies, which agree for a constant angle:
 
@@ -11,6 +11,13 @@ in dynamic utility maximization"); the third has a consequence weighed by the an
 which it falls, not of the decision that caused it. A declared rule means the first. A policy's
 *decision loss* is E Σ_t [V*(s_t; α) - Q*(s_t, a_t; α)] with α = α(s_t). For a constant angle this
 is the regret J* - J (performance difference: Kakade and Langford 2002, Lemma 6.1).
+
+At the intersection, where nothing is exact, a reference dial is asked at the angle of the situation
+at each decision of a policy. Where it would decide otherwise, two copies of the simulator go on
+with the dial at that angle, one after the policy's action and one after the dial's. The difference
+of their scores is an unbiased estimate of V(s; α) - Q(s, a; α) of the dial's policy, and 0 where
+both decide alike. At a constant angle the losses of an episode add up to the dial's score less the
+policy's in it.
 """
 
 from __future__ import annotations
@@ -18,16 +25,25 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Bool, Float, Float64, Int64
 
+from socialiq.evaluation.branching import equivalent_actions, rollouts
+from socialiq.evaluation.episodes import Episodes, summed
+from socialiq.evaluation.simulate import actor_of, simulate
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.mdp.solve import best_action
 from socialiq.mdp.tabular import TabularMDP
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
-from socialiq.types import RewardPair
+from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.situation import angles_of, check_rule
+from socialiq.worlds.world import Actor
+
+_COPIES = 1024  # copies of the simulator side by side
 
 TimedPolicy = Float[np.ndarray, "time state action"]
 
@@ -121,12 +137,12 @@ def decision_loss(
         degrees: Angle α, or one for each state.
     """
     mdp, horizon = table.mdp, table.world.horizon
-    each = np.broadcast_to(degrees, mdp.n_states)
-    found = np.empty((horizon, mdp.n_states, mdp.n_actions))
-    for angle in np.unique(each).tolist():
-        rows = each == angle
-        found[:, rows] = _optimum(table, angle)[1][:, rows]
-    return found
+    angles = np.broadcast_to(degrees, mdp.n_states)
+    losses = np.empty((horizon, mdp.n_states, mdp.n_actions))
+    for angle in np.unique(angles).tolist():
+        rows = angles == angle
+        losses[:, rows] = _optimum(table, angle)[1][:, rows]
+    return losses
 
 
 class RuleMetrics(NamedTuple):
@@ -159,7 +175,7 @@ def evaluate_by_rule(table: Table, policy: np.ndarray, rule: AngleRule) -> RuleM
     taken, rewards = visits.sum(axis=0), table.mdp.rewards
     contexts = len(rule.contexts)
     return RuleMetrics(
-        totals=RewardPair(*(float((taken * one).sum()) for one in rewards)),
+        totals=RewardPair(*(float((taken * side).sum()) for side in rewards)),
         weighed=float((taken * rule_reward(table, angles)).sum()),
         loss=np.bincount(angles.context, lost, contexts),
         decisions=np.bincount(angles.context, taken.sum(axis=1), contexts),
@@ -197,7 +213,7 @@ def _optimum(table: Table, angle: float) -> tuple[np.ndarray, np.ndarray]:
     reward = np.asarray(score(exact_weights(angle), mdp.rewards))
     best = horizon_optimum(mdp, reward, horizon)
     after = np.vstack([best.values[1:], np.zeros(mdp.n_states)])
-    q = np.stack([reward + mdp.expected_next(one) for one in after])
+    q = np.stack([reward + mdp.expected_next(values) for values in after])
     return best.actions, best.values[..., None] - q
 
 
@@ -211,17 +227,17 @@ def _pair_values(mdp: TabularMDP, after: RewardPair) -> RewardPair:
 def _visits(table: Table, policy: np.ndarray) -> Float64[np.ndarray, "time state action"]:
     """Return the chance of each state and action at each time of an episode."""
     mdp, running = table.mdp, table.mdp.initial
-    found = np.empty((table.world.horizon, mdp.n_states, mdp.n_actions))
+    visits = np.empty((table.world.horizon, mdp.n_states, mdp.n_actions))
     for time in range(table.world.horizon):
         chosen = policy[time] if policy.ndim == 3 else policy
-        found[time] = running[:, None] * chosen
-        running = mdp.arrivals(found[time])
-    return found
+        visits[time] = running[:, None] * chosen
+        running = mdp.arrivals(visits[time])
+    return visits
 
 
 def _weights(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return cos α and sin α of each angle, exact at multiples of 90 degrees."""
-    pairs = np.array([exact_weights(one) for one in degrees.tolist()])
+    pairs = np.array([exact_weights(angle) for angle in degrees.tolist()])
     return pairs[:, 0], pairs[:, 1]
 
 
@@ -238,7 +254,7 @@ class DecisionLosses:
         angles = state_angles(table, rule)
         self.contexts, self._context = len(rule.contexts), angles.context
         self._declared = decision_loss(table, angles.degrees)
-        self._by_angle = np.stack([decision_loss(table, one) for one in candidates], axis=-1)
+        self._by_angle = np.stack([decision_loss(table, angle) for angle in candidates], axis=-1)
 
     def begin(self, episodes: int) -> ContextLosses:
         """Return losses of so many episodes, all 0, which `note` adds to."""
@@ -255,7 +271,119 @@ class DecisionLosses:
         action: Int64[np.ndarray, " row"],
     ) -> None:
         """Add the losses of one decision of some episodes."""
-        place = (episode, self._context[state])
-        losses.declared[place] += self._declared[time, state, action]
-        losses.by_angle[place] += self._by_angle[time, state, action]
-        losses.decisions[place] += 1
+        cell = (episode, self._context[state])
+        losses.declared[cell] += self._declared[time, state, action]
+        losses.by_angle[cell] += self._by_angle[time, state, action]
+        losses.decisions[cell] += 1
+
+
+def losses_of(
+    batch: Batch,
+    policy: Policy,
+    seeds: Int64[np.ndarray, " episode"],
+    reference: DialPolicy,
+    rule: AngleRule,
+    candidates: tuple[float, ...] = (),
+    deterministic: bool = True,
+) -> tuple[Episodes, ContextLosses]:
+    """Run one episode of a policy for each seed, and measure its decision losses.
+
+    Args:
+        batch: Batch of episodes to drive, on the core.
+        policy: The policy.
+        seeds: Seed of each episode, each once.
+        reference: Dial that the policy is compared with.
+        rule: The rule.
+        candidates: Further angles at which the losses are measured, in degrees.
+        deterministic: Whether the policy takes its best action.
+    """
+    inner = actor_of(batch, policy, deterministic)
+    actor = LossActor(batch, inner, seeds, reference, rule, candidates)
+    episodes = summed(simulate(batch, actor, seeds), len(seeds))
+    return episodes, actor.losses
+
+
+class LossActor:
+    """Actor that measures the loss of each decision of another one before it is taken.
+
+    Attributes:
+        losses: The losses so far.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        inner: Actor,
+        seeds: Int64[np.ndarray, " episode"],
+        reference: DialPolicy,
+        rule: AngleRule,
+        candidates: tuple[float, ...],
+    ) -> None:
+        self._batch, self._inner, self._reference, self._rule = batch, inner, reference, rule
+        self._candidates = np.array(candidates, np.float64)
+        self._number = {seed: number for number, seed in enumerate(seeds.tolist())}
+        self._episode = np.zeros(batch.size, np.int64)
+        self._copies = Batch(batch.options, _COPIES)
+        shape = (len(seeds), len(rule.contexts))
+        self.losses = ContextLosses(
+            np.zeros(shape), np.zeros((*shape, len(candidates))), np.zeros(shape, np.int64)
+        )
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Note which episode begins in each of some rows."""
+        self._inner.begin(rows, seeds)
+        self._episode[rows] = [self._number[seed] for seed in seeds.tolist()]
+
+    def decide(
+        self, observation: np.ndarray, running: Bool[np.ndarray, " row"]
+    ) -> Int64[np.ndarray, " row"]:
+        """Return the other actor's actions."""
+        action = self._inner.decide(observation, running)
+        rows = np.flatnonzero(running)
+        degrees, context = angles_of(self._rule, observation[rows], self._batch.time[rows])
+        angles = np.column_stack([degrees, np.tile(self._candidates, (len(rows), 1))])
+        lost = self._lost(rows, angles, action[rows])
+        cell = (self._episode[rows], context)
+        np.add.at(self.losses.declared, cell, lost[:, 0])
+        np.add.at(self.losses.by_angle, cell, lost[:, 1:])
+        np.add.at(self.losses.decisions, cell, 1)
+        return action
+
+    def _lost(
+        self, rows: np.ndarray, angles: Float64[np.ndarray, "row angle"], action: np.ndarray
+    ) -> Float64[np.ndarray, "row angle"]:
+        """Return the loss of each row's action at each of its angles."""
+        count, columns = len(rows), angles.shape[1]
+        seen = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
+        best = self._reference.q_values_at(seen, angles.ravel()).argmax(axis=1)
+        state, each = self._batch.save().rows(rows), np.repeat(np.arange(count), columns)
+        same = equivalent_actions(state, self._batch.options)[each]
+        taken, cells = action[each], np.arange(len(each))
+        losses = np.zeros(len(each))
+        differing = np.flatnonzero(same[cells, taken] != same[cells, best])
+        for first in range(0, len(differing), _COPIES // 2):
+            chosen = differing[first : first + _COPIES // 2]
+            pairs = np.concatenate([best[chosen], taken[chosen]])
+            turned = np.tile(angles.ravel()[chosen], 2)
+            values = self._played(state.rows(np.tile(each[chosen], 2)), pairs, turned)
+            losses[chosen] = values[: len(chosen)] - values[len(chosen) :]
+        return losses.reshape(count, columns)
+
+    def _played(
+        self, state: State, action: np.ndarray, angles: Float64[np.ndarray, " copy"]
+    ) -> Float64[np.ndarray, " copy"]:
+        """Return the score of a first action and the reference's further ones, at given angles."""
+        copies, used = self._copies, len(action)
+        copies.restore(state.rows(np.arange(copies.size) % used))
+        turned = np.resize(angles, copies.size)
+        radians, total = np.deg2rad(turned), np.zeros(copies.size)
+
+        def follow(rows: np.ndarray) -> np.ndarray:
+            seen = copies.seen_by(self._reference)[rows]
+            return self._reference.q_values_at(seen, turned[rows]).argmax(axis=1)
+
+        running = np.arange(copies.size) < used
+        for decided, made in rollouts(copies, np.resize(action, copies.size), running, follow):
+            scored = np.cos(radians) * made.rewards.env + np.sin(radians) * made.rewards.social
+            total[decided] += scored[decided]
+        return total[:used]

@@ -6,21 +6,22 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
-from socialiq.evaluation.conflicts import conflict_at_junction, entered
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.play import play
-from socialiq.evaluation.simulate import Step
+from socialiq.evaluation.simulate import Step, play
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.state import SLOWER
+from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
+from socialiq.worlds.intersection.state import POSITION_RANGE, SLOWER
 
 STOPPED_BELOW = 0.5  # m/s
+SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
 
 
 class Episodes(NamedTuple):
@@ -63,7 +64,7 @@ class Episodes(NamedTuple):
     off_road: Bool[np.ndarray, " episode"]
 
     def metrics(self) -> Metrics:
-        """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
+        """Return the metrics of thesis 5.4 (`metrics_of`)."""
         return metrics_of(self)
 
 
@@ -167,6 +168,53 @@ def _sums(
         for name, column in last.items():
             column[which] = getattr(played.made, name)[played.running]
     return sums, last
+
+
+CONFLICT_SECONDS = 3.0  # time within which a crossing vehicle must reach the junction to count
+
+APPROACH_X = 2.0  # m, centre of the ego's approach lane
+
+
+def entered(observation: Float32[np.ndarray, "batch feature"]) -> Bool[np.ndarray, " batch"]:
+    """Whether the ego's centre has passed its stop line."""
+    return _metres(observation[:, 2]) < STOP_LINE
+
+
+def at_junction(observation: Float32[np.ndarray, "batch feature"]) -> Bool[np.ndarray, " batch"]:
+    """Whether the ego is in the junction, or no more than `LOOK_FROM` before its stop line."""
+    x, y = _metres(observation[:, 1]), _metres(observation[:, 2])
+    return (np.abs(x) <= STOP_LINE) & (y >= -STOP_LINE) & (y <= STOP_LINE + LOOK_FROM)
+
+
+def conflict(
+    observation: Float32[np.ndarray, "batch feature"], seconds: float
+) -> Bool[np.ndarray, " batch"]:
+    """Whether a crossing vehicle is in the junction, or will be there soon at its speed.
+
+    The rule-based drivers of `policies.gap` use the same criterion. The ego may be anywhere.
+
+    Args:
+        observation: Observations of the egos.
+        seconds: Largest time until the vehicle reaches the junction.
+    """
+    seen = policies.in_metres(observation)
+    # A follower doesn't cross, even if the ego has left the shared lane.
+    seen[:, 0, 1] = APPROACH_X
+    return np.any(policies.conflict(seen, seconds), axis=1)
+
+
+def conflict_at_junction(
+    observation: Float32[np.ndarray, "batch feature"],
+) -> Bool[np.ndarray, " batch"]:
+    """Whether the ego is at the junction and has a conflict within `CONFLICT_SECONDS` there."""
+    found = at_junction(observation)
+    near = np.flatnonzero(found)
+    found[near] = conflict(observation[near], CONFLICT_SECONDS)
+    return found
+
+
+def _metres(position: Float32[np.ndarray, " batch"]) -> Float[np.ndarray, " batch"]:
+    return position.astype(np.float64) * POSITION_RANGE
 
 
 def slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:

@@ -9,6 +9,7 @@ Programming, section 6.1).
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from typing import Protocol, runtime_checkable
 
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from socialiq.errors import UserError
-from socialiq.evaluation.play import sees_time
+from socialiq.evaluation.branching import rollouts
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
 from socialiq.worlds.highway.episodes import State
@@ -24,6 +25,7 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.imagination import imagined
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
+from socialiq.worlds.intersection.world import Intersection
 
 
 @runtime_checkable
@@ -102,7 +104,7 @@ class RolloutPolicy:
         size, copies = len(observations), self._draws * len(ACTIONS)
         seen = np.repeat(observations, copies, axis=0)
         # Seeds depend on the observation, so that draws differ between decisions but not actions.
-        first = np.array([zlib.crc32(one.tobytes()) for one in observations], np.uint64) << 20
+        first = np.array([zlib.crc32(row.tobytes()) for row in observations], np.uint64) << 20
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
         batch = self._batch_of(len(seen))
         batch.restore(self._drawn(seen, np.repeat(entropy.ravel(), len(ACTIONS))))
@@ -111,7 +113,8 @@ class RolloutPolicy:
 
     def _drawn(self, seen: Float[np.ndarray, "copy feature"], entropy: np.ndarray) -> State:
         """Draw a state for each observation, at its time."""
-        if not sees_time(self._policy, self._options):
+        timed = Intersection(self._options).n_features + 1
+        if self.n_features != timed:
             return imagined(self._options, seen, entropy)
         state = imagined(self._options, np.ascontiguousarray(seen[:, :-1]), entropy)
         state.episodes["time"] = seen[:, -1] / self._options.policy_frequency
@@ -125,16 +128,16 @@ class RolloutPolicy:
     def _played(
         self, batch: Batch, action: Int64[np.ndarray, " copy"]
     ) -> Float[np.ndarray, " copy"]:
-        total = np.zeros(batch.size)
-        running, factor, worth = np.ones(batch.size, bool), 1.0, np.zeros(batch.size)
-        for _ in range(self._decisions):
-            made = batch.step(action, auto_reset=False, rows=running)
-            total[running] += factor * score(self._weights, made.rewards)[running]
-            running &= made.ending == int(Ending.NONE)
+        total, factor, running = np.zeros(batch.size), 1.0, np.ones(batch.size, bool)
+
+        def values() -> np.ndarray:
+            return np.asarray(self._policy.q_values(batch.seen_by(self._policy)))
+
+        steps = rollouts(batch, action, running, lambda rows: values().argmax(axis=1)[rows])
+        for decided, made in itertools.islice(steps, self._decisions):
+            total[decided] += factor * score(self._weights, made.rewards)[decided]
             factor *= self._discount
-            if not running.any():
-                return total
-            values = np.asarray(self._policy.q_values(batch.seen_by(self._policy)))
-            action, worth = values.argmax(axis=1), values.max(axis=1)
-        total[running] += factor * worth[running]
+            running = decided & (made.ending == int(Ending.NONE))
+        if running.any():
+            total[running] += factor * values().max(axis=1)[running]
         return total

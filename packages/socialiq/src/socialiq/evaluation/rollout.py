@@ -1,8 +1,8 @@
-"""Rollouts as tables of transitions, in an enumerated gridworld or a Gymnasium environment."""
+"""Rollouts as tables of transitions: on a road, in a gridworld or a Gymnasium environment."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -12,12 +12,19 @@ from jaxtyping import Float, Int, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.simulate import simulate
-from socialiq.evaluation.simulators import GymActor, GymSimulator, SharedChance, TableSimulator
+from socialiq.evaluation.simulate import (
+    GymActor,
+    GymSimulator,
+    ScriptedActor,
+    Step,
+    play,
+    simulate,
+)
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.enumerate import Table
+from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.environment import action_bounds
+from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.tabular_policy import draw_actions
 
 
@@ -48,6 +55,92 @@ class Rollout(NamedTuple):
     def angle(self, seed: int) -> AngleEstimate:
         """Return α̂ with its bootstrap interval over the episodes."""
         return estimate_angle(*self.transitions.totals(), seed=seed)
+
+
+class Recorded(NamedTuple):
+    """Demonstrations, with the classical rewards for comparison.
+
+    Attributes:
+        transitions: One row for each decision.
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (transition,).
+    """
+
+    transitions: Demonstrations
+    classical: RewardPair
+
+
+def record(
+    batch: RoadBatch,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    mode: str,
+    source: Mapping[str, Any] | None = None,
+) -> Recorded:
+    """Run one greedy episode for each seed, and record every transition.
+
+    Args:
+        batch: Batch of episodes to drive.
+        policy: Policy of the ego.
+        seeds: Seed of each episode.
+        mode: Name of the driver mode to record.
+        source: Provenance to record.
+
+    Raises:
+        UserError: If there is no seed.
+    """
+    columns = columns_of(
+        play(batch, policy, seeds), lambda made: (made.classical.env, made.classical.social)
+    )
+    transitions = Demonstrations.of(
+        **columns.transitions,
+        mode_names=(mode,),
+        n_actions=0 if batch.options.continuous else batch.n_actions,
+        source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
+    )
+    return Recorded(transitions, RewardPair(*columns.more))
+
+
+class Columns(NamedTuple):
+    """Decisions of episodes as columns, episode by episode.
+
+    Attributes:
+        transitions: Arguments of `Demonstrations.of`.
+        more: Further columns.
+    """
+
+    transitions: dict[str, Any]
+    more: tuple[np.ndarray, ...]
+
+
+def columns_of(
+    steps: Iterator[Step], more: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
+) -> Columns:
+    """Return the decisions of a batch's episodes as columns.
+
+    Args:
+        steps: Result of `simulate`.
+        more: From the result of a decision to further columns.
+    """
+    parts = []
+    for step in steps:
+        made, running = step.made, step.running
+        columns = (step.episode, step.observation, step.action, made.observation, made.ending)
+        columns = (*columns, *made.rewards, *more(made))
+        parts.append([column[running] for column in columns])
+    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    order = np.argsort(joined[0], kind="stable")
+    episode, observation, action, after, ending, env, social, *further = (
+        column[order] for column in joined
+    )
+    transitions = {
+        "observation": observation,
+        "action": action,
+        "next_observation": after,
+        "ending": ending,
+        "rewards": RewardPair(env, social),
+        "episode": episode,
+    }
+    return Columns(transitions, tuple(further))
 
 
 def rollout_table(
@@ -114,39 +207,24 @@ def _steps(
     """Return columns of all transitions: episode, step, state, action, next state, ending."""
     _check_episodes(episodes)
     rng = np.random.default_rng(seed)
-    simulator = TableSimulator(table, episodes, SharedChance(rng))
-    rows: list[tuple[np.ndarray, ...]] = []
-    for time, one in enumerate(
-        simulate(simulator, _DrawnActions(policy, rng), np.arange(episodes))
-    ):
-        running = np.flatnonzero(one.running)
-        columns = (one.observation, one.action, one.made.state, one.made.ending)
-        rows.append(
+
+    def draw(time: int, state: np.ndarray, running: np.ndarray) -> Int64[np.ndarray, " row"]:
+        chances = policy[time] if policy.ndim == 3 else policy
+        action = np.zeros(len(running), np.int64)
+        action[running] = draw_actions(chances[state[running]], rng)
+        return action
+
+    batch = GridBatch(table, episodes, rng)
+    parts: list[tuple[np.ndarray, ...]] = []
+    for time, step in enumerate(simulate(batch, ScriptedActor(draw), np.arange(episodes))):
+        running = np.flatnonzero(step.running)
+        columns = (step.observation, step.action, step.made.state, step.made.ending)
+        parts.append(
             (running, np.full_like(running, time), *(column[running] for column in columns))
         )
-    columns = [np.concatenate(part) for part in zip(*rows, strict=True)]
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.argsort(columns[0], kind="stable")
     return [column[order] for column in columns]
-
-
-class _DrawnActions:
-    """Actions drawn from a table of probabilities, from the same stream as chance."""
-
-    def __init__(
-        self, policy: Float[np.ndarray, "*time state action"], rng: np.random.Generator
-    ) -> None:
-        self._policy, self._rng, self._time = policy, rng, 0
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: all episodes begin at once."""
-
-    def decide(self, observation: np.ndarray, running: np.ndarray) -> Int64[np.ndarray, " row"]:
-        """Draw for the running rows."""
-        chances = self._policy[self._time] if self._policy.ndim == 3 else self._policy
-        self._time += 1
-        action = np.zeros(len(running), np.int64)
-        action[running] = draw_actions(chances[observation[running]], self._rng)
-        return action
 
 
 def rollout_env(
@@ -179,21 +257,21 @@ def rollout_env(
     """
     _check_episodes(episodes)
     seeds = np.arange(seed, seed + episodes)
-    taken = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
+    steps = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
     space = env.action_space
-    pairs = np.array([one.made.rewards for one in taken], np.float64)
+    pairs = np.array([step.made.rewards for step in steps], np.float64)
     transitions = Demonstrations.of(
-        observation=[np.ravel(one.observation[0]) for one in taken],
-        action=[one.action[0] for one in taken],
-        next_observation=[np.ravel(one.made.observation) for one in taken],
-        ending=[one.made.ending[0] for one in taken],
+        observation=[np.ravel(step.observation[0]) for step in steps],
+        action=[step.action[0] for step in steps],
+        next_observation=[np.ravel(step.made.observation) for step in steps],
+        ending=[step.made.ending[0] for step in steps],
         rewards=RewardPair(*pairs.T),
-        episode=[one.episode[0] for one in taken],
+        episode=[step.episode[0] for step in steps],
         mode_names=(mode,),
         n_actions=int(space.n) if isinstance(space, gymnasium.spaces.Discrete) else 0,
         source={"seed": seed, **action_bounds(env), **(source or {})},
     )
-    return Rollout(transitions, np.array([one.made.speed for one in taken], np.float64))
+    return Rollout(transitions, np.array([step.made.speed for step in steps], np.float64))
 
 
 def _check_episodes(episodes: int) -> None:

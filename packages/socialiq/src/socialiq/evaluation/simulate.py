@@ -1,22 +1,27 @@
-"""One loop for seeded episodes of any simulator and any policy.
+"""Seeded episodes of any simulator and any policy: one loop, and the actors that policies drive by.
 
-A `Simulator` is a back end: the compiled intersection (`play`), an enumerated gridworld or a
-Gymnasium environment (`simulators`). An `Actor` adapts a policy to it. Experience for online
-learners has no seeded episodes; its loops are in `learners.collect`.
+A `world.Simulator` is a batch of a world or, here, a Gymnasium environment. An `Actor` adapts a
+policy to it. Experience for online learners has no seeded episodes; its loops are in
+`learners.collect`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import gymnasium
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from socialiq.errors import UserError
-from socialiq.types import Ending, Policy
+from socialiq.types import Ending, Policy, RewardPair, is_unit_box
+from socialiq.worlds.world import Actor as Actor  # the audit imports it from here
+from socialiq.worlds.world import Simulator
 
-SOFT = 4172  # makes these draws independent of other draws from the same seed
+SOFT = 4172  # makes draws of soft policies independent of other draws from the same seed
+UNIFORM = 6011  # likewise, of uniform actions
+BLOCK = 64  # random numbers that are drawn at once for an episode
 
 
 class Step(NamedTuple):
@@ -37,38 +42,6 @@ class Step(NamedTuple):
     made: Any
 
 
-@runtime_checkable
-class Simulator(Protocol):
-    """Episodes side by side, one in each of `size` rows."""
-
-    size: int
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Begin an episode in each of some rows."""
-        ...
-
-    def observe(self) -> Any:
-        """Return the present observations of all rows."""
-        ...
-
-    def step(self, action: np.ndarray, running: np.ndarray) -> Any:
-        """Take a step in the running rows; return at least `rewards` and `ending` of all rows."""
-        ...
-
-
-@runtime_checkable
-class Actor(Protocol):
-    """Chooses the actions of all rows."""
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Note that an episode begins in each of some rows."""
-        ...
-
-    def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
-        """Return one action for each row; those of rows that don't run are not used."""
-        ...
-
-
 def simulate(
     simulator: Simulator, actor: Actor, seeds: Sequence[int] | np.ndarray
 ) -> Iterator[Step]:
@@ -84,25 +57,106 @@ def simulate(
     Raises:
         UserError: If there are no seeds.
     """
-    wanted = np.asarray(seeds)
-    if not len(wanted):
+    queue = np.asarray(seeds)
+    if not len(queue):
         raise UserError("episodes must be at least 1, got 0")
     episode = np.arange(simulator.size)
-    running = episode < len(wanted)
+    running = episode < len(queue)
     begun, following = np.flatnonzero(running), int(running.sum())
     while running.any():
         if len(begun):
-            simulator.begin(begun, wanted[episode[begun]])
-            actor.begin(begun, wanted[episode[begun]])
-        observation = simulator.observe()
+            simulator.reset(queue[episode[begun]], rows=begun)
+            actor.begin(begun, queue[episode[begun]])
+        observation = simulator.observation
         action = actor.decide(observation, running)
-        made = simulator.step(action, running)
+        made = simulator.step(action, auto_reset=False, rows=running)
         yield Step(episode.copy(), running.copy(), observation, action, made)
         free = np.flatnonzero(running & (made.ending != int(Ending.NONE)))
-        begun = free[: max(len(wanted) - following, 0)]
+        begun = free[: max(len(queue) - following, 0)]
         running[np.setdiff1d(free, begun)] = False
         episode[begun] = following + np.arange(len(begun))
         following += len(begun)
+
+
+def play(
+    simulator: Simulator,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    deterministic: bool = True,
+) -> Iterator[Step]:
+    """Run a policy on one episode for each seed.
+
+    The time is a last feature of the input if the policy has one feature more than the world.
+    A `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
+    depend on the batch (`SoftActor`).
+
+    Args:
+        simulator: Batch of episodes to drive.
+        policy: Policy of the whole batch.
+        seeds: Seed of each episode.
+        deterministic: Whether it takes its best action; passed to policies without `probabilities`.
+
+    Raises:
+        UserError: If there are no seeds.
+    """
+    return simulate(simulator, actor_of(simulator, policy, deterministic), seeds)
+
+
+def actor_of(simulator: Simulator, policy: Policy, deterministic: bool = True) -> Actor:
+    """Return the actor of a policy that drives a batch, as in `play`."""
+    if not deterministic and isinstance(policy, SoftPolicy):
+        return SoftActor(policy, simulator)
+    return PolicyActor(policy, simulator, deterministic)
+
+
+class _Stateless:
+    """Actor that keeps nothing of an episode."""
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Do nothing."""
+
+
+class PolicyActor(_Stateless):
+    """A policy that acts for all rows at once; a stochastic one has its own random numbers.
+
+    Args:
+        policy: The policy.
+        simulator: What it drives.
+        deterministic: Passed to `predict`.
+        remembers: Whether it keeps a memory for each row. All episodes must then begin at once;
+            rows whose episode has ended stay in its input.
+        checked: From an answer and the number of rows to actions; by default numbers become int64.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        simulator: Simulator,
+        deterministic: bool = True,
+        remembers: bool = False,
+        checked: Callable[[Any, int], np.ndarray] | None = None,
+    ) -> None:
+        self._policy, self._simulator, self._deterministic = policy, simulator, deterministic
+        self._checked = checked or _numbers
+        self._memory: Any = None
+        self._begun = np.ones(simulator.size, bool) if remembers else None
+
+    def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
+        """Return the policy's actions: numbers, (row,), or continuous ones, (row, value)."""
+        seen = self._simulator.seen_by(self._policy)
+        if self._begun is None:
+            answer, _ = self._policy.predict(seen, deterministic=self._deterministic)
+        else:
+            begun, self._begun = self._begun, np.zeros(len(self._begun), bool)
+            answer, self._memory = self._policy.predict(
+                seen, self._memory, episode_start=begun, deterministic=self._deterministic
+            )
+        return self._checked(answer, len(running))
+
+
+def _numbers(answer: Any, _rows: int) -> np.ndarray:
+    actions = np.asarray(answer)
+    return actions if actions.ndim == 2 else actions.astype(np.int64)
 
 
 @runtime_checkable
@@ -116,7 +170,20 @@ class SoftPolicy(Policy, Protocol):
         ...
 
 
-class SoftActor:
+class _Drawing:
+    """Actor with a stream of random numbers for each episode, opened by its seed."""
+
+    def __init__(self, size: int, salt: int) -> None:
+        self._salt = salt
+        self._streams = [np.random.default_rng(0)] * size
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Open the stream of each episode."""
+        for row, seed in zip(rows.tolist(), seeds.tolist(), strict=True):
+            self._streams[row] = np.random.default_rng([self._salt, seed])
+
+
+class SoftActor(_Drawing):
     """Draws the actions of a soft policy with uniform numbers of the episodes' seeds.
 
     So an episode does not depend on how many others run beside it. (A network's float32 products
@@ -125,36 +192,164 @@ class SoftActor:
 
     Args:
         policy: The policy.
-        size: Rows of the simulator.
-        block: Number of random numbers drawn at once for an episode.
+        simulator: What it drives.
     """
 
-    def __init__(self, policy: SoftPolicy, size: int, block: int = 64) -> None:
+    def __init__(
+        self, policy: SoftPolicy, simulator: Simulator | int | None = None, size: int = 1
+    ) -> None:
+        size = simulator if isinstance(simulator, int) else getattr(simulator, "size", size)
+        super().__init__(size, SOFT)
         self._policy = policy
-        self._streams: list[np.random.Generator | None] = [None] * size
-        self._uniform = np.zeros((size, block))
-        self._used = np.zeros(size, np.int64)
+        self._simulator = None if isinstance(simulator, int) else simulator
+        self._uniform = np.zeros((size, BLOCK))
+        self._used = np.full(size, BLOCK)
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
         """Open the stream of each episode."""
-        for row, seed in zip(rows.tolist(), seeds.tolist(), strict=True):
-            self._streams[row] = np.random.default_rng([SOFT, seed])
-        self._refill(rows)
+        super().begin(rows, seeds)
+        self._used[rows] = BLOCK
 
     def decide(self, observation: Any, running: np.ndarray) -> Int64[np.ndarray, " row"]:
         """Draw an action for each row."""
-        block = self._uniform.shape[1]
-        self._refill(np.flatnonzero(running & (self._used == block)))
-        cumulative = self._policy.probabilities(np.asarray(observation)).cumsum(axis=1)
-        place = np.minimum(self._used, block - 1)
-        draws = self._uniform[np.arange(len(place)), place][:, None]
+        for row in np.flatnonzero(running & (self._used == BLOCK)).tolist():
+            self._uniform[row], self._used[row] = self._streams[row].random(BLOCK), 0
+        if self._simulator is not None:
+            observation = self._simulator.seen_by(self._policy)
+        seen = np.asarray(observation)
+        cumulative = self._policy.probabilities(seen).cumsum(axis=1)
+        column = np.minimum(self._used, BLOCK - 1)
+        draws = self._uniform[np.arange(len(column)), column][:, None]
         self._used[running] += 1
         chosen = (draws >= cumulative).sum(axis=1)
         return np.minimum(chosen, cumulative.shape[1] - 1).astype(np.int64)
 
-    def _refill(self, rows: np.ndarray) -> None:
-        for row in rows.tolist():
-            stream = self._streams[row]
-            assert stream is not None  # `begin` opened it
-            self._uniform[row] = stream.random(self._uniform.shape[1])
-        self._used[rows] = 0
+
+class UniformActor(_Drawing):
+    """Draws continuous actions uniformly from [-1, 1], by the seeds of the episodes.
+
+    Args:
+        action_size: Length of an action.
+        simulator: What it drives.
+    """
+
+    def __init__(self, action_size: int, simulator: Simulator) -> None:
+        super().__init__(simulator.size, UNIFORM)
+        self._action_size = action_size
+
+    def decide(self, observation: Any, running: np.ndarray) -> Float32[np.ndarray, "row size"]:  # noqa: ARG002
+        """Draw for the running rows; the others get 0."""
+        action = np.zeros((len(running), self._action_size), np.float32)
+        for row in np.flatnonzero(running).tolist():
+            action[row] = self._streams[row].uniform(-1.0, 1.0, self._action_size)
+        return action
+
+
+class ScriptedActor(_Stateless):
+    """Actions by a function of the decision's number, from 0; all episodes begin at once.
+
+    Args:
+        script: (number, observation, running rows) -> one action for each row.
+    """
+
+    def __init__(self, script: Callable[[int, Any, np.ndarray], np.ndarray]) -> None:
+        self._script, self._time = script, -1
+
+    def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
+        """Return the actions of the present time."""
+        self._time += 1
+        return self._script(self._time, observation, running)
+
+
+class GymActor:
+    """A policy that is asked for one observation at a time, and keeps a state of its episode."""
+
+    def __init__(self, policy: Policy, deterministic: bool = True) -> None:
+        self._policy, self._deterministic, self._state = policy, deterministic, None
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:  # noqa: ARG002
+        """Forget the last episode."""
+        self._state = None
+
+    def decide(self, observation: Any, running: np.ndarray) -> Shaped[np.ndarray, "1 ..."]:  # noqa: ARG002
+        """Return the policy's action on the one row."""
+        action, self._state = self._policy.predict(
+            observation[0], self._state, deterministic=self._deterministic
+        )
+        return np.array([int(action) if np.ndim(action) == 0 else np.asarray(action)])
+
+
+MOST_STEPS = 100_000
+"""Of an episode in an environment; without a time limit it might never end."""
+
+
+class GymStep(NamedTuple):
+    """Result of a step in a Gymnasium environment.
+
+    Attributes:
+        observation: Next observation.
+        rewards: Rewards of the step.
+        ending: Value of `Ending`, in an array of one.
+        speed: Speed of the ego, NaN if it is not reported.
+    """
+
+    observation: Any
+    rewards: RewardPair
+    ending: Int64[np.ndarray, " 1"]
+    speed: float
+
+
+class GymSimulator:
+    """A Gymnasium environment as a simulator of one row.
+
+    Args:
+        env: Environment with discrete actions, or arrays in [-1, 1].
+        modulus: Modulus of the seeds, since not all environments accept large ones.
+
+    Raises:
+        UserError: If the actions are of another kind; in `step`, if an episode doesn't end.
+    """
+
+    size = 1
+
+    def __init__(self, env: gymnasium.Env[Any, Any], modulus: int | None = None) -> None:
+        space = env.action_space
+        unit = isinstance(space, gymnasium.spaces.Box) and is_unit_box(space)
+        if not (unit or isinstance(space, gymnasium.spaces.Discrete)):
+            raise UserError(
+                "only discrete actions are supported, or arrays in [-1, 1]: make the environment "
+                "by make_environment, which scales them"
+            )
+        self._env, self._modulus = env, modulus
+        self._present, self._length = None, 0
+
+    @property
+    def observation(self) -> list[Any]:
+        """The observation as the environment gave it, in a list of one."""
+        return [self._present]
+
+    def seen_by(self, policy: Any) -> list[Any]:  # noqa: ARG002  the environment shows the time
+        """Return the observation."""
+        return self.observation
+
+    def reset(self, seeds: Any = None, rows: Any = None) -> list[Any]:  # noqa: ARG002
+        """Reset the environment by a seed."""
+        seed = int(seeds[0])
+        self._present, _ = self._env.reset(seed=seed % self._modulus if self._modulus else seed)
+        self._length = 0
+        return self.observation
+
+    def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> GymStep:  # noqa: ARG002
+        """Take a step."""
+        if self._length == MOST_STEPS:
+            raise UserError(
+                f"an episode has not ended after {MOST_STEPS:,} steps: wrap the environment "
+                "in gymnasium.wrappers.TimeLimit"
+            )
+        after, reward, terminated, truncated, info = self._env.step(
+            actions[0] if actions.ndim > 1 else int(actions[0])
+        )
+        ending = Ending.of_step(terminated, truncated, info)
+        pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
+        self._present, self._length = after, self._length + 1
+        return GymStep(after, pair, np.array([int(ending)]), speed)

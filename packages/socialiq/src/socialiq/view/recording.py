@@ -13,13 +13,12 @@ from socialiq.foreign import one_line
 from socialiq.types import Ending, Row
 from socialiq.view.shown import Shown
 from socialiq_recordings import files
-from socialiq_recordings.conflicts.pairs import Encounters, Meeting
-from socialiq_recordings.conflicts.table import known, rows_of
+from socialiq_recordings.conflicts.encounters import Encounters, Meeting
+from socialiq_recordings.conflicts.measures import known, rows_of
 from socialiq_recordings.readers.import_file import import_file
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.simulated_source import signs_of_simulation
-from socialiq_recordings.tracks import RoadUser
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import SUB_STEPS, WorldConfig
 from socialiq_recordings.world.replay import replay

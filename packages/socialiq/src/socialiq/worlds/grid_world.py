@@ -136,6 +136,11 @@ class GridWorld(World):
         )
 
     @property
+    def one_hot(self) -> tuple[tuple[int, int], ...]:
+        """One-hot code of an observation: least value and number of values by feature."""
+        return tuple((feature.low, feature.size) for feature in self.observed)
+
+    @property
     def n_features(self) -> int:
         """Length of an observation."""
         return len(self.observed)

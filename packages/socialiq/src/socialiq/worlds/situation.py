@@ -28,7 +28,7 @@ TIME = "decisions"
 
 _NEAR = 30.0  # m
 _STANDING = 1.0  # m/s
-_SOON = 3.0  # s, as `evaluation.conflicts.CONFLICT_SECONDS`
+_SOON = 3.0  # s, as `evaluation.episodes.CONFLICT_SECONDS`
 _PERCEPTION = 200.0  # m; nothing farther is observed
 
 

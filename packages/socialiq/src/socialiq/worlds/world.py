@@ -133,6 +133,11 @@ class World(abc.ABC):
     references: ClassVar[tuple[str, ...]] = ()
 
     @property
+    def whole_episode(self) -> int:
+        """Decisions of an episode where the demonstrators' records end before it; 0: they don't."""
+        return 0
+
+    @property
     @abc.abstractmethod
     def description(self) -> str:
         """Name and options; worlds with equal descriptions are identical."""
@@ -253,7 +258,7 @@ def observed_with_time(
     observation: Float32[np.ndarray, "batch feature"],
     time: Float32[np.ndarray, " batch"],
     policy: Any,
-) -> Float32[np.ndarray, "batch seen"]:
+) -> Float32[np.ndarray, "batch observed"]:
     """Return what a policy observes: with the time at the end if it has one feature more."""
     if getattr(policy, "n_features", None) != observation.shape[1] + 1:
         return observation

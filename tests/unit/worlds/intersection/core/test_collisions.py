@@ -22,7 +22,9 @@ def collided(*cars, ego=0, contact=NOTHING):
     """Cars, numbered from 10, after a sub-step's collisions; the ego's contact and its partner."""
     vehicles = np.array([one[()] for one in cars], VEHICLE)
     vehicles["identity"] = 10 + np.arange(len(cars))
-    found = collide(vehicles, len(vehicles), ego, DT, 0.0, int(contact[0]), contact[1])
+    found = collide(
+        vehicles, len(vehicles), len(vehicles), ego, DT, 0.0, int(contact[0]), contact[1]
+    )
     return vehicles, (Contact(found[0]), found[1])
 
 

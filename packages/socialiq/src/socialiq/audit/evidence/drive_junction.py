@@ -11,8 +11,7 @@ from socialiq.audit.evidence.trivial import RANDOM, ConstantPolicy, UniformPolic
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, simulate
 from socialiq.policies.interface import Interface
 from socialiq.types import Policy
-from socialiq_recordings.world.batch import JunctionBatch, JunctionSimulator
-from socialiq_recordings.world.state import AS_DRIVER
+from socialiq_recordings.world.batch import AS_DRIVER, JunctionBatch, JunctionSimulator
 
 DRIVER = "driver"
 """Reference that drives as a driver of the calibrated population. It knows the ways of the others

@@ -184,10 +184,10 @@ class RoadBatch(abc.ABC):
         return chosen
 
     def _decisions(self) -> Decisions:
-        from socialiq.worlds.highway.core import off_road  # import Numba only when it is needed
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
         made, left = self.buffers, np.zeros(self.size, bool)
-        off_road.run(self.lanes, made.after, made.present, left, 0, self.size)
+        step.off_road(self.lanes, made.after, made.present, left, 0, self.size)
         return Decisions(
             observation=made.reached.reshape(self.size, -1).copy(),
             rewards=RewardPair(*made.rewards.T.copy()),

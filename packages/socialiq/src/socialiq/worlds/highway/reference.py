@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.highway.batch import Batch
 from socialiq.worlds.highway.conformance import Compared
-from socialiq.worlds.highway.core import start
+from socialiq.worlds.highway.core import drivers
 from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.scene import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
 from socialiq.worlds.highway.state import FEATURES
@@ -38,9 +38,9 @@ LONGEST = 200.0  # s; only a crash or the task's end ends an episode there
 class Driver(IDMVehicle):
     """highway-env's driver with its own defaults, which its intersection changes for all."""
 
-    DISTANCE_WANTED = start.JAM_DISTANCE
-    COMFORT_ACC_MAX = start.ACCELERATION
-    COMFORT_ACC_MIN = -start.DECELERATION
+    DISTANCE_WANTED = drivers.JAM_DISTANCE
+    COMFORT_ACC_MAX = drivers.ACCELERATION
+    COMFORT_ACC_MIN = -drivers.DECELERATION
 
 
 def configuration(scene: Scene, options: RoadOptions) -> dict[str, Any]:
@@ -114,7 +114,7 @@ class RealScene:
         row["acceleration"] = vehicle.action["acceleration"]
         row["target_speed"] = vehicle.target_speed
         row["target_lane"] = lanes.index(vehicle.target_lane_index)
-        row["exponent"] = getattr(vehicle, "DELTA", start.EXPONENT)
+        row["exponent"] = getattr(vehicle, "DELTA", drivers.EXPONENT)
         row["timer"] = getattr(vehicle, "timer", np.nan)
         if vehicle.impact is not None:
             row["pushed"] = True

@@ -21,7 +21,7 @@ POSITION_RANGE = 100.0  # m, seen as 1
 SPEED_RANGE = 20.0  # m/s, seen as 1
 
 SIGHT = sight(POSITION_RANGE, POSITION_RANGE, SPEED_RANGE, SPEED_RANGE, relative=False)
-"""Scales of the observation; where the ego arrives, `core.ego` says."""
+"""Scales of the observation; where the ego arrives, `core.traffic` says."""
 
 VEHICLE = np.dtype(
     [

@@ -1,4 +1,4 @@
-"""Collisions: separating axes between rectangles now and at the next sub-step."""
+"""Collisions of vehicles with one another and with obstacles, by separating axes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH,
 from socialiq.worlds.highway.state import Contact
 
 DIAGONAL = math.sqrt(VEHICLE_LENGTH**2 + VEHICLE_WIDTH**2)
+OBSTACLE = 2.0  # m, length and width
+_REACH = (DIAGONAL + math.sqrt(2 * OBSTACLE**2)) / 2
 
 _NONE = int(Contact.NONE)
 _EGO_STRUCK = int(Contact.EGO_STRUCK)
@@ -18,27 +20,42 @@ _EGO_WAS_STRUCK = int(Contact.EGO_WAS_STRUCK)
 
 
 @kernel
-def collide(vehicles, count, ego, dt, tie, contact, touched):
-    """Mark vehicles that overlap as crashed, and push apart those that overlap or will.
+def collide(vehicles, count, records, ego, dt, tie, contact, touched):
+    """Mark what overlaps as crashed, and push apart what overlaps or will in a sub-step.
 
-    A push takes effect, and marks the crash, in the next sub-step. If several pairs push
-    the same vehicle, the last push counts.
+    Two vehicles are pushed by half each, a vehicle at an obstacle by the whole. A push takes
+    effect, and marks the crash, in the next sub-step; the last push of a vehicle counts.
+
+    Args:
+        vehicles: Records of vehicles, then of obstacles.
+        count: Number of vehicles.
+        records: Number of records.
+        ego: The ego's slot, -1 without one.
+        dt: s of the sub-step.
+        tie: Depths closer than this are equal, m.
+        contact: Last `Contact` of the ego.
+        touched: Identity of what it touched.
 
     Returns:
-        The ego's `Contact` and the identity of the vehicle that it touched; unchanged if none.
+        The ego's `Contact` and the identity of what it touched; as given if nothing.
     """
     intact = ego >= 0 and not vehicles[ego].crashed
-    for first in range(count - 1):
+    for first in range(count):
         one = vehicles[first]
-        reach = DIAGONAL + one.speed * dt
-        for second in range(first + 1, count):
+        for second in range(first + 1, records):
             other = vehicles[second]
-            if distance(other.x, other.y, one.x, one.y) > reach:
+            reach = _REACH if second >= count else DIAGONAL
+            if distance(other.x, other.y, one.x, one.y) > reach + one.speed * dt:
                 continue
-            overlap, will_overlap, push_x, push_y = separate(one, other, dt, tie)
-            if will_overlap:
-                one.push_x, one.push_y, one.pushed = push_x / 2, push_y / 2, True
-                other.push_x, other.push_y, other.pushed = -push_x / 2, -push_y / 2, True
+            if second >= count:
+                overlap, will_overlap, push_x, push_y = _at_obstacle(one, other, dt)
+                if will_overlap:
+                    one.push_x, one.push_y, one.pushed = push_x, push_y, True
+            else:
+                overlap, will_overlap, push_x, push_y = separate(one, other, dt, tie)
+                if will_overlap:
+                    one.push_x, one.push_y, one.pushed = push_x / 2, push_y / 2, True
+                    other.push_x, other.push_y, other.pushed = -push_x / 2, -push_y / 2, True
             if overlap:
                 one.crashed = True
                 other.crashed = True
@@ -46,6 +63,15 @@ def collide(vehicles, count, ego, dt, tie, contact, touched):
                 touching = other if first == ego else one
                 contact, touched = who_struck(vehicles[ego], touching), touching.identity
     return contact, touched
+
+
+@kernel
+def _at_obstacle(car, obstacle, dt):
+    mine, theirs = np.empty((4, 2)), np.empty((4, 2))
+    corners_of(car, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, mine)
+    corners_of(obstacle, OBSTACLE / 2, OBSTACLE / 2, theirs)
+    ahead_x, ahead_y = car.speed * car.along_x * dt, car.speed * car.along_y * dt
+    return apart(mine, theirs, ahead_x, ahead_y, 0.0)
 
 
 @kernel

@@ -1,12 +1,21 @@
-"""Drivers: the Intelligent Driver Model, lane changes by MOBIL, and the ego's commands."""
+"""Drivers of scenes: their entry, the Intelligent Driver Model, MOBIL, and the ego's commands."""
 
 from __future__ import annotations
 
 import math
 
+from socialiq.worlds.highway.core import stream
 from socialiq.worlds.highway.core.compile import kernel
-from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal, on_lane
-from socialiq.worlds.highway.core.lanes import following, reachable
+from socialiq.worlds.highway.core.geometry import (
+    VEHICLE_LENGTH,
+    closest_lane,
+    following,
+    heading_at,
+    longitudinal,
+    on_lane,
+    position,
+    reachable,
+)
 from socialiq.worlds.highway.core.vehicle import (
     MAX_ACCELERATION,
     SPEED_GAIN,
@@ -17,12 +26,99 @@ from socialiq.worlds.highway.core.vehicle import (
     speed_index,
     steering,
 )
-from socialiq.worlds.highway.scene import FASTER, LANE_LEFT, LANE_RIGHT, SLOWER
+from socialiq.worlds.highway.scene import (
+    FASTER,
+    LANE_LEFT,
+    LANE_RIGHT,
+    NORMAL,
+    SLOWER,
+    UNIFORM,
+)
+from socialiq.worlds.highway.state import Contact
 
 CHANGE_EVERY = 1.0  # s
 LEAST_GAIN = 0.2  # m/s², of a lane change
 MOST_IMPOSED = 2.0  # m/s², braking of the vehicle behind
 LEAST_SPEED = 1.0  # m/s, to change lanes at
+TIME_HEADWAY = 1.5  # s
+JAM_DISTANCE = 10.0  # m
+ACCELERATION = 3.0  # m/s²
+DECELERATION = 5.0  # m/s²
+EXPONENT = 4.0
+
+_NO_CONTACT = int(Contact.NONE)
+
+
+@kernel
+def reset(episode, cars, road, settings):
+    """Start an episode from the current state of the stream."""
+    episode.time = 0.0
+    episode.sub_steps = 0
+    episode.ego = 0
+    episode.contact = _NO_CONTACT
+    episode.touched = -1
+    episode.vehicles = len(road.entries)
+    for slot in range(len(road.entries)):
+        cars[slot].identity = slot
+        _enter(episode, cars[slot], road.entries[slot], road)
+    ego = cars[0]
+    ego.exponent = EXPONENT
+    ego.target_speed = settings.target_speeds[speed_index(ego.speed, settings)]
+    for number in range(len(road.obstacles)):
+        slot = len(road.entries) + number
+        cars[slot].identity = slot
+        x, y = road.obstacles[number, 0], road.obstacles[number, 1]
+        _stand(cars[slot], x, y, 0.0, 0.0, road)
+        cars[slot].obstacle = True
+
+
+@kernel
+def _enter(episode, car, entry, road):
+    """Draw a vehicle's start in highway-env's order: lane, place, speed, destination, driver."""
+    number = entry.lane + 0
+    if entry.lanes > 1:
+        number += stream.up_to(episode, entry.lanes - 1)
+    lane = road.lanes[number]
+    along = entry.along + _spread(episode, entry.spread, entry.along_spread)
+    speed = entry.speed + _spread(episode, entry.spread, entry.speed_spread)
+    x, y = position(lane, along)
+    _stand(car, x, y, heading_at(lane, along), speed, road)
+    car.target_speed = entry.target_speed if entry.target_speed > 0 else speed
+    car.timer = ((x + y) * math.pi) % CHANGE_EVERY
+    car.time_headway, car.jam_distance = TIME_HEADWAY, JAM_DISTANCE
+    car.max_acceleration, car.comfort_deceleration = ACCELERATION, DECELERATION
+    car.exponent = EXPONENT
+    car.route, car.destination, car.leg = -1, 0, 0
+    if entry.destination >= 0:
+        car.route = road.lanes[car.lane].road
+        car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
+    if entry.exponent:
+        car.exponent = 3.5 + 1.0 * stream.uniform(episode)
+
+
+@kernel
+def _spread(episode, kind, size):
+    if kind == UNIFORM:
+        return -size + (size - -size) * stream.uniform(episode)
+    if kind == NORMAL:
+        return stream.normal(episode) * size
+    return 0.0
+
+
+@kernel
+def _stand(car, x, y, heading, speed, road):
+    car.x, car.y, car.heading, car.speed = x, y, heading, speed
+    car.along_x, car.along_y = math.cos(heading), math.sin(heading)
+    car.steering = 0.0
+    car.acceleration = 0.0
+    car.target_speed = speed
+    car.push_x = 0.0
+    car.push_y = 0.0
+    car.lane = closest_lane(road.lanes, x, y, heading, 0)
+    car.target_lane = car.lane
+    car.obstacle = False
+    car.crashed = False
+    car.pushed = False
 
 
 @kernel
@@ -36,16 +132,16 @@ def at_end(car, lanes):
 def neighbours(cars, me, number, lanes):
     """Return the slots of the nearest vehicles or obstacles ahead and behind on a lane, or -1."""
     lane = lanes[number]
-    mine = longitudinal(lane, cars[me].x, cars[me].y)
+    here = longitudinal(lane, cars[me].x, cars[me].y)
     front, rear, ahead, behind = -1, -1, math.inf, -math.inf
     for other in range(len(cars)):
         x, y = cars[other].x, cars[other].y
         if other == me or not on_lane(lane, x, y, 1.0):
             continue
         along = longitudinal(lane, x, y)
-        if mine <= along <= ahead:
+        if here <= along <= ahead:
             front, ahead = other, along
-        if behind < along < mine:
+        if behind < along < here:
             rear, behind = other, along
     return front, rear
 
@@ -81,11 +177,11 @@ def drive(cars, count, me, road):
     _change_lane(cars, count, me, lanes)
     car.steering = steering(car, lanes[car.target_lane])
     front, _ = neighbours(cars, me, car.lane, lanes)
-    wanted = acceleration(cars, me, front, car.exponent, lanes)
+    rate = acceleration(cars, me, front, car.exponent, lanes)
     if car.lane != car.target_lane:
         front, _ = neighbours(cars, me, car.target_lane, lanes)
-        wanted = min(wanted, acceleration(cars, me, front, car.exponent, lanes))
-    car.acceleration = clip(wanted, -MAX_ACCELERATION, MAX_ACCELERATION)
+        rate = min(rate, acceleration(cars, me, front, car.exponent, lanes))
+    car.acceleration = clip(rate, -MAX_ACCELERATION, MAX_ACCELERATION)
 
 
 @kernel
@@ -149,14 +245,14 @@ def choose(car, action, road, settings):
     if at_end(car, road.lanes):
         car.target_lane = following(car, road)
     if action in (FASTER, SLOWER):
-        wanted = speed_index(car.speed, settings) + (1 if action == FASTER else -1)
-        car.target_speed = settings.target_speeds[clip(wanted, 0, settings.n_speeds - 1)]
+        level = speed_index(car.speed, settings) + (1 if action == FASTER else -1)
+        car.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
     elif action in (LANE_LEFT, LANE_RIGHT):
         lane = road.lanes[car.target_lane]
         number = lane.number + (1 if action == LANE_RIGHT else -1)
-        wanted = lane.first + clip(number, 0, lane.lanes - 1)
-        if reachable(road.lanes[wanted], car.x, car.y):
-            car.target_lane = wanted
+        beside = lane.first + clip(number, 0, lane.lanes - 1)
+        if reachable(road.lanes[beside], car.x, car.y):
+            car.target_lane = beside
 
 
 @kernel

@@ -31,7 +31,7 @@ def observe(vehicles, count, ego, along, tie, sight, observation):
     observation[:] = 0.0
     me = vehicles[ego]
     _write(me, 0.0, 0.0, 0.0, 0.0, sight, observation[0])
-    slots, distances, seen = np.empty(count, np.int64), np.empty(count), 0
+    slots, distances, visible = np.empty(count, np.int64), np.empty(count), 0
     for slot in range(count):
         if slot == ego:
             continue
@@ -41,16 +41,16 @@ def observe(vehicles, count, ego, along, tie, sight, observation):
         ahead = along[slot] - along[ego]
         if not ahead > -2 * VEHICLE_LENGTH:
             continue
-        place = seen
-        while place > 0 and distances[place - 1] > abs(ahead) + tie:
-            slots[place], distances[place] = slots[place - 1], distances[place - 1]
-            place -= 1
-        slots[place], distances[place] = slot, abs(ahead)
-        seen += 1
+        rank = visible
+        while rank > 0 and distances[rank - 1] > abs(ahead) + tie:
+            slots[rank], distances[rank] = slots[rank - 1], distances[rank - 1]
+            rank -= 1
+        slots[rank], distances[rank] = slot, abs(ahead)
+        visible += 1
     x, y, vx, vy = 0.0, 0.0, 0.0, 0.0
     if sight.relative:
         x, y, vx, vy = me.x, me.y, me.speed * me.along_x, me.speed * me.along_y
-    for row in range(min(seen, len(observation) - 1)):
+    for row in range(min(visible, len(observation) - 1)):
         _write(vehicles[slots[row]], x, y, vx, vy, sight, observation[row + 1])
 
 

@@ -1,7 +1,7 @@
 """Reward pair of thesis 4.1: influence zone, and named signals of a decision, weighted and summed.
 
 Nothing here depends on a road. Road-dependent quantities (the advance along the route, the zone,
-which neighbours count) are arguments: `intersection.core.road_context` and `seen` compute them for
+which neighbours count) are arguments: `shell` computes them for
 simulated roads, `recordings` for recorded traffic. The same code therefore rewards all.
 """
 

@@ -1,21 +1,17 @@
-"""One decision of every episode of a batch, and the compiled entry point of all scenes."""
+"""Scenes of highway-env as the shell runs them: their kernels, and the compiled entry points."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from socialiq.types import Ending
-from socialiq.worlds.highway.core import rewards, seen, stream
+from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core.collisions import collide
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
-from socialiq.worlds.highway.core.contact import collide
-from socialiq.worlds.highway.core.drivers import choose, control, drive
-from socialiq.worlds.highway.core.lanes import closest_lane
-from socialiq.worlds.highway.core.start import reset
+from socialiq.worlds.highway.core.drivers import choose, control, drive, reset
+from socialiq.worlds.highway.core.geometry import closest_lane, longitudinal, on_lane
+from socialiq.worlds.highway.core.shell import RoadKernels, shell_of
 from socialiq.worlds.highway.core.vehicle import advance
-from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
-
-_NOTHING = int(Ending.NONE)
-_NO_CONTACT = int(Contact.NONE)
+from socialiq.worlds.highway.network import EXIT
 
 
 @kernel
@@ -30,72 +26,91 @@ def sub_step(episode, cars, road, settings):
         car.timer += settings.dt
         advance(car, settings.dt)
         car.lane = closest_lane(road.lanes, car.x, car.y, car.heading, car.lane)
-    found = collide(cars, count, settings.dt, episode.contact, episode.touched)
-    episode.contact, episode.touched = found
+    contact, touched = episode.contact, episode.touched
+    struck = collide(cars, count, len(cars), 0, settings.dt, 0.0, contact, touched)
+    episode.contact, episode.touched = struck
 
 
 @kernel
-def _copy(cars, target):
-    for slot in range(len(cars)):
-        target[slot] = cars[slot]
+def _lane(car, road):
+    return road.lanes[car.lane]
 
 
 @kernel
-def decide(buffers, row, action, road, settings):
-    """Run the sub-steps of one decision; write snapshots before and after them."""
-    episode, cars = buffers.episodes[row], buffers.vehicles[row]
-    _copy(cars, buffers.before[row])
-    episode.time += settings.decision
+def _kind(car, road):
+    return road.lanes[car.lane].kind
+
+
+@kernel
+def _target_kind(car, road):
+    return road.lanes[car.target_lane].kind
+
+
+@kernel
+def _coordinate(car, road):
+    """Return the metres of the task up to a vehicle, by the first lane of its target road."""
+    lane = road.lanes[car.target_lane]
+    along = longitudinal(lane, car.x, car.y)
+    return lane.before + along * (road.lanes[lane.first].length / lane.length)
+
+
+@kernel
+def _same_origin(_cars, slot, ego, road):
+    roads, entries = road.lanes, road.entries
+    return roads[entries[slot].lane].road == roads[entries[ego].lane].road
+
+
+@kernel
+def _arrived(ego, road):
+    lane = road.lanes[ego.lane]
+    return lane.kind == EXIT and longitudinal(lane, ego.x, ego.y) > road.sight[0].arrival
+
+
+@kernel
+def _sight(road):
+    return road.sight[0]
+
+
+@kernel
+def _choose(cars, _episode, action, road, settings):
     choose(cars[0], action, road, settings)
-    for frame in range(settings.frames):
-        sub_step(episode, cars, road, settings)
-        if len(buffers.trace):
-            _copy(cars, buffers.trace[row, frame])
-    _copy(cars, buffers.after[row])
-    buffers.present[row, 0], buffers.present[row, 1] = episode.vehicles, 0
 
 
 @kernel
-def annotate(buffers, row, road, settings):
-    """Write observation, ending, signals and rewards of a decision from its two snapshots."""
-    episode, before, after = buffers.episodes[row], buffers.before[row], buffers.after[row]
-    count, ego = episode.vehicles, after[0]
-    seen.observe(after, road, buffers.reached[row])
-    ending = seen.ending_of(ego, road, episode.time >= settings.duration)
-    signals, start, braking = buffers.signals[row], episode.start, buffers.braking[row]
-    seen.write_signals(before, after, count, start, ending, road, settings, signals, braking)
-    r_env, r_social = rewards.pair(signals, settings)
-    buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
-    own, others = seen.classical(before, after, count, road, settings)
-    buffers.classical[row, 0], buffers.classical[row, 1] = own, others
-    buffers.speed[row] = ego.speed
-    buffers.ending[row] = ending
-    buffers.contact[row] = episode.contact if ego.crashed else _NO_CONTACT
-    touched = episode.touched if ego.crashed else -1
-    crashed = rewards.neighbours_collided(before, after, count, 0, touched)
-    buffers.neighbours_collided[row] = crashed
-    return ending
+def _renew(_episode, _cars, _road, _settings):
+    """Leave the vehicles as they are."""
+
+
+@kernel
+def _records(_count, cars):
+    return len(cars)
+
+
+_carry_out = shell_of(
+    RoadKernels(
+        lane=_lane,
+        kind=_kind,
+        target_kind=_target_kind,
+        coordinate=_coordinate,
+        same_origin=_same_origin,
+        arrived=_arrived,
+        sight=_sight,
+        choose=_choose,
+        sub_step=sub_step,
+        renew=_renew,
+        reset=reset,
+        records=_records,
+    )
+).carry_out
 
 
 def _entry(sources: int):
     @entry_point
     def run(buffers, commands, entropy, seeded, actions, options, road, first, end):
-        settings = options[0]
         for row in range(first, end):
-            episode, cars = buffers.episodes[row], buffers.vehicles[row]
             if seeded[row]:
-                stream.seed(episode, entropy[row])
-            command, ending = commands[row], _NOTHING
-            if command == SKIP:
-                continue
-            if command in (DECIDE, DECIDE_AND_RESET):
-                decide(buffers, row, actions[row], road, settings)
-                ending = annotate(buffers, row, road, settings)
-                buffers.observation[row] = buffers.reached[row]
-            if command == RESET or (command == DECIDE_AND_RESET and ending != _NOTHING):
-                reset(episode, cars, road, settings)
-                episode.start = seen.coordinate(cars[0], road)
-                seen.observe(cars, road, buffers.observation[row])
+                stream.seed(buffers.episodes[row], entropy[row])
+            _carry_out(buffers, row, commands[row], actions[row], road, options[0])
         return sources  # so that the cache depends on the sources; see `compile.fingerprint`
 
     return run
@@ -112,6 +127,30 @@ Args:
     actions: The ego's actions, int64.
     options: SETTINGS record in an array of one.
     road: Tables of the scene, `scene.Road`.
+    first: First episode of the part to do.
+    end: End of that part.
+"""
+
+
+def _off_road_entry(sources: int):
+    @entry_point
+    def run(lanes, vehicles, present, off_road, first, end):
+        for row in range(first, end):
+            ego = vehicles[row, present[row, 1]]
+            off_road[row] = not on_lane(lanes[ego.lane], ego.x, ego.y, 0.0)
+        return sources
+
+    return run
+
+
+off_road: Any = _off_road_entry(fingerprint())
+"""Write whether each ego's centre is beyond its closest lane, on any road.
+
+Args:
+    lanes: Records of the road's lanes.
+    vehicles: Records of vehicles, (batch, capacity).
+    present: Number of vehicles and the ego's slot, (batch, 2).
+    off_road: Overwritten, bool (batch,).
     first: First episode of the part to do.
     end: End of that part.
 """

@@ -63,8 +63,8 @@ def wheels(vehicle, direction, offset):
     """
     speed = not_zero(vehicle.speed)
     correction = asin(clip(-LATERAL_GAIN * offset / speed, -1.0, 1.0))
-    wanted = direction + clip(correction, -math.pi / 4, math.pi / 4)
-    rate = HEADING_GAIN * wrap_to_pi(wanted - vehicle.heading)
+    aimed = direction + clip(correction, -math.pi / 4, math.pi / 4)
+    rate = HEADING_GAIN * wrap_to_pi(aimed - vehicle.heading)
     slip = asin(clip(VEHICLE_LENGTH / 2 / speed * rate, -1.0, 1.0))
     return clip(atan(2 * tan(slip)), -MAX_STEERING, MAX_STEERING)
 

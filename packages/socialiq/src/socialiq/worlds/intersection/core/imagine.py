@@ -13,11 +13,10 @@ from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
 from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.core.ego import route_coordinate
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
-from socialiq.worlds.intersection.core.traffic import follow_road
+from socialiq.worlds.intersection.core.traffic import follow_road, route_coordinate
 from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second

@@ -1,4 +1,4 @@
-"""Drivers of the crossing: their way, their leader, and who moves where."""
+"""Drivers of the crossing: their way and leader, the ego's commands, and its arrival."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, lateral, longitudinal
 from socialiq.worlds.highway.core.vehicle import (
     MAX_ACCELERATION,
+    SPEED_GAIN,
     advance,
     braking_for,
     clip,
     free_acceleration,
+    speed_index,
     steering,
 )
+from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.intersection.core.geometry import (
     CONNECTED,
     CONNECTED_OFFSETS,
@@ -22,8 +25,10 @@ from socialiq.worlds.intersection.core.geometry import (
     SPEED_LIMIT,
     closest_lane,
 )
+from socialiq.worlds.intersection.state import FASTER, IDLE
 
 LEG_COUNT = 3
+EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
 
 
 @kernel
@@ -46,28 +51,28 @@ def follow_road(vehicle):
 def leader(vehicles, count, me, lane_number, settings):
     """Return the slot of the nearest vehicle ahead on a lane, -1 if none; the last of equals."""
     lane = LANES[lane_number]
-    mine = longitudinal(lane, vehicles[me].x, vehicles[me].y)
-    looked_at = CONNECTED.shape[1] if settings.connected_lanes else 1
-    found, nearest = -1, math.inf
+    here = longitudinal(lane, vehicles[me].x, vehicles[me].y)
+    searched = CONNECTED.shape[1] if settings.connected_lanes else 1
+    front, nearest = -1, math.inf
     for other in range(count):
         if other == me:
             continue
         x, y = vehicles[other].x, vehicles[other].y
-        for place in range(looked_at):
-            number = CONNECTED[lane_number, place]
+        for column in range(searched):
+            number = CONNECTED[lane_number, column]
             if number < 0:
                 break
-            searched = LANES[number]
-            if abs(lateral(searched, x, y)) > LANE_WIDTH / 2 + 1:
+            connected = LANES[number]
+            if abs(lateral(connected, x, y)) > LANE_WIDTH / 2 + 1:
                 continue
-            along = longitudinal(searched, x, y)
-            if not -VEHICLE_LENGTH <= along < searched.length + VEHICLE_LENGTH:
+            along = longitudinal(connected, x, y)
+            if not -VEHICLE_LENGTH <= along < connected.length + VEHICLE_LENGTH:
                 continue
-            along += CONNECTED_OFFSETS[lane_number, place]
-            if mine <= along <= nearest + settings.tie:
-                found, nearest = other, along
+            along += CONNECTED_OFFSETS[lane_number, column]
+            if here <= along <= nearest + settings.tie:
+                front, nearest = other, along
             break
-    return found
+    return front
 
 
 @kernel
@@ -104,3 +109,43 @@ def move(vehicle, dt, tie):
     """Advance a vehicle by a sub-step, and find its closest lane."""
     advance(vehicle, dt)
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
+
+
+@inlined_kernel
+def choose(vehicle, action, settings):
+    """Set the target speed that an action selects; IDLE keeps the current target speed."""
+    follow_road(vehicle)
+    if action != IDLE:
+        change = 1 if action == FASTER else -1
+        level = speed_index(vehicle.speed, settings) + change
+        vehicle.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
+
+
+@inlined_kernel
+def control(vehicle):
+    """Set steering and an unbounded proportional acceleration for a sub-step."""
+    follow_road(vehicle)
+    vehicle.steering = steering(vehicle, LANES[vehicle.target_lane])
+    vehicle.acceleration = SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
+
+
+@kernel
+def arrived(vehicle):
+    """Whether a vehicle is 25 m along any exit."""
+    if vehicle.lane % 5 != EXIT:
+        return False
+    return longitudinal(LANES[vehicle.lane], vehicle.x, vehicle.y) >= EXIT_DISTANCE
+
+
+@kernel
+def route_coordinate(vehicle):
+    """Return the metres from the start of the approach along the vehicle's planned route."""
+    passed = 0.0
+    for leg in range(2):
+        lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
+        along = longitudinal(lane, vehicle.x, vehicle.y)
+        if along <= lane.length:
+            return passed + max(along, 0.0)
+        passed += lane.length
+    lane = LANES[ROUTES[vehicle.origin, vehicle.destination, 2]]
+    return passed + max(longitudinal(lane, vehicle.x, vehicle.y), 0.0)

@@ -20,8 +20,8 @@ from socialiq.worlds.highway.pictures.shapes import (
     route,
     way,
 )
-from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, STRAIGHT
+from socialiq.worlds.intersection.core.traffic import EXIT_DISTANCE
 
 REACH = 50.0
 """Visible metres to the west and east of the centre."""

@@ -14,12 +14,12 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.gym import TERMINAL
 from socialiq.worlds.highway.state import ANNOTATE, DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
-from socialiq.worlds.intersection.core import ego, step
+from socialiq.worlds.intersection.core import step, traffic
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.reference.highway import HighwayIntersection
 from socialiq.worlds.intersection.settings import settings_of
 
-route_coordinate = for_python(ego.route_coordinate)
+route_coordinate = for_python(traffic.route_coordinate)
 
 
 class Reference:

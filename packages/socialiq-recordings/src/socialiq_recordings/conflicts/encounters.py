@@ -1,0 +1,416 @@
+"""Conflict areas of driven ways, and the conflicts of ordered pairs of vehicles.
+
+The swept area of a way is what the vehicle's width covers along it. Shapely (extra `maps`)
+intersects two of them. Two vehicles are in conflict if their ways cross or merge and they would be
+in the area close in time. A conflict has two rows, one for each vehicle as the ego.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from socialiq.errors import UserError
+from socialiq_recordings.conflicts.ways import (
+    InTime,
+    Occupancy,
+    OnWay,
+    Way,
+    apart,
+    expected,
+    frames_together,
+    on_way,
+    projected,
+    recorded,
+    way_of,
+)
+from socialiq_recordings.road.network import Conflict, Lanes, shapely
+from socialiq_recordings.road.paths import Polyline, wrapped
+from socialiq_recordings.road.routes import OFF_THE_MAP, Scene
+
+
+@dataclass(frozen=True)
+class ConflictConfig:
+    """Options of conflicts.
+
+    Attributes:
+        near: s. Times in a conflict area that are further apart are no conflict: the threshold of
+            PET in FHWA's surrogate safety assessment model (FHWA-HRT-08-051, 2008).
+        horizon: s ahead in which both must arrive at their present speeds.
+        queued: Whether vehicles behind others of their lane are in conflict with crossing traffic.
+        slack: m by which vehicles are narrower than recorded, since boxes from video err.
+    """
+
+    near: float = 5.0
+    horizon: float = 10.0
+    queued: bool = False
+    slack: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self) if field.name != "queued"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise UserError(f"{name} must be a number of at least 0, got {value}")
+
+
+SAME_WAY = np.radians(20.0)
+"""Ways whose directions differ by less at the end of their common area go on together."""
+
+_LEAST = 0.1  # m²; smaller areas are errors of the lines
+_SEPARATE = 2.5  # m; vehicles that merge came from further beside each other than this
+_JOINED = 1.0  # m; and get closer than this
+_BEFORE = 50.0  # m before a merging line in which they were apart
+_START = 1.0  # m after a line's start within which an area begins there
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """Conflict area of two ways.
+
+    Attributes:
+        kind: Crossing or merging.
+        entry: Coordinate at which each vehicle's swept area begins to be in it, m.
+        exit: Coordinate at which it ends; the entry where the ways merge, because from this line
+            on one vehicle follows the other.
+        angle: Difference of the directions in it, degrees in [0, 180].
+        x: Its middle, m to the east.
+        y: Its middle, m to the north.
+        outline: Its corners, m.
+    """
+
+    kind: Conflict
+    entry: tuple[float, float]
+    exit: tuple[float, float]
+    angle: float
+    x: float
+    y: float
+    outline: Float64[np.ndarray, "corner 2"]
+
+    def swapped(self) -> Area:
+        """Return the area with the vehicles in the other order."""
+        return Area(
+            self.kind,
+            (self.entry[1], self.entry[0]),
+            (self.exit[1], self.exit[0]),
+            self.angle,
+            self.x,
+            self.y,
+            self.outline,
+        )
+
+
+def swept(way: Way, slack: float) -> Any:
+    """Return the swept area of a way, for Shapely.
+
+    Args:
+        way: The way.
+        slack: m by which the vehicle is narrower than recorded.
+    """
+    line = shapely().linestrings(way.line.points)
+    return line.buffer(max(way.width - slack, 0.1) / 2, cap_style="flat", join_style="round")
+
+
+def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes) -> Area | None:
+    """Return the first area in which two ways cross or merge; None if there is none.
+
+    The map must agree: two lanelets of the routes are in conflict, or both routes enter one
+    lanelet from different lanelets, as in a change of lane. An area that begins where one of the
+    lines does is no conflict: the vehicles follow each other, or the first is past it.
+
+    Args:
+        one: A way.
+        other: Another.
+        one_swept: Swept area of the first.
+        other_swept: Swept area of the second.
+        lanes: Road with conflicts.
+    """
+    if not one_swept.intersects(other_swept) or not _routes_meet(one, other, lanes):
+        return None
+    common = one_swept.intersection(other_swept)
+    areas = []
+    for polygon in getattr(common, "geoms", [common]):
+        if polygon.geom_type == "Polygon" and polygon.area >= _LEAST:
+            area = _area(one, other, polygon)
+            if area is not None:
+                areas.append(area)
+    return min(areas, key=lambda area: area.entry[0]) if areas else None
+
+
+def _area(one: Way, other: Way, part: Any) -> Area | None:
+    corners = np.array(part.exterior.coords)[:-1]
+    ranges = [_range(way.line, corners) for way in (one, other)]
+    if any(low <= _START for low, _ in ranges):
+        return None
+    entry, end = (ranges[0][0], ranges[1][0]), (ranges[0][1], ranges[1][1])
+    middle = (entry[0] + end[0]) / 2, (entry[1] + end[1]) / 2
+    merging = _between(one.line, end[0], other.line, end[1]) < SAME_WAY
+    if merging and not _merge(one, other, entry, end[0]):
+        return None
+    # Ways that join are compared where they meet, ways that cross in the middle.
+    at = entry if merging else middle
+    return Area(
+        Conflict.MERGING if merging else Conflict.CROSSING,
+        entry,
+        entry if merging else end,
+        float(np.degrees(_between(one.line, at[0], other.line, at[1]))),
+        float(part.centroid.x),
+        float(part.centroid.y),
+        corners,
+    )
+
+
+def _merge(one: Way, other: Way, entry: tuple[float, float], end: float) -> bool:
+    """Whether vehicles whose swept areas join come from different lanes to one.
+
+    Neither has passed the line where their ways join at its first state. Ways side by side, and
+    those of vehicles in one lane, touch by errors of positions.
+    """
+    starts = zip((one, other), entry, strict=True)
+    if any(way.along[0] + way.length / 2 > at for way, at in starts):
+        return False
+    before = _beside(one.line, other.line, max(entry[0] - _BEFORE, 0.0), entry[0])
+    after = _beside(one.line, other.line, entry[0], end)
+    return bool(before.max() >= _SEPARATE and after.min() < _JOINED)
+
+
+def _beside(
+    line: Polyline, other: Polyline, low: float, high: float
+) -> Float64[np.ndarray, " point"]:
+    """Return distances between two lines along a part of the first, m."""
+    points = line.points_at(np.append(np.arange(low, high, 1.0), high))[0]
+    return np.abs(other.coordinates(points[:, 0], points[:, 1]).lateral)
+
+
+def _range(line: Polyline, corners: Float64[np.ndarray, "corner 2"]) -> tuple[float, float]:
+    along = line.coordinates(corners[:, 0], corners[:, 1]).along
+    return float(along.min()), float(min(along.max(), line.length))
+
+
+def _between(one: Polyline, at: float, other: Polyline, other_at: float) -> float:
+    headings = [
+        line.points_at(np.array([coordinate]))[1]
+        for line, coordinate in ((one, at), (other, other_at))
+    ]
+    return float(abs(wrapped(headings[0] - headings[1]))[0])
+
+
+def _routes_meet(one: Way, other: Way, lanes: Lanes) -> bool:
+    if any(lanes.conflict(a, b) for a in one.lanelets for b in other.lanelets):
+        return True
+    before = [dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (one, other)]
+    shared = set(one.lanelets) & set(other.lanelets)
+    return any(before[0].get(number) != before[1].get(number) for number in shared)
+
+
+NEAR = 50.0
+"""m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²."""
+
+
+def held(scene: Scene, way: Way, frame: int) -> bool:
+    """Whether the next light on a vehicle's route is near, ahead of its front, and closed.
+
+    A light is at the end of its lanelet. Lights without states in the file hold no driver.
+
+    Args:
+        scene: The recording.
+        way: The vehicle's way.
+        frame: A frame at which it is present.
+    """
+    matched, lanelets = scene.matched(way.track), scene.lanes.road.lanelets
+    front = way.state(frame)[0] + way.length / 2
+    for number in matched.lanelets[int(matched.place[frame - way.first]) :]:
+        lanelet = lanelets[number]
+        if lanelet.cycle is None:
+            continue
+        end = lanelet.centre[-1:]
+        ahead = float(way.line.coordinates(end[:, 0], end[:, 1]).along[0]) - front
+        if ahead >= 0.0:
+            return ahead <= NEAR and lanelet.cycle.closed(frame)
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Conflict of an ordered pair.
+
+    Attributes:
+        ego: Way of the vehicle whose conflict it is.
+        other: Way of the other vehicle.
+        area: Their conflict area, the ego first.
+        ego_times: The ego's times in the area, recorded or else projected.
+        other_times: The other's.
+        complete: Whether the times that PET needs were recorded.
+        frames: Frames at which both are present and neither has left the area.
+    """
+
+    ego: Way
+    other: Way
+    area: Area
+    ego_times: Occupancy
+    other_times: Occupancy
+    complete: bool
+    frames: np.ndarray
+
+    @property
+    def ego_first(self) -> bool | None:
+        """Whether the ego enters the area first; None if neither will arrive."""
+        if np.isinf(self.ego_times.enters) and np.isinf(self.other_times.enters):
+            return None
+        return bool(self.ego_times.enters <= self.other_times.enters)
+
+
+class Encounters:
+    """Ways and conflict areas of a recording's vehicles, each made once.
+
+    Args:
+        scene: The recording.
+        config: Options.
+
+    Attributes:
+        scene: The recording.
+        config: Options.
+        ways: Ways of the vehicles on the road, by track.
+    """
+
+    def __init__(self, scene: Scene, config: ConflictConfig | None = None) -> None:
+        self.scene = scene
+        self.config = config or ConflictConfig()
+        on_road = [n for n in scene.vehicles.tolist() if scene.matched(n).off <= OFF_THE_MAP]
+        self.ways: dict[int, Way] = {track: way_of(scene, track) for track in on_road}
+        self._swept: dict[int, Any] = {}
+        self._on_way: dict[tuple[int, int], OnWay] = {}
+        self._areas: dict[tuple[int, int], Area | None] = {}
+        self._in_time: InTime | None = None
+
+    @property
+    def in_time(self) -> InTime:
+        """The ways by the time at which their vehicles are seen."""
+        if self._in_time is None or self._in_time.ways is not self.ways:
+            self._in_time = InTime(self.ways)
+        return self._in_time
+
+    def area(self, one: int, other: int) -> Area | None:
+        """Return the conflict area of two tracks, the first one's coordinates first."""
+        first, second = min(one, other), max(one, other)
+        if (first, second) not in self._areas:
+            ways = self.ways[first], self.ways[second]
+            swept_areas = self._swept_by(first), self._swept_by(second)
+            self._areas[first, second] = area_of(*ways, *swept_areas, self.scene.lanes)
+        area = self._areas[first, second]
+        return area if area is None or one == first else area.swapped()
+
+    def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
+        """Return the encounters of other motion along the same ways; the areas stay.
+
+        Args:
+            scene: Tracks of that motion on the same road, numbered newly.
+            ways: For each track here, its way there; tracks that are not there are left out.
+        """
+        copied = copy.copy(self)
+        copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
+        number = {track: way.track for track, way in ways.items()}
+        copied._swept = {number[t]: value for t, value in self._swept.items() if t in number}
+        copied._areas = {
+            (number[a], number[b]): area
+            for (a, b), area in self._areas.items()
+            if a in number and b in number
+        }
+        copied._on_way = {}
+        return copied
+
+    def _swept_by(self, track: int) -> Any:
+        if track not in self._swept:
+            self._swept[track] = swept(self.ways[track], self.config.slack)
+        return self._swept[track]
+
+    def meeting(self, ego: int, other: int) -> Meeting | None:
+        """Return the conflict of an ordered pair of tracks; None if there is none.
+
+        Either both passed the area within `near` s and were in view together before the second
+        arrived, or at one moment before either had left they would at their speeds. Both are the
+        first of their lanes then: who queues behind others meets them, not the crossing traffic.
+        """
+        first_way, second_way = self.ways[ego], self.ways[other]
+        together = frames_together(first_way, second_way)
+        area = self.area(ego, other) if len(together) else None
+        if area is None:
+            return None
+        sides = list(zip(area.entry, area.exit, strict=True))
+        occupancies = [
+            recorded(way, *side) for way, side in zip((first_way, second_way), sides, strict=True)
+        ]
+        dt = first_way.dt
+        left = min(occupancy.leaves for occupancy in occupancies)
+        frames = together[together * dt < left]
+        late = 0 if occupancies[0] > occupancies[1] else 1
+        first, second = occupancies[1 - late], occupancies[late]
+        complete = bool(np.isfinite(first.leaves) and np.isfinite(second.enters))
+        met = complete and together[0] * dt < second.enters
+        met = met and second.enters - first.leaves <= self.config.near
+        if met:
+            # No third vehicle enters between them, and no red light holds the second.
+            way = (first_way, second_way)[late]
+            frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
+            met = self.first_in_line(
+                way, area.entry[late], frame, (first_way, second_way)[1 - late].track
+            )
+            met = met and not held(self.scene, way, frame)
+        if not met and not any(
+            self._on_course(area, first_way, second_way, int(frame)) for frame in frames
+        ):
+            return None
+        times = [expected(way, *at) for way, at in zip((first_way, second_way), sides, strict=True)]
+        return Meeting(first_way, second_way, area, times[0], times[1], complete, frames)
+
+    def _on_course(self, area: Area, one: Way, two: Way, frame: int) -> bool:
+        """Whether two vehicles would be in the area close in time at the speeds of a frame."""
+        times = [
+            projected(way, area.entry[side], area.exit[side], frame)
+            for side, way in enumerate((one, two))
+        ]
+        soon = max(occupancy.enters for occupancy in times) <= frame * one.dt + self.config.horizon
+        return (
+            soon
+            and apart(*times) <= self.config.near
+            and self.first_in_line(one, area.entry[0], frame, two.track)
+            and self.first_in_line(two, area.entry[1], frame, one.track)
+            and not self.held(one, two, frame)
+        )
+
+    def held(self, one: Way, two: Way, frame: int) -> bool:
+        """Whether a red light holds either of two vehicles at a frame."""
+        return held(self.scene, one, frame) or held(self.scene, two, frame)
+
+    def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
+        """Whether no other vehicle is on a way between a vehicle and a conflict area.
+
+        Args:
+            way: The vehicle's way.
+            entry: Coordinate of the area, m.
+            frame: A frame at which it is present.
+            but: Track that doesn't count: the other vehicle of the conflict.
+        """
+        if self.config.queued:
+            return True
+        key = way.track, frame
+        if key not in self._on_way:
+            self._on_way[key] = on_way(self.scene, way, frame, self.config.slack)
+        on_the_way = self._on_way[key].without(but)
+        along, _ = way.state(frame)
+        return not ((on_the_way.along > along) & (on_the_way.along < entry)).any()
+
+    def meetings(self) -> list[Meeting]:
+        """Return all conflicts, two for each pair, in the order of the tracks."""
+        meetings = []
+        for ego, way in self.ways.items():
+            for partner in self.in_time.seen(way.first, way.last):
+                meeting = self.meeting(ego, partner.track) if ego != partner.track else None
+                if meeting is not None:
+                    meetings.append(meeting)
+        return meetings

@@ -1,0 +1,431 @@
+"""Situations of recorded drivers: what is known at a moment, and what the driver did next.
+
+Every vehicle has a moment a second from its first frame on. Only the route is taken as known beyond
+the moment. Speeds are those that the recording states for its frame, because speeds over a longer
+time look ahead. `advanced` lets a driver go on with an acceleration while all others keep their
+speeds, so that a model can be rolled out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from socialiq.errors import UserError
+from socialiq.types import Row
+from socialiq_recordings.conflicts.encounters import Area, Encounters
+from socialiq_recordings.conflicts.ways import (
+    Near,
+    Way,
+    apart,
+    follower,
+    frames_together,
+    leader,
+    on_way,
+    projected,
+)
+from socialiq_recordings.identity.duplicates import tracks_kept
+from socialiq_recordings.identity.identify import Identified
+from socialiq_recordings.idm import ballistic
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Conflict, Sign
+from socialiq_recordings.road.routes import Scene
+
+MOVING = 0.5
+"""m/s; a slower vehicle stands."""
+
+HORIZON = 3
+"""s after a moment to which the position is predicted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Situations:
+    """Situations, a row for each moment of a vehicle.
+
+    A distance is infinite, and its speed 0, where there is no such vehicle.
+
+    Attributes:
+        recording: Index of the recording.
+        vehicle: Number of the vehicle over all recordings.
+        chain: Number of the chain.
+        site: Number of the site.
+        time: s, on one clock: recordings overlap on it only where they have moments in common.
+        speed: m/s.
+        last: Acceleration of the second before, m/s²; NaN if the vehicle wasn't in view.
+        length: Of the vehicle, m.
+        gap: To the leader, m, bumper to bumper.
+        leader_speed: m/s.
+        behind: Gap of the follower, m.
+        behind_speed: m/s.
+        to_junction: From the front to the next junction on the route, m.
+        turn: Change of direction over the next 20 m, degrees, positive to the left.
+        limit: Speed limit, m/s; infinite if unknown.
+        gives_way: Whether a sign on the lanelet tells it to yield or to stop.
+        to_area: From the front to the conflict area, m; negative inside.
+        through: From its beginning until the rear has left it, m.
+        merging: Whether the ways merge there.
+        other_to_area: The other vehicle's distance to it, m.
+        other_through: As `through`, m.
+        other_speed: m/s.
+        other_gap: The other's gap to its own leader, m.
+        other_leader_speed: m/s.
+        acceleration: Observed mean of the next second, m/s²; a target.
+        driven: Distance after `HORIZON` s, m; NaN if the vehicle wasn't in view; a target.
+    """
+
+    recording: Int64[np.ndarray, " moment"]
+    vehicle: Int64[np.ndarray, " moment"]
+    chain: Int64[np.ndarray, " moment"]
+    site: Int64[np.ndarray, " moment"]
+    time: Float64[np.ndarray, " moment"]
+    speed: Float64[np.ndarray, " moment"]
+    last: Float64[np.ndarray, " moment"]
+    length: Float64[np.ndarray, " moment"]
+    gap: Float64[np.ndarray, " moment"]
+    leader_speed: Float64[np.ndarray, " moment"]
+    behind: Float64[np.ndarray, " moment"]
+    behind_speed: Float64[np.ndarray, " moment"]
+    to_junction: Float64[np.ndarray, " moment"]
+    turn: Float64[np.ndarray, " moment"]
+    limit: Float64[np.ndarray, " moment"]
+    gives_way: Bool[np.ndarray, " moment"]
+    to_area: Float64[np.ndarray, " moment"]
+    through: Float64[np.ndarray, " moment"]
+    merging: Bool[np.ndarray, " moment"]
+    other_to_area: Float64[np.ndarray, " moment"]
+    other_through: Float64[np.ndarray, " moment"]
+    other_speed: Float64[np.ndarray, " moment"]
+    other_gap: Float64[np.ndarray, " moment"]
+    other_leader_speed: Float64[np.ndarray, " moment"]
+    acceleration: Float64[np.ndarray, " moment"]
+    driven: Float64[np.ndarray, " moment"]
+
+    def __len__(self) -> int:
+        """Return the number of moments."""
+        return len(self.vehicle)
+
+    @property
+    def conflict(self) -> Bool[np.ndarray, " moment"]:
+        """Whether the driver and another are on course for a conflict area."""
+        return np.isfinite(self.to_area)
+
+    @property
+    def moving(self) -> Bool[np.ndarray, " moment"]:
+        """Whether the vehicle moves."""
+        return self.speed >= MOVING
+
+    def rows(self, mask: np.ndarray) -> Situations:
+        """Return some moments.
+
+        Args:
+            mask: Those to keep, or their indices.
+        """
+        return Situations(*(getattr(self, field.name)[mask] for field in fields(self)))
+
+    def advanced(self, acceleration: Float64[np.ndarray, " moment"]) -> Situations:
+        """Return the situations a second later, all others at their speeds.
+
+        Args:
+            acceleration: Of each driver, m/s²; one that comes to a stand stays.
+        """
+        driven, speed = ballistic(self.speed, acceleration, 1.0)
+        return replace(
+            self,
+            time=self.time + 1.0,
+            speed=speed,
+            last=acceleration,
+            gap=self.gap + self.leader_speed - driven,
+            behind=self.behind + driven - self.behind_speed,
+            to_junction=self.to_junction - driven,
+            to_area=self.to_area - driven,
+            other_to_area=self.other_to_area - self.other_speed,
+            other_gap=self.other_gap + self.other_leader_speed - self.other_speed,
+        )
+
+    def previous(self) -> Int64[np.ndarray, " moment"]:
+        """Return the row of the same vehicle's moment a second before; -1 if there is none."""
+        before = np.full(len(self), -1, np.int64)
+        order = np.lexsort((self.time, self.recording, self.vehicle))
+        earlier, later = order[:-1], order[1:]
+        same = self.vehicle[earlier] == self.vehicle[later]
+        same &= self.recording[earlier] == self.recording[later]
+        same &= np.abs(self.time[later] - self.time[earlier] - 1.0) < 0.1
+        before[later[same]] = earlier[same]
+        return before
+
+    def half(self) -> Int64[np.ndarray, " moment"]:
+        """Return 0 for moments in the first half of the driver's conflicts, 1 for later ones.
+
+        A driver's moments in conflict are cut in the middle, of an odd number the first half is the
+        smaller; its other moments fall on either side by their time. Drivers without a conflict
+        are cut in the middle of all their moments.
+        """
+        halves = np.ones(len(self), np.int64)
+        order = np.lexsort((self.time, self.vehicle))
+        ends = np.flatnonzero(np.diff(self.vehicle[order])) + 1
+        for rows in np.split(order, ends) if len(order) else ():
+            counted = rows[self.conflict[rows]]
+            counted = counted if len(counted) else rows
+            cut = counted[len(counted) // 2]
+            halves[rows[: int(np.flatnonzero(rows == cut)[0])]] = 0
+        return halves
+
+
+def joined(parts: Sequence[Situations]) -> Situations:
+    """Return the moments of several tables in one."""
+    return Situations(
+        *(np.concatenate([getattr(table, f.name) for table in parts]) for f in fields(Situations))
+    )
+
+
+SOON = 5.0
+"""s within which both vehicles arrive at a conflict area, at their speeds, to be in conflict."""
+
+_APART = 1e6  # s between recordings without a moment in common
+_TURN = 20.0  # m ahead over which a change of direction is measured
+_NO_AREA: dict[str, Any] = {
+    "to_area": math.inf,
+    "through": 0.0,
+    "merging": False,
+    "other_to_area": math.inf,
+    "other_through": 0.0,
+    "other_speed": 0.0,
+    "other_gap": math.inf,
+    "other_leader_speed": 0.0,
+}
+
+
+def situations_of(
+    recordings: Sequence[Recording], identified: Identified, drop: bool = True
+) -> Situations:
+    """Return the situations of all vehicles on the road, one for each second.
+
+    Args:
+        recordings: With road networks.
+        identified: Of the same recordings.
+        drop: Whether a vehicle whose moments several recordings show gets moments in one only.
+
+    Raises:
+        UserError: If no vehicle is in view for a second.
+    """
+    longest = (
+        tracks_kept([recording.tracks for recording in recordings], identified) if drop else None
+    )
+    clocks = clocks_of(identified)
+    sites, chains = (
+        np.unique(names, return_inverse=True)[1] for names in (identified.site, identified.chain)
+    )
+    tables = []
+    for number, recording in enumerate(recordings):
+        source = _Seen(Encounters(Scene(recording)))
+        rows = []
+        for track in source.ways:
+            if longest is not None and (number, track) not in longest:
+                continue
+            who = {
+                "recording": number,
+                "vehicle": int(identified.vehicle[number][track]),
+                "chain": int(chains[number]),
+                "site": int(sites[number]),
+            }
+            rows += [who | row for row in source.moments(track, clocks[number])]
+        tables.append(_table(rows))
+    situations = joined(tables)
+    if not len(situations):
+        raise UserError("no vehicle is on the road for a second and more: nothing can be predicted")
+    return situations
+
+
+def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
+    """Return the time of each recording's frame 0 on one clock, s.
+
+    Recordings with moments in common show them at one time; others are `_APART`.
+
+    Args:
+        identified: Of the recordings.
+    """
+    count = len(identified.names)
+    clocks = np.full(count, np.nan)
+    beside: dict[int, list[tuple[int, float]]] = {number: [] for number in range(count)}
+    for overlap in identified.overlaps:
+        if overlap.seconds:
+            # The second's clock shows `lag` at frame 0 of the first.
+            beside[overlap.first].append((overlap.second, -overlap.lag))
+            beside[overlap.second].append((overlap.first, overlap.lag))
+    for root in range(count):
+        waiting = deque([(root, _APART * root)]) if np.isnan(clocks[root]) else deque()
+        while waiting:
+            index, at = waiting.popleft()
+            if np.isnan(clocks[index]):
+                clocks[index] = at
+                waiting += [(neighbour, at + lag) for neighbour, lag in beside[index]]
+    return clocks
+
+
+def _table(rows: Sequence[Row]) -> Situations:
+    kinds = {"recording": np.int64, "vehicle": np.int64, "chain": np.int64, "site": np.int64}
+    kinds |= {"gives_way": np.bool_, "merging": np.bool_}
+    return Situations(
+        *(
+            np.array([row[field.name] for row in rows], kinds.get(field.name, np.float64))
+            for field in fields(Situations)
+        )
+    )
+
+
+class _Seen:
+    """Ways of a recording's vehicles with the speeds that it states."""
+
+    def __init__(self, encounters: Encounters) -> None:
+        self.encounters = encounters
+        scene = encounters.scene
+        self.ways = {
+            track: replace(way, speed=scene.speed[scene.rows(track)])
+            for track, way in encounters.ways.items()
+        }
+        self.dt = encounters.scene.tracks.dt
+
+    def moments(self, track: int, clock: float) -> list[Row]:
+        """Return the situations of a vehicle that is in view for a second after them."""
+        way, step = self.ways[track], round(1.0 / self.dt)
+        frames = range(way.first, way.last - step + 1, step)
+        partners = self._partners(track) if len(frames) else []
+        junctions = self._junctions(way)
+        return [self._row(way, frame, clock, partners, junctions) for frame in frames]
+
+    def _row(
+        self,
+        way: Way,
+        frame: int,
+        clock: float,
+        partners: list[tuple[Way, Area]],
+        junctions: Float64[np.ndarray, " junction"],
+    ) -> Row:
+        along, speed = way.state(frame)
+        vehicles = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
+        ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
+        front = along + way.length / 2
+        to_junction = junctions[junctions > front] - front
+        then = frame + round(HORIZON / self.dt)
+        return {
+            "time": clock + frame * self.dt,
+            "speed": max(speed, 0.0),
+            "last": change(way, frame, -1.0),
+            "length": way.length,
+            "gap": ahead.gap,
+            "leader_speed": ahead.speed,
+            "behind": behind.gap,
+            "behind_speed": behind.speed,
+            "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
+            "turn": _turn(way, along),
+            "acceleration": change(way, frame, 1.0),
+            "driven": way.state(then)[0] - along if then <= way.last else math.nan,
+            **self._lane(way, frame),
+            **self._conflict(way, frame, partners),
+        }
+
+    def _lane(self, way: Way, frame: int) -> Row:
+        matched, lanelets = self.encounters.scene.matched(way.track), self._lanelets
+        lanelet = lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
+        return {"limit": lanelet.speed_limit, "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP)}
+
+    @property
+    def _lanelets(self) -> dict[int, Any]:
+        return self.encounters.scene.lanes.road.lanelets
+
+    def _junctions(self, way: Way) -> Float64[np.ndarray, " junction"]:
+        """Return the coordinates at which a route enters junctions."""
+        of, before, coordinates = self.encounters.scene.lanes.junction_of, None, []
+        for number in way.lanelets:
+            if of.get(number) is not None and of.get(number) != before:
+                start = self._lanelets[number].centre[0]
+                coordinates.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
+            before = of.get(number)
+        return np.array(coordinates)
+
+    def _partners(self, track: int) -> list[tuple[Way, Area]]:
+        way_of_track, partners = self.ways[track], []
+        for number, way in self.ways.items():
+            if number != track and len(frames_together(way_of_track, way)):
+                area = self.encounters.area(track, number)
+                partners += [] if area is None else [(way, area)]
+        return partners
+
+    def _conflict(self, way: Way, frame: int, partners: list[tuple[Way, Area]]) -> Row:
+        """Return the conflict whose later vehicle arrives first, at the speeds of the frame."""
+        soonest_partner, soonest = None, math.inf
+        for partner, area in partners:
+            if partner.first <= frame <= partner.last:
+                arrives = self._arrives(way, partner, area, frame)
+                if arrives < soonest:
+                    soonest_partner, soonest = (partner, area), arrives
+        if soonest_partner is None:
+            return _NO_AREA
+        partner, area = soonest_partner
+        ahead = self._leader_of(partner, frame, way.track)
+        before, other_before = (
+            _before(of_pair, area.entry[k], frame) for k, of_pair in enumerate((way, partner))
+        )
+        return {
+            "to_area": before,
+            "through": area.exit[0] - area.entry[0] + way.length,
+            "merging": area.kind == Conflict.MERGING,
+            "other_to_area": other_before,
+            "other_through": area.exit[1] - area.entry[1] + partner.length,
+            "other_speed": max(partner.state(frame)[1], 0.0),
+            "other_gap": ahead.gap,
+            "other_leader_speed": ahead.speed,
+        }
+
+    def _leader_of(self, way: Way, frame: int, but: int) -> Near:
+        vehicles = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
+        return leader(way, way.state(frame)[0], vehicles.without(but))
+
+    def _arrives(self, way: Way, other: Way, area: Area, frame: int) -> float:
+        """Return the time until the later of two arrives; infinite if they are in no conflict."""
+        now, config = frame * self.dt, self.encounters.config
+        sides = ((way, area.entry[0], area.exit[0]), (other, area.entry[1], area.exit[1]))
+        times = [projected(*side, frame) for side in sides]
+        arrives = max(occupancy.enters for occupancy in times) - now
+        gone = min(occupancy.leaves for occupancy in times) <= now
+        if gone or arrives > SOON or apart(*times) > config.near:
+            return math.inf
+        first = self.encounters.first_in_line
+        alone = first(way, area.entry[0], frame, other.track)
+        alone = alone and first(other, area.entry[1], frame, way.track)
+        alone = alone and not self.encounters.held(way, other, frame)
+        return max(arrives, 0.0) if alone else math.inf
+
+
+def _before(way: Way, entry: float, frame: int) -> float:
+    """Return the distance of a vehicle's front to a conflict area, m."""
+    return entry - way.length / 2 - way.state(frame)[0]
+
+
+def _turn(way: Way, along: float) -> float:
+    at = np.clip([along, along + _TURN], 0.0, way.line.length)
+    before, after = way.line.points_at(at)[1].tolist()
+    return math.degrees((after - before + math.pi) % (2 * math.pi) - math.pi)
+
+
+def change(way: Way, frame: int, seconds: float) -> float:
+    """Return the mean acceleration of a vehicle between a frame and a time before or after it.
+
+    Args:
+        way: The vehicle's way.
+        frame: The frame.
+        seconds: After the frame; negative before it.
+
+    Returns:
+        m/s²; NaN if it wasn't in view then.
+    """
+    then = frame + round(seconds / way.dt)
+    if not way.first <= then <= way.last:
+        return math.nan
+    return float(np.diff([way.state(frame)[1], way.state(then)[1]])[0]) / seconds

@@ -1,0 +1,236 @@
+"""Observation and rewards of the ego, compiled.
+
+Rows have the intersection's seven numbers, in a frame that follows the ego's route: y to the south
+is the distance along the route to the first conflict area, x to the east the distance to the right
+of the route. The ego's route is therefore a straight line for every ego, and what a policy sees
+tells where others are with respect to it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from socialiq.worlds.highway.core import rewards
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.vehicle import clip
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq_recordings.world.traffic import DT, ahead_of, closed_line
+
+_FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others
+_UNTOUCHED, _STRUCK, _WAS_STRUCK = (int(kind) for kind in Contact)
+
+
+@kernel
+def place_of(line_first, line, vehicle, along):
+    """Return x, y in m and the direction in rad at a coordinate of a vehicle's way."""
+    first, end = line_first[vehicle], line_first[vehicle + 1]
+    piece = first + min(max(np.int64(math.floor(along)), 0), end - first - 2)
+    beyond = along - (piece - first)
+    x = line[piece, 0] + beyond * (line[piece + 1, 0] - line[piece, 0])
+    y = line[piece, 1] + beyond * (line[piece + 1, 1] - line[piece, 1])
+    return x, y, line[piece, 2]
+
+
+@kernel
+def projected(line_first, line, vehicle, x, y):
+    """Return coordinate, distance to the left and direction of a way nearest to a point."""
+    first, end = line_first[vehicle], line_first[vehicle + 1]
+    nearest, least = first, math.inf
+    for point in range(first, end - 1):
+        dx, dy = x - line[point, 0], y - line[point, 1]
+        apart = dx * dx + dy * dy
+        if apart < least:
+            nearest, least = point, apart
+    angle = line[nearest, 2]
+    cos, sin = math.cos(angle), math.sin(angle)
+    dx, dy = x - line[nearest, 0], y - line[nearest, 1]
+    return nearest - first + dx * cos + dy * sin, dy * cos - dx * sin, angle
+
+
+@kernel
+def _write(row, along, left, turned, speed):
+    """Write one vehicle; x to the right of the route, y backwards along it."""
+    row[0] = 1.0
+    row[1] = clip(-left / POSITION_RANGE, -1.0, 1.0)
+    row[2] = clip(-along / POSITION_RANGE, -1.0, 1.0)
+    east, south = -math.sin(turned), -math.cos(turned)
+    row[3] = clip(speed * east / SPEED_RANGE, -1.0, 1.0)
+    row[4] = clip(speed * south / SPEED_RANGE, -1.0, 1.0)
+    row[5] = east
+    row[6] = south
+
+
+@inlined_kernel
+def observe(road, traffic, row, base, count, observation):
+    """Write the ego, the closed line ahead as a standing vehicle, then the others.
+
+    The others are ordered by distance, those first whose ways meet the ego's or lie in it.
+    """
+    observation[:] = 0.0
+    ego = traffic.ego[row]
+    vehicle, own_along = base + ego, traffic.along[row, ego]
+    origin, pairs = road.origin[vehicle], road.pair_first[traffic.recording[row]]
+    _write(observation[0], own_along - origin, 0.0, 0.0, traffic.speed[row, ego])
+    filled = 1
+    line = closed_line(
+        road.closed_first,
+        road.closed,
+        vehicle,
+        own_along + 0.5 * road.length[vehicle],
+        traffic.step[row] * DT,
+    )
+    if line - own_along < POSITION_RANGE:
+        _write(observation[1], line - origin, 0.0, 0.0, 0.0)
+        filled = 2
+    x, y, _ = place_of(road.line_first, road.line, vehicle, own_along)
+    slots, ranks, count_seen = np.empty(count, np.int64), np.empty(count), 0
+    for slot in range(traffic.n_present[row]):
+        vehicle_seen = traffic.present[row, slot]
+        if vehicle_seen == ego:
+            continue
+        ox, oy, _ = place_of(
+            road.line_first, road.line, base + vehicle_seen, traffic.along[row, vehicle_seen]
+        )
+        apart = math.hypot(ox - x, oy - y)
+        if apart >= POSITION_RANGE:
+            continue
+        pair = pairs + ego * count + vehicle_seen
+        back = pairs + vehicle_seen * count + ego
+        meets = road.area_of[pair] >= 0 or road.stretch_first[pair + 1] > road.stretch_first[pair]
+        meets = meets or road.stretch_first[back + 1] > road.stretch_first[back]
+        rank = apart if meets else apart + _FAR
+        at = count_seen
+        while at > 0 and ranks[at - 1] > rank:
+            slots[at], ranks[at] = slots[at - 1], ranks[at - 1]
+            at -= 1
+        slots[at], ranks[at] = vehicle_seen, rank
+        count_seen += 1
+    for slot in range(min(count_seen, len(observation) - filled)):
+        vehicle_seen = slots[slot]
+        ox, oy, angle = place_of(
+            road.line_first, road.line, base + vehicle_seen, traffic.along[row, vehicle_seen]
+        )
+        along, left, way = projected(road.line_first, road.line, vehicle, ox, oy)
+        speed = traffic.speed[row, vehicle_seen]
+        _write(observation[filled + slot], along - origin, left, angle - way, speed)
+
+
+@kernel
+def overlap(dx, dy, angle, other_angle, length, width, other_length, other_width):
+    """Whether two rectangles overlap (separating axes).
+
+    Args:
+        dx: From the first one's middle to the other's, m.
+        dy: m.
+        angle: Direction of the first, rad.
+        other_angle: Direction of the other, rad.
+        length: Half of it, m.
+        width: Half of it, m.
+        other_length: Half of it, m.
+        other_width: Half of it, m.
+    """
+    cos, sin = abs(math.cos(other_angle - angle)), abs(math.sin(other_angle - angle))
+    for axis in range(4):
+        turn = (angle if axis < 2 else other_angle) + (math.pi / 2 if axis % 2 else 0.0)
+        between = abs(dx * math.cos(turn) + dy * math.sin(turn))
+        a, b = (length, width) if axis % 2 == 0 else (width, length)
+        c, d = (other_length, other_width) if axis % 2 == 0 else (other_width, other_length)
+        reach = a + c * cos + d * sin if axis < 2 else c + a * cos + b * sin
+        if between >= reach:
+            return False
+    return True
+
+
+@inlined_kernel
+def touched(road, traffic, row, base, slack):
+    """Return the ego's contact: whose motion closed the gap between the centres.
+
+    Args:
+        road: Arrays of the world.
+        traffic: State of the episodes.
+        row: The episode.
+        base: First vehicle of its recording.
+        slack: m by which vehicles are smaller than recorded.
+    """
+    ego, contact = traffic.ego[row], _UNTOUCHED
+    x, y, angle = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
+    length = max(road.length[base + ego] - slack, 0.1) / 2
+    width = max(road.width[base + ego] - slack, 0.1) / 2
+    for slot in range(traffic.n_present[row]):
+        number = traffic.present[row, slot]
+        vehicle, along = base + number, traffic.along[row, number]
+        ox, oy, turned = place_of(road.line_first, road.line, vehicle, along)
+        dx, dy = ox - x, oy - y
+        half, side = (
+            max(road.length[vehicle] - slack, 0.1) / 2,
+            max(road.width[vehicle] - slack, 0.1) / 2,
+        )
+        near = dx * dx + dy * dy < (length + width + half + side) ** 2
+        if number == ego or not near:
+            continue
+        if overlap(dx, dy, angle, turned, length, width, half, side):
+            approach = traffic.speed[row, ego] * (math.cos(angle) * dx + math.sin(angle) * dy)
+            closing = traffic.speed[row, number] * (math.cos(turned) * dx + math.sin(turned) * dy)
+            contact = _STRUCK if approach >= -closing else _WAS_STRUCK
+            break
+    return contact
+
+
+@inlined_kernel
+def charged(road, traffic, row, base, count, other, far):
+    """Whether a neighbour counts in Eq 4.2: near, and the ego may be its reason to brake.
+
+    Its way meets the ego's and neither has left the conflict area, or the ego is ahead of it on its
+    way.
+    """
+    ego = traffic.ego[row]
+    x, y, _ = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
+    ox, oy, _ = place_of(road.line_first, road.line, base + other, traffic.along[row, other])
+    pairs = road.pair_first[traffic.recording[row]]
+    ego_along, other_along = traffic.along[row, ego], traffic.along[row, other]
+    number, in_the_way = road.area_of[pairs + ego * count + other], False
+    if number >= 0:
+        left = ego_along - 0.5 * road.length[base + ego] >= road.area[number, 1]
+        they_left = other_along - 0.5 * road.length[base + other] >= road.area[number, 3]
+        in_the_way = not left and not they_left
+    back = pairs + other * count + ego
+    in_the_way = (
+        in_the_way
+        or ahead_of(road.stretch_first, road.stretch, back, ego_along, other_along) > other_along
+    )
+    return in_the_way and math.hypot(ox - x, oy - y) <= far
+
+
+@inlined_kernel
+def annotate(road, traffic, row, base, count, progress, ending, settings, signals, pair):
+    """Write signals and rewards of a decision.
+
+    Args:
+        road: Arrays of the world.
+        traffic: State after the decision; `before` has the speeds before it.
+        row: The episode.
+        base: First vehicle of its recording.
+        count: Vehicles of the recording.
+        progress: Metres that the ego advanced.
+        ending: Value of `Ending`; OTHER, past a closed line, costs as a collision.
+        settings: SETTINGS record.
+        signals: Overwritten.
+        pair: r_env and r_social, overwritten.
+    """
+    ego = traffic.ego[row]
+    vehicle, ego_along, speed = base + ego, traffic.along[row, ego], traffic.speed[row, ego]
+    counted, lost = np.zeros(count, np.bool_), np.zeros(count)
+    for slot in range(traffic.n_present[row]):
+        number = traffic.present[row, slot]
+        if number != ego:
+            far = settings.conflict_distance
+            counted[number] = charged(road, traffic, row, base, count, number, far)
+            lost[number] = traffic.before[row, number] - traffic.speed[row, number]
+    rewards.env_signals(progress, True, speed, ending, settings, signals)
+    within = road.zone[vehicle, 0] <= ego_along <= road.zone[vehicle, 1]
+    braking = np.empty(count, np.bool_)
+    rewards.social_signals(speed, within, counted, lost, ending, settings, signals, braking)
+    pair[0], pair[1] = rewards.pair(signals, settings)

@@ -1,0 +1,290 @@
+"""Fitted Q evaluation (Le, Voloshin and Yue 2019): regressions on the logged transitions.
+
+With k steps to go, for each signal r,
+
+    Q_k(s, a) = E[ r + (1 - terminated) Σ_b π(b|s') Q_{k-1}(s', b) | s, a ],    Q_0 = 0
+
+and J = E[ Σ_a π(a|s_0) Q_H(s_0, a) ]: H regressions are the sum over H steps, without discounting.
+Every transition serves each k, as neither dynamics nor rewards may depend on the time unless it is
+observed. So a reward that is paid for running out of time counts as one of its state.
+
+Where observations hardly recur, one network has Q_k of both signals and all actions for every k:
+the steps to go are an input, drawn again for each row and update, and Q_{k-1} is that of a target
+network. Each run learns from episodes drawn with replacement, so the runs of one program are a
+bootstrap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.sparse import csr_array
+
+from socialiq.evaluation.logged import Logged
+from socialiq.learners import config
+from socialiq.learners.expert_table import draw_between
+from socialiq.learners.kernel import Learner, Terms
+from socialiq.learners.schedules import cosine
+from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_network import network_of
+from socialiq.types import RewardPair
+
+
+class Fitted(NamedTuple):
+    """Estimates of each resample of the episodes.
+
+    Attributes:
+        totals: Sums of r_env and r_social of an episode.
+        left: Share of episodes in which the policy comes to an action that the data do not show
+            in that observation; there the mean of the actions that they show stands for it.
+    """
+
+    totals: Float[np.ndarray, "resample 2"]
+    left: Float[np.ndarray, " resample"]
+
+
+def tabular(
+    logged: Logged,
+    chances: Float[np.ndarray, "state action"],
+    counts: Float[np.ndarray, "resample episode"],
+) -> Fitted:
+    """Evaluate by means over equal observations and actions.
+
+    Args:
+        logged: The episodes.
+        chances: The policy's probabilities at each distinct observation.
+        counts: How often each episode is in each resample.
+    """
+    data, (n_states, n_actions) = logged.data, chances.shape
+    kinds, cell, follows = _kinds(logged, n_actions)
+    times = np.bincount(
+        data.episode * len(cell) + kinds, minlength=data.n_episodes * len(cell)
+    ).reshape(data.n_episodes, -1)
+    weight = counts @ times
+    into = csr_array(
+        (np.ones(len(cell)), (np.arange(len(cell)), cell)), (len(cell), n_states * n_actions)
+    )
+    size = weight @ into
+    seen = (size > 0).reshape(-1, n_states, n_actions)
+    value = np.zeros((len(counts), n_states, 3))
+    for _ in range(logged.horizon):
+        target = follows.signals + follows.goes_on[:, None] * value[:, follows.state]
+        sums = [(weight * target[..., signal]) @ into for signal in range(3)]
+        mean = np.stack(sums, axis=2) / np.maximum(size, 1e-12)[:, :, None]
+        q = _completed(mean.reshape(-1, n_states, n_actions, 3), seen)
+        value = np.einsum("sa,rsac->rsc", chances, q)
+    start = logged.state[data.episode_starts]
+    means = np.einsum("re,rec->rc", counts, value[:, start]) / counts.sum(axis=1)[:, None]
+    return Fitted(means[:, :2], means[:, 2])
+
+
+class _Follows(NamedTuple):
+    """Successors of each kind of transition; the third signal is that of having left the data."""
+
+    state: np.ndarray
+    goes_on: np.ndarray
+    signals: np.ndarray
+
+
+def _kinds(logged: Logged, n_actions: int) -> tuple[np.ndarray, np.ndarray, _Follows]:
+    """Number equal transitions: the kind of each row, each kind's cell, and what follows it."""
+    data = logged.data
+    cell = logged.state * n_actions + data.action
+    columns = np.stack([cell, logged.next_state, ~data.terminated, *data.rewards], axis=1)
+    distinct, kinds = np.unique(columns, axis=0, return_inverse=True)
+    signals = np.concatenate([distinct[:, 3:], np.zeros((len(distinct), 1))], axis=1)
+    follows = _Follows(distinct[:, 1].astype(int), distinct[:, 2], signals)
+    return kinds.reshape(-1), distinct[:, 0].astype(int), follows
+
+
+def _completed(q: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Fill the cells without data: the mean of the state's other actions, and "left" 1."""
+    among = seen[..., None]
+    mean = (q * among).sum(axis=2) / np.maximum(seen.sum(axis=2), 1)[..., None]
+    filled = np.where(among, q, mean[:, :, None])
+    filled[..., 2] = np.where(seen, q[..., 2], 1.0)
+    return filled
+
+
+@dataclass(frozen=True)
+class StaticConfig(config.StaticConfig):
+    """Static configuration, which shapes the program."""
+
+    hidden: tuple[int, ...] = (128, 128)
+    """Widths of the hidden layers."""
+    updates: int = 6000
+    """Gradient steps."""
+    batch_size: int = 256
+    """Rows of an update."""
+    horizon: int = 20
+    """Largest number of steps to go."""
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Numbers of one run."""
+
+    learning_rate: float = 2e-3
+    """Adam's initial rate; it falls as a cosine."""
+    polyak: float = 0.02
+    """Share of the network mixed into its target network at each update."""
+    seed: int = 0
+    """Seed of the network and the draws."""
+    dataset: int = 0
+    """Row of the resamples: which episodes this run learns from."""
+
+
+class LoggedRows(NamedTuple):
+    """Rows of an update, on the device: of all transitions, or drawn.
+
+    Attributes:
+        observation: s.
+        action: a.
+        next_observation: s'.
+        goes_on: 1 unless s' is terminal.
+        rewards: r_env and r_social.
+        chances: ``π(·|s')``.
+    """
+
+    observation: Array
+    action: Array
+    next_observation: Array
+    goes_on: Array
+    rewards: Array
+    chances: Array
+
+
+class FittedQ(Learner):
+    """Q of a fixed policy with k steps to go.
+
+    Attributes:
+        logged: All transitions.
+        resampled: Row numbers of each resample, (resample, row).
+        scale: Standard deviation of each signal's sums over episodes.
+    """
+
+    logged: LoggedRows = eqx.field(default=None)  # pyright: ignore[reportAssignmentType]
+    resampled: Array = eqx.field(default=None)  # pyright: ignore[reportAssignmentType]
+    scale: Array = eqx.field(default=None)  # pyright: ignore[reportAssignmentType]
+
+    StaticConfig: ClassVar[type] = StaticConfig
+    Hyperparameters: ClassVar[type] = Hyperparameters
+    name: ClassVar[str] = "fitted_q"
+
+    def network(self, key: Array) -> DialNetwork:
+        """Draw a network from the observation and the share of steps to go to both signals' Q."""
+        static, (n_features, n_actions) = self.static, self.sizes
+        return DialNetwork.initialise(
+            key, n_features, static.hidden, 2 * n_actions, static.activation, static.view
+        )
+
+    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
+        """Return a rate that falls to 2 % as a cosine."""
+        return cosine(hyperparameters.learning_rate, 0.02, done, self.static.updates)
+
+    def draw(
+        self,
+        hyperparameters: HyperparameterArrays,
+        state: TrainState,  # noqa: ARG002
+        carry: Any,
+    ) -> tuple[Any, Any]:
+        """Return rows of the run's resample, and for each its steps to go."""
+        key, for_rows, for_steps = jax.random.split(carry, 3)
+        resample = self.resampled[hyperparameters.dataset]
+        count = self.static.batch_size
+        rows = resample[draw_between(for_rows, count, 0, jnp.asarray(len(resample)))]
+        to_go = draw_between(for_steps, count, 1, jnp.asarray(self.static.horizon + 1))
+        return (jax.tree.map(lambda column: column[rows], self.logged), to_go), key
+
+    def loss(
+        self,
+        network: Any,
+        target_network: Any,
+        batch: Any,
+        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+    ) -> tuple[Float[Array, ""], Terms]:
+        """Squared distance to r + E[Q_{k-1}(s', b)], in units of the sums' deviation."""
+        rows, to_go = batch
+        q = self.values(network, rows.observation, to_go)
+        taken = jnp.take_along_axis(q, rows.action[:, None, None], axis=1)[:, 0]
+        after = self.values(target_network, rows.next_observation, to_go - 1)
+        expected = jnp.einsum("na,nac->nc", rows.chances, after)
+        follows = jnp.where(to_go[:, None] > 1, expected, 0.0) * rows.goes_on[:, None]
+        loss = jnp.square(taken - rows.rewards / self.scale - follows).mean()
+        return loss, {"loss": loss}
+
+    def values(
+        self, network: DialNetwork, observation: Array, to_go: Array
+    ) -> Float[Array, "row action 2"]:
+        """Return Q_k of each row, scaled."""
+        share = to_go / self.static.horizon
+        q = jax.vmap(network)(observation, RewardPair(share, 1.0 - share))
+        return q.reshape(len(observation), self.sizes[1], 2)
+
+
+def by_network(
+    logged: Logged,
+    chances: Float[np.ndarray, "state action"],
+    counts: Float[np.ndarray, "resample episode"],
+    static: StaticConfig | None = None,
+    hyperparameters: Hyperparameters | None = None,
+) -> Float[np.ndarray, "resample 2"]:
+    """Return the sums of r_env and r_social of an episode, for each resample of the episodes.
+
+    Args:
+        logged: The episodes.
+        chances: The policy's probabilities at each distinct observation.
+        counts: How often each episode is in each resample.
+        static: Network and training; the horizon is the data's.
+        hyperparameters: Rates; each resample has its own seed.
+    """
+    shape = {**vars(static or StaticConfig()), "horizon": logged.horizon}
+    data, numbers = logged.data, vars(hyperparameters or Hyperparameters())
+    spread = np.maximum(np.std(np.stack(data.totals(), axis=1), axis=0), 1e-6)
+    columns = (
+        data.observation,
+        data.action,
+        data.next_observation,
+        np.float32(~data.terminated),
+        np.float32(logged.rewards),
+        np.float32(chances[logged.next_state]),
+    )
+    learner = FittedQ(
+        StaticConfig(**shape),
+        (data.observation.shape[1], data.n_actions),
+        None,
+        LoggedRows(*map(jnp.asarray, columns)),
+        jnp.asarray(_rows(logged, counts)),
+        jnp.asarray(spread, jnp.float32),
+    )
+    runs = [
+        Hyperparameters(**{**numbers, "seed": numbers["seed"] + run, "dataset": run})
+        for run in range(len(counts))
+    ]
+    trained = learner.train(runs)
+    first = data.episode_starts
+    start, to_go = jnp.asarray(data.observation[first]), jnp.full(len(first), logged.horizon)
+    means = []
+    for run in range(len(runs)):
+        network = network_of(trained.state.target_network, run)
+        q = np.asarray(learner.values(network, start, to_go), np.float64)
+        value = np.einsum("na,nac->nc", chances[logged.state[first]], q) * spread
+        means.append(np.average(value, axis=0, weights=counts[run]))
+    return np.array(means)
+
+
+def _rows(logged: Logged, counts: np.ndarray) -> np.ndarray:
+    """Return the rows of each resample's episodes, drawn down or up to as many as all rows."""
+    rows, drawn = np.arange(len(logged.state)), []
+    for number, count in enumerate(counts):
+        times = count[logged.data.episode].astype(np.int64)
+        stream = np.random.default_rng(number)
+        drawn.append(stream.choice(np.repeat(rows, times), len(rows)))
+    return np.array(drawn, np.int32)

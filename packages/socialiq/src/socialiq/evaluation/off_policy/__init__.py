@@ -1,1 +1,0 @@
-"""Off-policy evaluation: the returns of a policy from episodes that others drove."""

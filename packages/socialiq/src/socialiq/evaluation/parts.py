@@ -1,0 +1,116 @@
+"""Episodes in parts, by seed, in processes of their own; the same results in however many."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, TypeVar
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.learners.callbacks import Report
+from socialiq.types import RewardPair
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
+
+_EACH = 4  # parts of a process, so that there is progress to report
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+def check_processes(processes: int) -> None:
+    """Refuse a negative number of processes.
+
+    Raises:
+        UserError: If it is negative.
+    """
+    if processes < 0:
+        raise UserError(f"processes must be at least 1, got {processes}")
+
+
+def draws_in_order(name: str) -> UserError:
+    """Return the error for a policy whose draws depend on the order of all episodes."""
+    return UserError(f"{name} draws its actions in order: leave out --processes")
+
+
+def blocks_of(seeds: Sequence[int] | np.ndarray, processes: int) -> list[np.ndarray]:
+    """Return the seeds of each part, in their order: a few parts for each process."""
+    return np.array_split(np.asarray(seeds), max(1, min(_EACH * processes, len(seeds))))
+
+
+def in_parts(
+    play: Callable[[Part], Result],
+    parts: Sequence[Part],
+    processes: int,
+    on_report: Callable[[Report], None] | None = None,
+) -> list[Result]:
+    """Call a function on each part, each in one of some processes; return the results in order.
+
+    Args:
+        play: Function of a module; it and the parts are sent to the processes.
+        parts: Its arguments.
+        processes: Number of processes, each with one thread of linear algebra.
+        on_report: Called with the progress after each part.
+
+    Raises:
+        UserError: If a part fails, or its process ends. The other processes are stopped, as they
+            are on Ctrl-C.
+    """
+    context = multiprocessing.get_context("spawn")
+    begun = time.monotonic()
+    with _one_thread(), ProcessPoolExecutor(min(processes, len(parts)), context) as pool:
+        tasks = [pool.submit(play, part) for part in parts]
+        try:
+            for finished, task in enumerate(as_completed(tasks), 1):
+                task.result()
+                if on_report is not None:
+                    each = (time.monotonic() - begun) / finished
+                    left, rate = each * (len(parts) - finished), 60.0 / each
+                    on_report(Report(finished, len(parts), rate, left, {}, {}, (), "parts/min"))
+        except BaseException as error:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            if isinstance(error, UserError) or not isinstance(error, Exception):
+                raise
+            if isinstance(error, BrokenProcessPool):
+                raise UserError("a process of the episodes was killed: use fewer") from None
+            line = " ".join(f"{type(error).__name__}: {error}".split())
+            raise UserError(f"a part of the episodes failed: {line}") from error
+        return [task.result() for task in tasks]
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Give processes that are started one thread of linear algebra each."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def joined(results: Sequence[Any]) -> Any:
+    """Return named tuples of arrays as one: columns end to end, other values of the first."""
+    columns = []
+    for values in zip(*results, strict=True):
+        if isinstance(values[0], RewardPair):
+            columns.append(
+                RewardPair(*(np.concatenate(side) for side in zip(*values, strict=True)))
+            )
+        elif isinstance(values[0], np.ndarray):
+            columns.append(np.concatenate(values))
+        else:
+            columns.append(values[0])
+    return type(results[0])(*columns)
