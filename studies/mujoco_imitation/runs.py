@@ -173,7 +173,7 @@ def _train(
         dataclasses.replace(method.numbers, seed=seed, dataset=place)
         for place, seed in enumerate(seeds)
     ]
-    if isinstance(method.static, bc.StaticConfig):
+    if isinstance(method.static, bc.CloningConfig):
         return BehaviourCloning.train_on(method.static, runs, shown, callbacks)
 
     def environment() -> gymnasium.Env[Any, Any]:

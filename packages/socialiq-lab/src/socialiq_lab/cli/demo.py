@@ -11,7 +11,7 @@ from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.learners.config import check_seeds
+from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
 from socialiq.worlds.highway.pictures.scenes import episode_scenes
 from socialiq.worlds.highway.pictures.sheet import save as film

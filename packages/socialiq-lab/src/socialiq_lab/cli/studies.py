@@ -114,7 +114,7 @@ def _check(config: Any) -> None:
         UserError: If there are any.
     """
     from socialiq.cli.checks import check_options
-    from socialiq.learners.config import check_seeds
+    from socialiq.learners.settings import check_seeds
     from socialiq.social.returns import TARGET_KINDS
 
     check_seeds(getattr(config, "seeds", ()))

@@ -15,7 +15,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
-from socialiq.learners.config import check_seed
+from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import refuse_existing

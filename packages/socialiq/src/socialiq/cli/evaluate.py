@@ -28,7 +28,7 @@ from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.simulate import SoftPolicy
-from socialiq.learners.config import check_seed
+from socialiq.learners.settings import check_seed
 from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.interface import Loaded
 from socialiq.policies.load import load_policy

@@ -27,11 +27,10 @@ from jaxtyping import Array, Float
 from scipy.sparse import csr_array
 
 from socialiq.evaluation.logged import Logged
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms
-from socialiq.learners.schedules import cosine
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.state import HyperparameterArrays, TrainState, cosine
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import network_of
 from socialiq.types import RewardPair
@@ -114,7 +113,7 @@ def _completed(q: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Static configuration, which shapes the program."""
 
     hidden: tuple[int, ...] = (128, 128)

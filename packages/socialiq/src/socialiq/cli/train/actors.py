@@ -15,11 +15,11 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.continuous.acting import ActorVectorCollector
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
-from socialiq.learners.continuous.presets import PRESETS
+from socialiq.learners.continuous.config import PRESETS
 from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
-from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, continuous_maker, sizes

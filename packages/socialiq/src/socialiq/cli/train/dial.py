@@ -18,13 +18,12 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.ground import Ground, exact_regret, with_clock
-from socialiq.learners.config import check_seeds
-from socialiq.learners.dial.budget import ASCENT_EVERY, Budget
 from socialiq.learners.dial.config import INTERSECTION, PRESETS, check_fit
-from socialiq.learners.dial.train import train
+from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as offline
 from socialiq.learners.policy_iteration import dial as iteration
+from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Row, Simulator
 from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS

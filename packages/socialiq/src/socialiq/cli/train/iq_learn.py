@@ -20,7 +20,6 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import acting_in
-from socialiq.learners.config import check_seeds
 from socialiq.learners.extensions import (
     LEARNERS,
     checked_divergence,
@@ -30,6 +29,7 @@ from socialiq.learners.extensions import (
 )
 from socialiq.learners.iq_learn.presets import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
+from socialiq.learners.settings import check_seeds
 from socialiq.learners.state import Runs
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker

@@ -19,10 +19,10 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.config import check_seeds
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import PRESETS
 from socialiq.learners.offline.train import train
+from socialiq.learners.settings import check_seeds
 from socialiq.outputs import new_folder, whole_folder
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json

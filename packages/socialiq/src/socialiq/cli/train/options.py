@@ -13,7 +13,7 @@ import tyro
 
 from socialiq.cli.checks import check_options
 from socialiq.errors import UserError
-from socialiq.learners.config import check_seeds
+from socialiq.learners.settings import check_seeds
 from socialiq.settings import assignments, laid_over
 from socialiq.types import Row
 

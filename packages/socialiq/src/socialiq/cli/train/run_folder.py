@@ -12,9 +12,8 @@ from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display, to_all
 from socialiq.cli.train.options import RunOptions
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.callbacks import Callbacks, EventFiles
 from socialiq.learners.kernel import Trained
-from socialiq.learners.tensorboard import EventFiles
 from socialiq.outputs import new_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv, versions
