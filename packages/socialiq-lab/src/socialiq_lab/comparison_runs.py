@@ -20,6 +20,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.evaluation.ground import Ground
+from socialiq.learners import dqn
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Act, Collector, Source, from_env, soft
 from socialiq.learners.dqn import train as train_dqn
