@@ -34,8 +34,8 @@ class Mark(NamedTuple):
 
 def ring(marks: Sequence[Mark], title: str) -> Figure:
     """Draw our angles on the ring, spreads as arcs inside, the thesis' as open marks outside."""
-    drawn = figure(6.4, 6.0)
-    axes = drawn.add_subplot()
+    selected = figure(6.4, 6.0)
+    axes = selected.add_subplot()
     axes.plot(*_arc(0.0, 360.0, 1.0), color="#cccccc", linewidth=1.2)
     for degrees in range(0, 360, 45):
         x, y = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -56,7 +56,7 @@ def ring(marks: Sequence[Mark], title: str) -> Figure:
     axes.set_ylabel("r_social →")
     axes.legend(loc="center", frameon=False, fontsize=8)
     axes.set_title(title, fontsize=10)
-    return drawn
+    return selected
 
 
 def _arc(low: float, high: float, radius: float) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ def line(axes: Any, rows: Sequence[Row], x: str, y: str, **style: Any) -> None:
 def spread(rows: Sequence[Row], x: str, y: str) -> tuple[np.ndarray, ...]:
     """Return the distinct values of a column, and mean, least and largest of another at each."""
     places = sorted({row[x] for row in rows})
-    values = [[row[y] for row in rows if row[x] == place] for place in places]
+    values = [[row[y] for row in rows if row[x] == number] for number in places]
     return (
         np.array(places),
         np.array([np.mean(group) for group in values]),

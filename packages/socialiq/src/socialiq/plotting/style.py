@@ -58,8 +58,8 @@ def head(drawn: Figure, title: str, legend_of: Any = None, columns: int = 3) -> 
 def png(figures: Mapping[str, Figure]) -> dict[str, bytes]:
     """Rasterise figures to PNG files, without a date so that equal figures are equal bytes."""
     files = {}
-    for name, drawn in figures.items():
+    for name, figure in figures.items():
         buffer = io.BytesIO()
-        FigureCanvasAgg(drawn).print_png(buffer, metadata={"Software": None})
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
         files[name] = buffer.getvalue()
     return files

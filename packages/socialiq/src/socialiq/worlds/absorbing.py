@@ -48,19 +48,19 @@ class AbsorbingStates(gymnasium.Wrapper):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode."""
         self._left = None
-        seen, info = self.env.reset(seed=seed, options=options)
-        return marked(seen), info
+        observation, info = self.env.reset(seed=seed, options=options)
+        return marked(observation), info
 
     def step(self, action: Any) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
         """Take one step, or stay in the absorbing state."""
         if self._left is not None:
             self._left -= 1
             return self._absorbed, 0.0, False, self._left == 0, {"reward_pair": np.zeros(2)}
-        seen, reward, terminated, truncated, info = self.env.step(action)
+        observation, reward, terminated, truncated, info = self.env.step(action)
         if terminated:
             self._left = self.stay
             return self._absorbed, reward, False, False, info
-        return marked(seen), reward, terminated, truncated, info
+        return marked(observation), reward, terminated, truncated, info
 
     @property
     def _absorbed(self) -> np.ndarray:

@@ -85,8 +85,8 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step and add its reward pair."""
-        after, given, terminated, truncated, told = self.env.step(action)
-        reward: Any = given  # a number, or a vector
+        after, raw, terminated, truncated, told = self.env.step(action)
+        reward: Any = raw  # a number, or a vector
         moment = Transition(
             self._seen,
             int(action) if isinstance(self.action_space, spaces.Discrete) else action,
@@ -108,8 +108,8 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
     def _pair_of(self, moment: Transition) -> RewardPair:
         if self.pair is not None:
-            found = _called(self.pair, moment, "the function of the reward pair")
-            return RewardPair.of(found, "the reward pair")
+            pair = _called(self.pair, moment, "the function of the reward pair")
+            return RewardPair.of(pair, "the reward pair")
         if "reward_pair" not in moment.info and not np.ndim(moment.reward):
             raise UserError(
                 "the environment gives no reward pair: put (r_env, r_social) into "
@@ -129,7 +129,7 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
             finite bounds; or its observations are not arrays.
     """
-    actions, seen = env.action_space, env.observation_space
+    actions, observations = env.action_space, env.observation_space
     if continuous and isinstance(actions, spaces.Box):
         _check_bounds(actions)
     elif continuous and not isinstance(actions, spaces.Discrete):
@@ -144,9 +144,9 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         )
     elif actions.start != 0:
         raise UserError(f"actions must be numbered from 0, not {actions.start}: wrap the actions")
-    if not isinstance(seen, spaces.Box):
+    if not isinstance(observations, spaces.Box):
         raise UserError(
-            f"only observations of kind Box are supported, not {type(seen).__name__}: wrap the "
+            f"only observations of kind Box are supported, not {type(observations).__name__}: wrap the "
             "environment in gymnasium.wrappers.FlattenObservation"
         )
 
@@ -186,16 +186,16 @@ class UnitActions(gymnasium.ActionWrapper):
 
     def action(self, action: Any) -> np.ndarray:
         """Return an action in the environment's own units."""
-        given = np.asarray(action, np.float64)
-        if given.shape != self.bounds.shape or not np.isfinite(given).all():
-            shown = one_line(str(given.tolist()), 60)
+        values = np.asarray(action, np.float64)
+        if values.shape != self.bounds.shape or not np.isfinite(values).all():
+            text = one_line(str(values.tolist()), 60)
             raise UserError(
-                f"action {shown} is not {self.bounds.shape[0]} finite numbers: check the policy"
+                f"action {text} is not {self.bounds.shape[0]} finite numbers: check the policy"
             )
-        if (np.abs(given) > 1.0).any():
-            raise UserError(f"action {one_line(str(given.tolist()), 60)} is outside [-1, 1]")
-        low, high = (one.astype(np.float64) for one in (self.bounds.low, self.bounds.high))
-        scaled = low + (given + 1.0) / 2.0 * (high - low)
+        if (np.abs(values) > 1.0).any():
+            raise UserError(f"action {one_line(str(values.tolist()), 60)} is outside [-1, 1]")
+        low, high = (end.astype(np.float64) for end in (self.bounds.low, self.bounds.high))
+        scaled = low + (values + 1.0) / 2.0 * (high - low)
         return np.clip(scaled, low, high).astype(self.bounds.dtype)
 
 

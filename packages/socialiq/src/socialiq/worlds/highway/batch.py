@@ -48,8 +48,8 @@ class Batch(RoadBatch):
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
         from socialiq.worlds.highway.core.compile import run_in_parts
 
-        given = commands, seeds, seeded, actions, self._settings, self.scene.road
-        run_in_parts(step.run, self._threads, self.size, self.buffers, *given)
+        arguments = commands, seeds, seeded, actions, self._settings, self.scene.road
+        run_in_parts(step.run, self._threads, self.size, self.buffers, *arguments)
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scene."""

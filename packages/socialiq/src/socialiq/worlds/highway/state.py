@@ -105,7 +105,7 @@ class Buffers(NamedTuple):
             traced: Whether there is space for every sub-step.
         """
         rows, capacity = (size,), (size, most)
-        seen = (size, options.observed_vehicles, len(FEATURES))
+        observed = (size, options.observed_vehicles, len(FEATURES))
         frames = (size if traced else 0, options.frames, most)
         return Buffers(
             episodes=np.zeros(rows, EPISODE),
@@ -113,8 +113,8 @@ class Buffers(NamedTuple):
             before=np.zeros(capacity, kind),
             after=np.zeros(capacity, kind),
             present=np.zeros((size, 2), np.int64),
-            reached=np.zeros(seen, np.float32),
-            observation=np.zeros(seen, np.float32),
+            reached=np.zeros(observed, np.float32),
+            observation=np.zeros(observed, np.float32),
             signals=np.zeros((size, len(SIGNALS))),
             rewards=np.zeros((size, 2)),
             classical=np.zeros((size, 2)),

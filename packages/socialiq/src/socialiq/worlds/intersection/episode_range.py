@@ -85,6 +85,6 @@ def social_range(options: Options) -> Range:
     weights = options.yielding_weight, options.disruption_weight
     crash = options.neighbour_collision_weight
     return Range(
-        vehicles * sum(min(one, 0.0) for one in weights) + min(crash, 0.0),
-        vehicles * sum(max(one, 0.0) for one in weights) + max(crash, 0.0),
+        vehicles * sum(min(weight, 0.0) for weight in weights) + min(crash, 0.0),
+        vehicles * sum(max(weight, 0.0) for weight in weights) + max(crash, 0.0),
     )

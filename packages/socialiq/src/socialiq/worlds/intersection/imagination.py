@@ -34,9 +34,9 @@ def imagined(
     from socialiq.worlds.intersection.core import imagine
 
     rows = len(observations)
-    seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))
+    rows_seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))
     episodes = np.zeros(rows, EPISODE)
     vehicles = np.zeros((rows, options.capacity), VEHICLE)
-    arguments = seen, entropy, episodes, vehicles, settings_of(options)
+    arguments = rows_seen, entropy, episodes, vehicles, settings_of(options)
     run_in_parts(imagine.run, 0, rows, *arguments)
-    return State(episodes, vehicles, seen, np.zeros(rows, bool))
+    return State(episodes, vehicles, rows_seen, np.zeros(rows, bool))

@@ -78,11 +78,11 @@ class Intersection(RoadWorld):
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the other populations of drivers, and connected lanes switched the other way."""
-        others = [name for name in POPULATIONS if name != self.options.population]
+        populations = [name for name in POPULATIONS if name != self.options.population]
         connected = not self.options.connected_lanes
         sight = "who see across connected lanes" if connected else "who see their own lane only"
         return {
-            **{f"drivers of population {name}": {"population": name} for name in others},
+            **{f"drivers of population {name}": {"population": name} for name in populations},
             f"drivers {sight}": {"connected_lanes": connected},
         }
 

@@ -35,8 +35,8 @@ def observe(vehicles, count, ego, along, tie, sight, observation):
     for slot in range(count):
         if slot == ego:
             continue
-        other = vehicles[slot]
-        if not distance(other.x, other.y, me.x, me.y) < PERCEPTION:
+        vehicle = vehicles[slot]
+        if not distance(vehicle.x, vehicle.y, me.x, me.y) < PERCEPTION:
             continue
         ahead = along[slot] - along[ego]
         if not ahead > -2 * VEHICLE_LENGTH:

@@ -204,14 +204,14 @@ def classical(before, after, on_road, count, ego, settings):
     step's reward. A snapshot has the vehicles at a decision (before) or after its sub-steps
     (after), before clearing and spawning, so a vehicle has the same slot in both.
     """
-    own, others = 0.0, 0.0
+    ego_reward, neighbours = 0.0, 0.0
     for slot in range(count):
         paid = _paid(before[slot], after[slot], on_road[slot], settings)
         if slot == ego:
-            own = paid
+            ego_reward = paid
         else:
-            others += paid
-    return own, others / max(count - 1, 1)
+            neighbours += paid
+    return ego_reward, neighbours / max(count - 1, 1)
 
 
 @kernel

@@ -35,10 +35,10 @@ def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]
 
     frames = [Image.fromarray(pixels(figure)) for figure in figures]
     palette = _palette(frames, colors)
-    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    durations = [1000 // frames_per_second] * len(others) + [_LAST_FRAME]
+    first, *later = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    durations = [1000 // frames_per_second] * len(later) + [_LAST_FRAME]
     film = io.BytesIO()
-    first.save(film, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
+    first.save(film, "GIF", save_all=True, append_images=later, duration=durations, loop=0)
     return film.getvalue()
 
 
@@ -49,8 +49,8 @@ def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
 
     sample = [np.asarray(frame)[::2, ::2] for frame in frames[:: 1 + len(frames) // 24]]
     wide = np.stack(sample).reshape(-1, 3).astype(np.int32)
-    found, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
-    frequent = found[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
+    levels, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
+    frequent = levels[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
     chosen = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.int32)
     for color in np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1):
         # Pillow quantises its colour lookup: of two similar colours it may take the wrong one.

@@ -142,8 +142,8 @@ def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
 
 def _per_metre(axes: Any) -> float:
     """Return points on paper per metre of the world."""
-    place = axes.get_position(original=True)
-    paper = axes.figure.get_size_inches() * (place.width, place.height)
+    box = axes.get_position(original=True)
+    paper = axes.figure.get_size_inches() * (box.width, box.height)
     metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
     return 72 * float((paper / metres).min())
 

@@ -20,11 +20,11 @@ def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
         batch: The episodes.
         row: Index of the episode.
     """
-    made = batch.buffers
-    count, ego = int(made.episodes[row]["vehicles"]), int(made.episodes[row]["ego"])
-    vehicles = made.vehicles[row, :count].copy()
-    charged = made.after["identity"][row][made.braking[row]]
-    time = float(made.episodes[row]["time"])
+    buffers = batch.buffers
+    count, ego = int(buffers.episodes[row]["vehicles"]), int(buffers.episodes[row]["ego"])
+    vehicles = buffers.vehicles[row, :count].copy()
+    charged = buffers.after["identity"][row][buffers.braking[row]]
+    time = float(buffers.episodes[row]["time"])
     braking = np.isin(vehicles["identity"], charged) & (time > 0)
     return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "")
 
@@ -36,13 +36,13 @@ def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
         batch: The episodes.
         row: Index of the episode.
     """
-    made = batch.buffers
-    count, ego = int(made.present[row, 0]), int(made.present[row, 1])
+    buffers = batch.buffers
+    count, ego = int(buffers.present[row, 0]), int(buffers.present[row, 1])
     rewards = _rewards(batch, row, True)
-    end = float(made.episodes[row]["time"])
-    for frame, vehicles in enumerate(made.trace[row]):
-        time = end - (len(made.trace[row]) - 1 - frame) / batch.options.simulation_frequency
-        braking = made.braking[row, :count].copy()
+    end = float(buffers.episodes[row]["time"])
+    for frame, vehicles in enumerate(buffers.trace[row]):
+        time = end - (len(buffers.trace[row]) - 1 - frame) / batch.options.simulation_frequency
+        braking = buffers.braking[row, :count].copy()
         yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
 
 
@@ -64,12 +64,12 @@ def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:
 
 
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
-    made = batch.buffers
+    buffers = batch.buffers
     signals = {
         name: float(weight_of(batch.options, name) * value) if begun else 0.0
-        for name, value in zip(SIGNALS, made.signals[row], strict=True)
+        for name, value in zip(SIGNALS, buffers.signals[row], strict=True)
     }
-    return signals, RewardPair(*(made.rewards[row] * begun).tolist())
+    return signals, RewardPair(*(buffers.rewards[row] * begun).tolist())
 
 
 def weight_of(options: RoadOptions, signal: str) -> float:

@@ -129,7 +129,7 @@ def _legend(
     axes: Any, places: Sequence[tuple[float, float]], marks: tuple[str, ...], size: float
 ) -> None:
     """Draw the legend, each mark as it appears on the road, at as many places as are needed."""
-    drawn = {
+    marks_of = {
         "ego": lambda pose: shapes.vehicle(axes, pose, EGO),
         "other driver": lambda pose: shapes.vehicle(axes, pose, OTHER),
         "gives way": lambda pose: shapes.give_way(axes, pose.x, pose.y - 0.4),
@@ -140,9 +140,9 @@ def _legend(
         "ego's route": lambda pose: shapes.dots(axes, pose.place([(-2.5, 0.0), (2.5, 0.0)])),
     }
     of_some = {"gives way", "obstacle"} - set(marks)
-    wanted = [words for words in drawn if words not in of_some]
-    for (x, y), words in zip(places, wanted, strict=False):
-        drawn[words](shapes.Pose(x, y, 0.0))
+    words_of = [words for words in marks_of if words not in of_some]
+    for (x, y), words in zip(places, words_of, strict=False):
+        marks_of[words](shapes.Pose(x, y, 0.0))
         axes.text(x + 5.5, y, words, fontsize=size, va="center", color=shapes.INK)
 
 

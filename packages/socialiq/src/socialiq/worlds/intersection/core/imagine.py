@@ -122,17 +122,17 @@ def _turn(episode, vehicle, corner, kind):
     """Draw a vehicle's direction: 1 left, 2 straight on, 3 right, in the order of the arms."""
     weights = np.ones(3)
     if kind != APPROACH:
-        for place in range(3):
-            lane = LANES[ROUTES[corner, (corner + 1 + place) % 4, 1]]
+        for turn in range(3):
+            lane = LANES[ROUTES[corner, (corner + 1 + turn) % 4, 1]]
             along = longitudinal(lane, vehicle.x, vehicle.y)
             misfit = abs(lateral(lane, vehicle.x, vehicle.y))
             misfit += abs(wrap_to_pi(vehicle.heading - heading_at(lane, along)))
-            weights[place] = math.exp(-misfit / ROUTE_SCALE)
-    drawn = stream.uniform(episode) * weights.sum()
-    for place in range(2):
-        drawn -= weights[place]
-        if drawn < 0:
-            return 1 + place
+            weights[turn] = math.exp(-misfit / ROUTE_SCALE)
+    left = stream.uniform(episode) * weights.sum()
+    for turn in range(2):
+        left -= weights[turn]
+        if left < 0:
+            return 1 + turn
     return 3
 
 

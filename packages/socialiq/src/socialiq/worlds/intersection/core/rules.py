@@ -55,11 +55,11 @@ def enforce(vehicles, count, ego, settings):
 @kernel
 def yielder(vehicles, first, second, tie):
     """Return the slot of the vehicle that must yield: lower priority, else further away."""
-    one, other = vehicles[first], vehicles[second]
-    mine, theirs = LANES[one.lane].priority, LANES[other.lane].priority
-    if mine != theirs:
-        return second if mine > theirs else first
-    behind = _ahead(one, other) > _ahead(other, one) + tie
+    vehicle, partner = vehicles[first], vehicles[second]
+    priority, partner_priority = LANES[vehicle.lane].priority, LANES[partner.lane].priority
+    if priority != partner_priority:
+        return second if priority > partner_priority else first
+    behind = _ahead(vehicle, partner) > _ahead(partner, vehicle) + tie
     return first if behind else second
 
 

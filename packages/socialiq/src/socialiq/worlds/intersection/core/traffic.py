@@ -54,10 +54,10 @@ def leader(vehicles, count, me, lane_number, settings):
     here = longitudinal(lane, vehicles[me].x, vehicles[me].y)
     searched = CONNECTED.shape[1] if settings.connected_lanes else 1
     front, nearest = -1, math.inf
-    for other in range(count):
-        if other == me:
+    for slot in range(count):
+        if slot == me:
             continue
-        x, y = vehicles[other].x, vehicles[other].y
+        x, y = vehicles[slot].x, vehicles[slot].y
         for column in range(searched):
             number = CONNECTED[lane_number, column]
             if number < 0:
@@ -70,7 +70,7 @@ def leader(vehicles, count, me, lane_number, settings):
                 continue
             along += CONNECTED_OFFSETS[lane_number, column]
             if here <= along <= nearest + settings.tie:
-                front, nearest = other, along
+                front, nearest = slot, along
             break
     return front
 

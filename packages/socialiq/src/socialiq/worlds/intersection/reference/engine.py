@@ -39,20 +39,20 @@ class Reference:
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         """Carry out one command for each episode."""
-        made = self._buffers
+        buffers = self._buffers
         decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
-        seen = np.zeros_like(made.reached)
+        observation = np.zeros_like(buffers.reached)
         for row in np.flatnonzero(decided):
-            seen[row] = self._rows[row].step(actions[row]).reshape(seen[row].shape)
+            observation[row] = self._rows[row].step(actions[row]).reshape(observation[row].shape)
             self._write_decision(int(row))
-        wanted = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
+        annotated = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
-        step.on_threads(1, made, wanted, seeds, unseeded, unused, self._settings)
+        step.on_threads(1, buffers, annotated, seeds, unseeded, unused, self._settings)
         for row in np.flatnonzero(decided):
             self._take_ending(int(row))
-        made.reached[decided] = seen[decided]
-        made.observation[decided] = seen[decided]
-        ended = (commands == DECIDE_AND_RESET) & (made.ending != int(Ending.NONE))
+        buffers.reached[decided] = observation[decided]
+        buffers.observation[decided] = observation[decided]
+        ended = (commands == DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
         for row in np.flatnonzero((commands == RESET) | ended):
             self._reset(int(row), int(seeds[row]) if seeded[row] else None)
 
@@ -61,27 +61,27 @@ class Reference:
 
         A comparison then finds the difference.
         """
-        made, terminated = self._buffers, self._rows[row].terminated
-        if terminated != (made.ending[row] in TERMINAL):
-            made.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
+        buffers, terminated = self._buffers, self._rows[row].terminated
+        if terminated != (buffers.ending[row] in TERMINAL):
+            buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
 
     def _reset(self, row: int, seed: int | None) -> None:
-        made, real = self._buffers, self._rows[row]
-        made.observation[row] = real.reset(seed).reshape(made.observation[row].shape)
+        buffers, real = self._buffers, self._rows[row]
+        buffers.observation[row] = real.reset(seed).reshape(buffers.observation[row].shape)
         self._write_now(row)
-        made.episodes[row]["start"] = route_coordinate(made.vehicles[row][real.ego])
+        buffers.episodes[row]["start"] = route_coordinate(buffers.vehicles[row][real.ego])
 
     def _write_decision(self, row: int) -> None:
-        made, real = self._buffers, self._rows[row]
-        made.before[row, : len(real.before)] = real.before
-        made.after[row, : len(real.after)] = real.after
-        made.present[row] = len(real.after), real.ego_after
+        buffers, real = self._buffers, self._rows[row]
+        buffers.before[row, : len(real.before)] = real.before
+        buffers.after[row, : len(real.after)] = real.after
+        buffers.present[row] = len(real.after), real.ego_after
         self._write_now(row)
 
     def _write_now(self, row: int) -> None:
-        made, real = self._buffers, self._rows[row]
-        vehicles, episode = real.vehicles, made.episodes[row]
-        made.vehicles[row, : len(vehicles)] = vehicles
+        buffers, real = self._buffers, self._rows[row]
+        vehicles, episode = real.vehicles, buffers.episodes[row]
+        buffers.vehicles[row, : len(vehicles)] = vehicles
         episode["vehicles"], episode["ego"] = len(vehicles), real.ego
         episode["time"] = real.time
         episode["contact"], episode["touched"] = real.contact, real.touched

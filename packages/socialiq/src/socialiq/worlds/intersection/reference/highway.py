@@ -159,8 +159,8 @@ class _WatchedRoad(RegulatedRoad):
         super().step(dt)
         if untouched:
             slot = self.vehicles.index(ego)
-            found = contact_of(self.records(), slot, dt, self.contact, self.touched)
-            self.contact, self.touched = int(found[0]), int(found[1])
+            contact = contact_of(self.records(), slot, dt, self.contact, self.touched)
+            self.contact, self.touched = int(contact[0]), int(contact[1])
 
     def records(self) -> np.ndarray:
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""
