@@ -24,8 +24,7 @@ from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.worlds.intersection.actions import width
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.batch import Batch, width
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection

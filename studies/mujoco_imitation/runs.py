@@ -26,7 +26,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import write_json
 from socialiq.types import Row
-from socialiq.worlds.absorbing import AbsorbingStates
+from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.jobs import ProgressCallback
 from studies.mujoco_imitation.expert import POLICY
 from studies.mujoco_imitation.methods import ROUND, Method, method_of

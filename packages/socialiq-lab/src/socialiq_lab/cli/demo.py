@@ -13,7 +13,7 @@ from socialiq.cli.progress import Display
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.scenes import episode_scenes
+from socialiq.worlds.highway.pictures.render import episode_scenes
 from socialiq.worlds.highway.pictures.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options

@@ -17,7 +17,7 @@ from socialiq.cli.output import print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
-from socialiq.worlds.highway.conformance import PORTABLE, Compared
+from socialiq.worlds.highway import PORTABLE, Compared
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 _COUNTS = ("episodes", "steps", "off_road")
@@ -129,7 +129,7 @@ class Conformance:
             from socialiq.worlds.highway.reference import compare as compare_scene
 
             return compare_scene(self.scene, self.episodes, self.seed)
-        from socialiq.worlds.intersection.reference.conformance import compare
+        from socialiq.worlds.intersection.conformance import compare
 
         driver = driver_of(self.driver, self.seed, options) if self.driver else None
         return compare(options, self.episodes, self.seed, driver)

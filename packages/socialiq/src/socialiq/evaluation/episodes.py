@@ -13,7 +13,7 @@ from socialiq.evaluation.simulate import Step, play
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch

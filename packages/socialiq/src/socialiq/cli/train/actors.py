@@ -23,7 +23,7 @@ from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, t
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, continuous_maker, sizes
-from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, refuse_file

@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.options import RoadOptions
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS, RoadOptions
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.world import Decisions, observed_with_time
 

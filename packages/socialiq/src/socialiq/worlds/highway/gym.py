@@ -92,7 +92,7 @@ class RoadEnv(gymnasium.Env):
         """Return a picture of the current state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
-        from socialiq.worlds.highway.pictures.scenes import present_scene
+        from socialiq.worlds.highway.pictures.render import present_scene
         from socialiq.worlds.highway.pictures.sheet import picture
         from socialiq.worlds.pictures import pixels
 

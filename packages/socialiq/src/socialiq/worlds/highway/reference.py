@@ -14,13 +14,12 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.highway.batch import Batch
-from socialiq.worlds.highway.conformance import Compared
+from socialiq.worlds.highway import Compared
 from socialiq.worlds.highway.core import drivers
 from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.scene import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.highway.world import Batch, world_of
 
 try:
     # Type checks also run where the extra is not installed.

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.worlds.highway.options import RoadOptions
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS, RoadOptions
+
+MAX_SPEED = 40.0  # m/s of any vehicle, either way
 
 FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 """Numbers of one row of the observation."""

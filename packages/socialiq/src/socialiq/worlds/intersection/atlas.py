@@ -13,7 +13,7 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results, read_json
-from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"

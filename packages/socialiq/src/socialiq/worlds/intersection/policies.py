@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import one_of
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.intersection.actions import ACCELERATION_RANGE, width
+from socialiq.worlds.intersection.batch import ACCELERATION_RANGE, width
 from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import (
     ACTIONS,

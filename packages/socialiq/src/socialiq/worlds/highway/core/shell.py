@@ -15,7 +15,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import distance, longitudinal, on_lane
-from socialiq.worlds.highway.core.observation import observe
+from socialiq.worlds.highway.core.rewards import observe
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
 
 _NOTHING = int(Ending.NONE)

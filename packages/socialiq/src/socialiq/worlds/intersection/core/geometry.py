@@ -15,10 +15,12 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, turned_misfit
 from socialiq.worlds.highway.network import APPROACH, EXIT, SHAPE, Shape, arc, straight
+from socialiq.worlds.intersection.state import (
+    SPEED_LIMIT as SPEED_LIMIT,  # kernels read it from here
+)
 
 N_LANES = 20
 ACCESS_LENGTH = 100.0  # of approaches and exits, m
-SPEED_LIMIT = 10.0  # of every lane, m/s
 
 RIGHT, LEFT, STRAIGHT = 1, 2, 3  # a lane's number is 5 * corner + its kind; APPROACH is 0, EXIT 4
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
-from socialiq.worlds.highway.conformance import Compared
-from socialiq.worlds.intersection.actions import width
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.highway import Compared
+from socialiq.worlds.intersection.batch import Batch, width
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.state import VEHICLE
