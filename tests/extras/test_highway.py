@@ -247,7 +247,7 @@ def calls(monkeypatch):
         made.append((vehicles, ego, dt, (contact, touched)))
         return (Contact.EGO_STRUCK, 3) if len(made) > 1 else (Contact.NONE, -1)
 
-    monkeypatch.setattr(highway, "contact_of", contact_of)
+    monkeypatch.setattr(reference, "contact_of", contact_of)
     return made
 
 
