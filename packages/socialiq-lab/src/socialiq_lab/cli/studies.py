@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.outputs import claimed
@@ -32,7 +32,7 @@ COMPARISONS = {"priors": "compare-priors", "methods": "compare-methods"}
 
 
 @dataclass(frozen=True)
-class _StudyCommand:
+class _StudyCommand(Printing):
     """Options of every study."""
 
     seeds: tuple[int, ...] | None = None
@@ -57,8 +57,6 @@ class _StudyCommand:
     """Show the results of this folder, or of the study's in it, without running anything; where
     ./results is not there, results/STUDY are those that came with the package. With --out the
     figures are drawn there."""
-    json: bool = False
-    """Print one JSON object."""
 
     output = None  # claimed in `_computed`, which knows the folder
 

@@ -78,6 +78,7 @@ ELSEWHERE = {
 
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
+    "With --json a command prints its result as one JSON object. "
     "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "
     "nothing, 130 stopped by Ctrl-C."
 )

@@ -80,8 +80,9 @@ def parse(arguments: list[str] | None) -> Any:
         UserError: If the command line can't be understood.
         SystemExit: After a help page, the version or a completion script.
     """
-    words = sys.argv[1:] if arguments is None else arguments
-    check_words(words)
+    every = sys.argv[1:] if arguments is None else arguments
+    check_words(every)
+    words = [word for word in every if word != "--json"]
     first = words[0] if words else ""
     if first in ("-h", "--help"):
         _print_and_exit(help_page())
@@ -97,10 +98,24 @@ def parse(arguments: list[str] | None) -> Any:
     for length in (2, 1):
         name = " ".join(words[:length])
         if name in COMMANDS:
-            return _command(name, words[length:])
+            command = _command(name, words[length:])
+            if "--json" in every:
+                _print_json(command, name)
+            return command
     if first in GROUPS and words[1:2] in (["-h"], ["--help"]):
         _print_and_exit(help_page(first))
     raise unknown_command(words)
+
+
+def _print_json(command: Any, name: str) -> None:
+    """Let a command print its result as JSON.
+
+    Raises:
+        UserError: If it prints none.
+    """
+    if not hasattr(command, "json"):
+        raise UserError(f"socialiq {name} prints no result: leave --json out")
+    object.__setattr__(command, "json", True)
 
 
 def _command(name: str, words: list[str]) -> Any:

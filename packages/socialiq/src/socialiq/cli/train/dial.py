@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import road_named
+from socialiq.cli.output import Printing
 from socialiq.cli.train.options import RunOptions, SizeOptions
 from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
@@ -66,7 +67,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Dial:
+class Dial(Printing):
     """Train one network for every social angle.
 
     Example: socialiq train dial clocked.safetensors --world crossing7 --out run
@@ -111,7 +112,7 @@ class Dial:
             setting = in_gridworld(self.world, preset.clock, structure, data)
         static, data, sizes, simulator, collector, chunk = setting
         check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = RunFolder(self.out, "dial", self.options)
+        folder = RunFolder(self.out, "dial", self.options, self.json)
         labels = [{"seed": seed} for seed in self.seed]
         with folder.callbacks(labels) as callbacks:
             trained = train(
@@ -269,7 +270,7 @@ def saved_dials(folder: RunFolder, trained: Trained, budget: Budget | None = Non
 
 
 @dataclass(frozen=True)
-class ImproveDial:
+class ImproveDial(Printing):
     """Improve a dial of the intersection by rollouts in copies of the simulator.
 
     Example: socialiq train improve-dial dial.safetensors --out improved
@@ -304,7 +305,7 @@ class ImproveDial:
         if self.environments < 1:
             raise UserError(f"environments must be at least 1, got {self.environments}")
         labellers = [dial_labeller(static, scenario, self.environments, clock) for _ in runs]
-        folder = RunFolder(self.out, "dial", self.options)
+        folder = RunFolder(self.out, "dial", self.options, self.json)
         labels = [{"seed": seed} for seed in self.seed]
         with folder.callbacks(labels) as callbacks:
             sizes, chunk = fitting.sizes_of(scenario, clock), fitting.CHUNK
