@@ -72,7 +72,7 @@ ELSEWHERE = {
         *(f"data {word}" for word in ("census", "predict", "power")),
         "train practised-dial",
     ),
-    "socialiq-lab": ("demo", "sweep", "reproduce", "compare", "claims", "bench"),
+    "socialiq-lab": ("demo", "sweep", "reproduce", "claims", "bench"),
 }
 """Commands of other distributions, which may be missing."""
 

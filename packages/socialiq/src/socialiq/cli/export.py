@@ -51,7 +51,7 @@ class Export(Printing):
     angle: float | None = None
     """Social angle of a dial, in degrees."""
     evaluation: Path | None = None
-    """File with the output of `socialiq evaluate POLICY --json`, for the card."""
+    """JSON output of `socialiq evaluate POLICY --json`, for the card."""
 
     def run(self) -> int:
         """Read the policy, write the file and print what was written."""

@@ -21,6 +21,7 @@ from socialiq.cli.commands import (
     help_page,
     options_of,
 )
+from socialiq.cli.forward import OLD_WORDS, forwarded
 from socialiq.cli.streams import exit_status
 from socialiq.cli.suggest import option_names, unknown_command, unknown_option
 from socialiq.errors import UserError
@@ -90,10 +91,9 @@ def parse(arguments: list[str] | None) -> Any:
         _print_and_exit(f"socialiq {_version()}\n")
     if first.startswith(("--tyro-print-completion", "--tyro-write-completion")):
         return _options_of(every_command(), "socialiq", words, DESCRIPTION)
-    if first.startswith(("train", "improve")):
-        from socialiq.cli.train.forward import forwarded
-
-        words = forwarded(words, [name.partition(" ")[2] for name in COMMANDS if "train " in name])
+    if first in OLD_WORDS:
+        learners = [name.partition(" ")[2] for name in COMMANDS if name.startswith("train ")]
+        words = forwarded(words, learners)
         first = words[0]
     for length in (2, 1):
         name = " ".join(words[:length])
@@ -121,7 +121,7 @@ def _print_json(command: Any, name: str) -> None:
 def _command(name: str, words: list[str]) -> Any:
     """Parse a command's options; a mistyped one is refused before anything else is imported."""
     program, known = f"socialiq {name}", options_of(name)
-    unknown = unknown_option(program, words, known) if known else None
+    unknown = None if known is None else unknown_option(program, words, known)
     if unknown:
         raise unknown
     return _options_of(command_class(name), program, words)
