@@ -57,7 +57,7 @@ def test_results_as_json(folder, capsys):
         ),
         (
             ["compare-priors", "--set", "worlds=crossing9"],
-            "choose one of crossing5, crossing7, intersection",
+            "choose one of crossing5, crossing7",
         ),
         (["compare-priors", "--set", "methods=gail"], "choose one of none, thesis, running"),
         (["compare-priors", "--seeds", "0"], "a seed of development can't be a seed of the table"),
