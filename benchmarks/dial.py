@@ -25,7 +25,7 @@ from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import QUICK, RUNS, SHORT, Preset
+from socialiq.learners.dial.config import QUICK, RUNS, SHORT, DialPreset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
@@ -103,7 +103,7 @@ def _grid_thesis() -> tuple[Trains, int]:
     return trains, presets.GRID.updates
 
 
-def _grid_dial(run: Preset, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
+def _grid_dial(run: DialPreset, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
     """A dial of the 7x7 world, with its clock; one for each seed, in one program."""
     world = make_grid("crossing7").with_clock()
     data = trajectory_datasets(tabulate(world), seeds, EPISODES_EACH)

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.ground import Ground
-from socialiq.learners.config import check_counts, check_widths
 from socialiq.learners.iq_learn import presets
+from socialiq.learners.settings import check_counts, check_widths
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row

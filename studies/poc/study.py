@@ -17,7 +17,7 @@ from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.evaluation.ground import Ground
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig
 from socialiq.learners.kernel import Trained
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -87,7 +87,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 def _baseline_rows(
     ground: Ground,
-    static: StaticConfig,
+    static: IQLearnConfig,
     config: Config,
     data: Demonstrations,
     on_stage: StageCallback,
@@ -104,7 +104,7 @@ def _baseline_rows(
 
 def _target_rows(
     ground: Ground,
-    static: StaticConfig,
+    static: IQLearnConfig,
     config: Config,
     data: Demonstrations,
     on_stage: StageCallback,

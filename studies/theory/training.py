@@ -20,7 +20,7 @@ from socialiq.evaluation.prediction import (
     target_norm,
 )
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Hyperparameters
+from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.objective import Problem
@@ -125,7 +125,7 @@ def _runs(
         updates=plan.updates,
     )
     base = presets.TABLE_C1_NUMBERS
-    numbers: list[Hyperparameters] = []
+    numbers: list[IQLearnHyperparameters] = []
     for dataset, seed in enumerate(plan.seeds):
         run = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
         numbers.append(dataclasses.replace(run, prior_weight=0.0))  # the baseline, exactly

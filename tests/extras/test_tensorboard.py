@@ -12,8 +12,7 @@ pytest.importorskip("tensorboard", reason="extra `tensorboard` is not installed"
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from socialiq.cli.main import main
-from socialiq.learners.callbacks import Report
-from socialiq.learners.tensorboard import EventFiles
+from socialiq.learners.callbacks import EventFiles, Report
 
 
 def scalars(folder):
@@ -93,7 +92,7 @@ def test_train_dial_writes_what_metrics_csv_has(tmp_path):
 def test_neither_tensorflow_nor_torch_is_imported(tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
-        "from socialiq.learners.tensorboard import EventFiles\n"
+        "from socialiq.learners.callbacks import EventFiles\n"
         f"EventFiles(Path({str(tmp_path)!r}), ('a',)).__exit__(None, None, None)\n"
         "assert not {'tensorflow', 'torch'} & set(sys.modules)\n"
     )

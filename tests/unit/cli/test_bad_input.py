@@ -303,7 +303,7 @@ def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
         ),
         ("reproduce", "grid", "--out", "OUT", "--seeds"),
         ("reproduce", "intersection-dial", "--out", "OUT", "--seeds"),
-        ("compare", "priors", "--out", "OUT", "--seeds"),
+        ("reproduce", "compare-priors", "--out", "OUT", "--seeds"),
         ("demo", "--out", "OUT", "--seeds"),
     ],
     ids=lambda command: " ".join(command[:3]),

@@ -24,7 +24,7 @@ from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.state import History
@@ -39,8 +39,11 @@ Monitor = Callable[[Any], dict[str, np.ndarray]]
 
 
 def grid_of(
-    angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Hyperparameters
-) -> list[Hyperparameters]:
+    angles: Sequence[float],
+    strengths: Sequence[float],
+    seeds: Sequence[int],
+    base: IQLearnHyperparameters,
+) -> list[IQLearnHyperparameters]:
     """Return hyperparameters for every angle, strength and seed; seed i learns from data set i."""
     return [
         dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
@@ -52,8 +55,8 @@ def grid_of(
 
 def train_runs(
     ground: Ground,
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IQLearnConfig,
+    hyperparameters: Sequence[IQLearnHyperparameters],
     datasets: Sequence[Demonstrations],
     on_report: Callable[[Report], None] | None,
     chunk: int = 500,
@@ -89,7 +92,10 @@ def learner_of(variant: Mapping[str, Any]) -> tuple[Any, Any]:
     learner = variant.get("learner", "iq_learn")
     one_of("learner", learner, ("iq_learn", "behaviour_cloning"))
     if learner == "behaviour_cloning":
-        static, numbers = behaviour_cloning.StaticConfig(), behaviour_cloning.Hyperparameters()
+        static, numbers = (
+            behaviour_cloning.CloningConfig(),
+            behaviour_cloning.CloningHyperparameters(),
+        )
     else:
         one_of("preset", variant["preset"], tuple(presets.PRESETS))
         static, numbers = presets.PRESETS[variant["preset"]]
@@ -111,13 +117,13 @@ def train_variant(
     Args:
         ground: The world.
         static: Static configuration of IQ-Learn or of behaviour cloning.
-        runs: Hyperparameters.
+        runs: IQLearnHyperparameters.
         datasets: Data sets of the runs.
         on_report: Shows the progress.
         chunk: Number of updates between two exact evaluations; None for no evaluation.
         prior: Penalty of the user's own in place of the quadratic one.
     """
-    if isinstance(static, behaviour_cloning.StaticConfig):
+    if isinstance(static, behaviour_cloning.CloningConfig):
         callbacks = Callbacks(on_report=on_report)
         return behaviour_cloning.BehaviourCloning.train_on(static, runs, datasets, callbacks)
     monitor = None

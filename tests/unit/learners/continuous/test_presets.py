@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.learners.continuous.presets import NAME, PRESETS
+from socialiq.learners.continuous.config import NAME, PRESETS
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.storage import packaged_results, read_json
 

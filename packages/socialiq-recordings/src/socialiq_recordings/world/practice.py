@@ -21,10 +21,10 @@ from socialiq.errors import UserError
 from socialiq.evaluation.rollout import columns_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.config import check_counts, check_seed, check_shares
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.offline.train import train_together
+from socialiq.learners.settings import check_counts, check_seed, check_shares
 from socialiq.types import Policy
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
@@ -81,8 +81,8 @@ class Practised:
 
 def train_with_practice(
     world: RecordedWorld,
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: OfflineDialConfig,
+    hyperparameters: Sequence[OfflineDialHyperparameters],
     shown: Demonstrations,
     practice: Practice,
     callbacks: Callable[[int, str], Callbacks] | None = None,

@@ -105,9 +105,17 @@ def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
 
 def _types(annotation: ast.expr) -> Iterator[str]:
     """Yield the names in an annotation that may make options, as `Config` or `module.Config`."""
-    parents = {node.value: node for node in ast.walk(annotation) if isinstance(node, ast.Attribute)}
-    for node in ast.walk(annotation):
-        if isinstance(node, ast.Name) and node.id not in _PLAIN:
+    nodes = list(ast.walk(annotation))
+    parents = {node.value: node for node in nodes if isinstance(node, ast.Attribute)}
+    metadata = {
+        inner
+        for node in nodes
+        if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated"
+        for extra in getattr(node.slice, "elts", [])[1:]
+        for inner in ast.walk(extra)
+    }
+    for node in nodes:
+        if isinstance(node, ast.Name) and node.id not in _PLAIN and node not in metadata:
             yield ast.unparse(parents.get(node, node))
 
 

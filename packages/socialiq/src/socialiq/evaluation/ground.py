@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_exactly
 from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.budget import Regret
-from socialiq.learners.dial.train import dial_of
+from socialiq.learners.dial.train import Regret, dial_of
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.worlds.enumerate import Table, tabulate
@@ -50,8 +49,8 @@ def with_clock(ground: Ground, clock: bool) -> Ground:
 
 def exact_regret(
     ground: Ground,
-    static: dial.StaticConfig,
-    numbers: Sequence[dial.Hyperparameters],
+    static: dial.DialConfig,
+    numbers: Sequence[dial.DialHyperparameters],
     readout: Readout = "soft",
 ) -> Regret:
     """Return the regret of a run's policy at the angle of its static config.

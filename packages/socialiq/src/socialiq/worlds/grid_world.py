@@ -192,8 +192,8 @@ class GridWorld(World):
         usual = getattr(self.options, "spawn_probability", None)
         if usual is None:
             return {}
-        other = 2 * usual if 0.0 < usual <= 0.5 else 0.3
-        return {f"vehicles spawning at {other:g} a step": {"spawn_probability": other}}
+        share = 2 * usual if 0.0 < usual <= 0.5 else 0.3
+        return {f"vehicles spawning at {share:g} a step": {"spawn_probability": share}}
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -12,19 +12,19 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import road_named
+from socialiq.cli.output import Printing
 from socialiq.cli.train.options import RunOptions, SizeOptions
 from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.ground import Ground, exact_regret, with_clock
-from socialiq.learners.config import check_seeds
-from socialiq.learners.dial.budget import ASCENT_EVERY, Budget
 from socialiq.learners.dial.config import INTERSECTION, PRESETS, check_fit
-from socialiq.learners.dial.train import train
+from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as offline
 from socialiq.learners.policy_iteration import dial as iteration
+from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Row, Simulator
 from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS
@@ -67,7 +67,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Dial:
+class Dial(Printing):
     """Train one network for every social angle.
 
     Example: socialiq train dial clocked.safetensors --world crossing7 --out run
@@ -112,7 +112,7 @@ class Dial:
             setting = in_gridworld(self.world, preset.clock, structure, data)
         static, data, sizes, simulator, collector, chunk = setting
         check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = RunFolder(self.out, "dial", self.options)
+        folder = RunFolder(self.out, "dial", self.options, self.json)
         labels = [{"seed": seed} for seed in self.seed]
         with folder.callbacks(labels) as callbacks:
             trained = train(
@@ -270,7 +270,7 @@ def saved_dials(folder: RunFolder, trained: Trained, budget: Budget | None = Non
 
 
 @dataclass(frozen=True)
-class ImproveDial:
+class ImproveDial(Printing):
     """Improve a dial of the intersection by rollouts in copies of the simulator.
 
     Example: socialiq train improve-dial dial.safetensors --out improved
@@ -305,7 +305,7 @@ class ImproveDial:
         if self.environments < 1:
             raise UserError(f"environments must be at least 1, got {self.environments}")
         labellers = [dial_labeller(static, scenario, self.environments, clock) for _ in runs]
-        folder = RunFolder(self.out, "dial", self.options)
+        folder = RunFolder(self.out, "dial", self.options, self.json)
         labels = [{"seed": seed} for seed in self.seed]
         with folder.callbacks(labels) as callbacks:
             sizes, chunk = fitting.sizes_of(scenario, clock), fitting.CHUNK

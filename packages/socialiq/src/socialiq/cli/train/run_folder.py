@@ -12,9 +12,8 @@ from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display, to_all
 from socialiq.cli.train.options import RunOptions
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.callbacks import Callbacks, EventFiles
 from socialiq.learners.kernel import Trained
-from socialiq.learners.tensorboard import EventFiles
 from socialiq.outputs import new_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv, versions
@@ -36,12 +35,14 @@ class RunFolder:
     Attributes:
         out: The folder.
         kind: Of its policies: "policy" or "dial".
-        options: Whether a stopped training goes on, where event files go, and how to print.
+        options: Whether a stopped training goes on, and where event files go.
+        as_json: Whether `report` prints one JSON object.
     """
 
     out: Path
     kind: str
     options: RunOptions
+    as_json: bool
 
     @property
     def checkpoint(self) -> Path:
@@ -164,7 +165,7 @@ class RunFolder:
 
     def report(self, trained: Trained, policies: list[Row]) -> int:
         """Print the policies and complain of failures; return the exit status."""
-        if self.options.json:
+        if self.as_json:
             print_json({"out": str(self.out), PLURALS[self.kind]: policies})
         else:
             hidden = "sha256" if self.kind == "policy" else ""

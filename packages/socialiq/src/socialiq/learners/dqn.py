@@ -1,9 +1,10 @@
-"""Training: collect a chunk by ε-greedy acting, learn a chunk in one compiled scan (thesis 5.2)."""
+"""Deep Q-learning on R(α): ε-greedy acting outside JAX, and learning in one compiled scan (5.2)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,18 +13,63 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
-from socialiq.learners import replay
+from socialiq.learners import replay, settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act, Behaviour, Collector, Source
-from socialiq.learners.dqn.config import Hyperparameters, Loss, StaticConfig
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.schedules import linear
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.settings import Count
+from socialiq.learners.state import HyperparameterArrays, TrainState, linear
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from socialiq.types import Ending
+
+Loss = Literal["huber", "squared"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DQNConfig(settings.Network, settings.Replay):
+    """Choices that shape the program. Defaults: the experts of thesis 5.2.
+
+    The thesis gives network, learning rate, discount, steps and environments. The rest is of
+    Stable-Baselines3's DQN where its default fits (one update of 256 for 4 steps of each of 12
+    environments), or chosen here.
+    """
+
+    hidden: settings.Widths = (256, 256)
+    double: bool = True
+    """Whether the network chooses the action that the target network values."""
+    through_timeouts: bool = False
+    """Whether a timeout is bootstrapped through. That makes a wait that pays an income for ever,
+    which an episode of 20 s doesn't give (docs/reproduction/intersection.md)."""
+    loss: Loss = "huber"
+    """Of temporal differences. The Huber loss (Mnih et al. 2015) bounds the gradient of errors
+    above 1, so its minimum is near the median: it learns only a part of the cost of a rare
+    collision. The minimum of the squared error is the mean, the value."""
+    batch_size: Count = 256
+    """Transitions of an update."""
+    steps: Count = 5_000_000
+    """Environment steps of a run, of all its environments together."""
+    steps_per_update: Count = 48
+    """The update ratio: environment steps for each gradient step."""
+    replay_capacity: Count = 200_000
+
+    @property
+    def updates(self) -> int:
+        """Gradient steps of a run."""
+        return max(self.steps // self.steps_per_update, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DQNHyperparameters(settings.Exploration):
+    """Numbers of one run; all are traced, so runs that differ in them share one program."""
+
+    angle: settings.Angle = 0.0
+    """α of the reward R(α), in degrees."""
+    discount: settings.Discount = 0.99
+    """γ."""
+
 
 Scalar = Float[Array, ""]
 
@@ -118,7 +164,7 @@ class DQN(Learner):
 
     def policy(
         self,
-        hyperparameters: Hyperparameters,
+        hyperparameters: DQNHyperparameters,
         state: TrainState,
         kept: Any = None,  # noqa: ARG002
     ) -> QPolicy:
@@ -126,7 +172,7 @@ class DQN(Learner):
         return policy_of(self.static, hyperparameters, state.network)
 
 
-def policy_of(static: StaticConfig, hyperparameters: Hyperparameters, network: QNetwork) -> QPolicy:
+def policy_of(static: DQNConfig, hyperparameters: DQNHyperparameters, network: QNetwork) -> QPolicy:
     """Return a network as a policy with its record; its soft form, at τ = 1, has no meaning."""
     n_actions = network.layers[-1].out_features
     learner = DQN(static, (0, int(n_actions)))
@@ -134,8 +180,8 @@ def policy_of(static: StaticConfig, hyperparameters: Hyperparameters, network: Q
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: DQNConfig,
+    hyperparameters: Sequence[DQNHyperparameters],
     sources: Sequence[Source],
     sizes: tuple[int, int],
     callbacks: Callbacks | None = None,
@@ -165,7 +211,7 @@ def train(
     return DQN(static, sizes).train(hyperparameters, callbacks, chunk, collector)
 
 
-def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> Behaviour:
+def acting(static: DQNConfig, hyperparameters: Sequence[DQNHyperparameters]) -> Behaviour:
     """ε-greedy, ε by the share of the run that is done."""
 
     def behaviour(network: QNetwork, run: int, done: int, rng: np.random.Generator) -> Act:
@@ -187,7 +233,7 @@ def _loss(
     target_network: QNetwork,
     batch: Batch,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: DQNConfig,
 ) -> tuple[Array, Array]:
     fast = jax.vmap(network)(batch.next_observation) if static.double else None
     steady = jax.vmap(target_network)(batch.next_observation)
