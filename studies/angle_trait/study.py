@@ -32,15 +32,13 @@ from socialiq_recordings.trait.choice_model import (
 from socialiq_recordings.trait.hierarchy import direction
 from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
 from socialiq_recordings.trait.traits import progress_trait
-from studies.angle_trait.config import (
+from studies.angle_trait.driving import (
     CONFIDENCE,
     DIAL,
     INFERENCES,
     OTHER_DIAL,
     RANDOM,
     Config,
-)
-from studies.angle_trait.driving import (
     Decided,
     Population,
     base_of,

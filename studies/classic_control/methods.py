@@ -18,8 +18,7 @@ from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
-from studies.classic_control.cartpole import CartPole
-from studies.classic_control.tasks import Task, make_env
+from studies.classic_control.tasks import CartPole, Task, make_env
 
 CHUNK = 250
 """Updates between two rounds of acting, in environments outside compiled programs."""

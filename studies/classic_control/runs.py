@@ -8,16 +8,95 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.symmetry import with_images
+from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners.callbacks import Callbacks
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json, write_json
 from socialiq.types import Row
 from socialiq_lab.jobs import ProgressCallback
-from studies.classic_control import data
 from studies.classic_control.methods import learn, method_of
-from studies.classic_control.tasks import TASKS, returns
+from studies.classic_control.tasks import TASKS, Task, make_env, returns
+
+PROTOCOLS = ("rows", "stride", "whole")
+"""One random row of each block, the first row of each block, or all rows."""
+
+_SHIFTS = range(2, 13)
+_TRANSIENT = 100
+_UNIT = 0.1
+"""Common unit of the features in the linear fit."""
+
+
+def trajectories(task: Task, count: int, seed: int) -> Demonstrations:
+    """Return whole episodes of the task's expert; episode i is reset with seed + i."""
+    return rollout_env(make_env(task), task.expert, count, seed).transitions
+
+
+def thinned(
+    shown: Demonstrations, protocol: str, task: Task, seed: int, mirrored: bool
+) -> Demonstrations:
+    """Return what a learner is given of whole trajectories.
+
+    Args:
+        shown: Whole trajectories.
+        protocol: One of `PROTOCOLS`.
+        task: Their task.
+        seed: Seed of the random rows.
+        mirrored: Whether every row's mirror image is given too.
+    """
+    rows = {
+        "rows": lambda: shown.one_of_each_block(task.every, seed),
+        "stride": lambda: shown.subsample(task.every),
+        "whole": lambda: shown,
+    }[protocol]()
+    return with_images(rows, task.symmetry) if mirrored else rows
+
+
+def cycle(shown: Demonstrations) -> tuple[int, float]:
+    """Return the shift of 2 to 12 steps under which most actions stay equal, and their share.
+
+    It is counted over the second half of the first trajectory, after the transient.
+    """
+    action = shown.action[shown.episode == 0]
+    action = action[len(action) // 2 :]
+    shares = {k: float(np.mean(action[k:] == action[:-k])) for k in _SHIFTS if k < len(action)}
+    shift = max(shares, key=lambda one: shares[one])
+    return shift, shares[shift]
+
+
+def spread_kept(kept_rows: Demonstrations, shown: Demonstrations) -> float:
+    """Return the least share of a feature's standard deviation that the kept rows have.
+
+    Near 0 the rows show one phase of the demonstrator's oscillation, and its reaction to that
+    feature can hardly be identified. Rows of the first 100 steps, the transient, are left out.
+    """
+    kept_part, whole = (
+        one.observation[one.step >= _TRANSIENT].std(axis=0) for one in (kept_rows, shown)
+    )
+    return float(np.min(kept_part / whole))
+
+
+def linear_fit(data: Demonstrations, shrinkage: float) -> Float[np.ndarray, " feature"]:
+    """Fit w of P(right) = logistic(w s) with penalty `shrinkage` |w|², for two actions.
+
+    It is the class of CartPole's experts, without a constant: what is not identified here can't
+    be identified in a larger class.
+    """
+    features = data.observation.astype(float) / _UNIT
+    side = 2.0 * data.action - 1.0
+
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        margin = side * (features @ weights)
+        wrong = 0.5 * (1.0 - np.tanh(0.5 * margin))  # the logistic function of -margin
+        slope = -(side * wrong) @ features + 2.0 * shrinkage * weights
+        return float(np.logaddexp(0.0, -margin).sum() + shrinkage * weights @ weights), slope
+
+    return minimize(loss, np.zeros(features.shape[1]), jac=True, method="BFGS").x
+
 
 ROWS = "rows.json"
 
@@ -28,7 +107,7 @@ class Source:
 
     Attributes:
         task: Name in `TASKS`.
-        protocol: What is kept of a trajectory, one of `data.PROTOCOLS`.
+        protocol: What is kept of a trajectory, one of `PROTOCOLS`.
         trajectories: Trajectories of a set.
         sets: Number of sets.
         seed: Seed of the first episode; set i begins at seed + i * trajectories.
@@ -46,14 +125,14 @@ class Source:
 
     def shown(self) -> list[Demonstrations]:
         """Return the whole trajectories of each set."""
-        one = data.trajectories(TASKS[self.task], self.sets * self.trajectories, self.seed)
-        episodes = np.arange(one.n_episodes).reshape(self.sets, self.trajectories)
-        return [one.select(chosen) for chosen in episodes]
+        episodes = trajectories(TASKS[self.task], self.sets * self.trajectories, self.seed)
+        sets = np.arange(episodes.n_episodes).reshape(self.sets, self.trajectories)
+        return [episodes.select(chosen) for chosen in sets]
 
     def kept(self, shown: Sequence[Demonstrations], mirrored: bool) -> list[Demonstrations]:
         """Return what learners are given of each set."""
         return [
-            data.kept(whole, self.protocol, TASKS[self.task], self.seed + place, mirrored)
+            thinned(whole, self.protocol, TASKS[self.task], self.seed + place, mirrored)
             for place, whole in enumerate(shown)
         ]
 
@@ -147,14 +226,14 @@ def inspected(run: Inspection) -> list[Row]:
 
 
 def _phase(whole: Demonstrations, kept: Demonstrations) -> Row:
-    shift, share = data.cycle(whole)
-    return {"cycle": shift, "equal": share, "spread_kept": data.spread_kept(kept, whole)}
+    shift, share = cycle(whole)
+    return {"cycle": shift, "equal": share, "spread_kept": spread_kept(kept, whole)}
 
 
 def _fits(source: Source, kept: Demonstrations, shrinkages: Sequence[float]) -> Row:
     found: Row = {}
     for shrinkage in shrinkages:
-        weights = data.linear_fit(kept, shrinkage)
+        weights = linear_fit(kept, shrinkage)
         act: Callable[[np.ndarray], np.ndarray] = lambda seen, w=weights: (seen @ w > 0).astype(int)  # noqa: E731
         found[f"linear_{shrinkage:g}"] = source.score(act)
     return found

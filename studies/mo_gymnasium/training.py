@@ -20,8 +20,7 @@ from socialiq.provenance import versions
 from socialiq.storage import write_atomically
 from socialiq_lab.jobs import ProgressCallback
 from studies.mo_gymnasium import continuous, discrete
-from studies.mo_gymnasium.pieces import FOLDER, Piece
-from studies.mo_gymnasium.tasks import ANGLES, TASKS, Task
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task
 
 DIAL, EXPERTS = "dial", "experts"
 STANDARDISED, SHOWN_DIAL, TRIO = "dial, standardised", "dial from demonstrations", "IQ-Learn trio"

@@ -6,9 +6,8 @@ import json
 import numpy as np
 import pytest
 from studies.mo_gymnasium import study
-from studies.mo_gymnasium.config import Config
-from studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
-from studies.mo_gymnasium.tasks import ANGLES, TASKS
+from studies.mo_gymnasium.study import Config
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
 from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 from socialiq.cli.main import main
