@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.config import check_counts
+from socialiq.learners.settings import check_counts
 from socialiq.plotting.style import figure, plain
 from socialiq.types import Row
 from socialiq_lab.jobs import Job
@@ -44,9 +44,9 @@ def draw(results: Results) -> dict[str, Figure]:
     panels = groups(results.tables["returns"], "task", "protocol", "trajectories")
     columns = 2
     lines = -(-len(panels) // columns)
-    drawn = figure(9.6, 3.0 * lines)
-    for place, (label, rows) in enumerate(panels.items(), start=1):
-        axes = drawn.add_subplot(lines, columns, place)
+    picture = figure(9.6, 3.0 * lines)
+    for index, (label, rows) in enumerate(panels.items(), start=1):
+        axes = picture.add_subplot(lines, columns, index)
         methods = list(dict.fromkeys(column(rows, "method")))
         for number, method in enumerate(methods):
             single = [row for row in matching(rows, method=method) if row["seed"] != "ensemble"]
@@ -60,20 +60,20 @@ def draw(results: Results) -> dict[str, Figure]:
         axes.set_title(f"{label[0]}, {label[1]}, {count}", fontsize=9)
         axes.set_xlabel("mean return", fontsize=8)
         plain(axes)
-    return {"returns": drawn}
+    return {"returns": picture}
 
 
 def views(results: Results) -> Sequence[View]:
     """Return the tables to print."""
     tables = results.tables
-    shown = [View(_narrow(tables["pooled"]), "Over all sets of demonstrations and seeds")]
+    views = [View(_narrow(tables["pooled"]), "Over all sets of demonstrations and seeds")]
     if "differences" in tables:
-        shown.append(View(tables["differences"], "Pairs of methods, over sets of demonstrations"))
+        views.append(View(tables["differences"], "Pairs of methods, over sets of demonstrations"))
     if "ablation_returns" in tables:
-        shown.append(
+        views.append(
             View(_narrow(tables["ablations"]), "CartPole, one row of each block, one changed")
         )
-    return shown
+    return views
 
 
 def _narrow(rows: Sequence[dict]) -> list[dict]:
@@ -135,7 +135,7 @@ class Config:
         counts = (*self.trajectories, *self.protocol_trajectories, *self.other_trajectories)
         if min((*counts, 1)) < 1:
             raise UserError("trajectories must be at least 1")
-        for what, names, known in (
+        for what, names, choices in (
             ("task", self.tasks, TASKS),
             ("protocol", self.protocols, PROTOCOLS),
             ("method", self.methods, METHODS),
@@ -143,7 +143,7 @@ class Config:
             ("variant", self.variants, VARIANTS),
         ):
             for name in names:
-                one_of(what, name, tuple(known))
+                one_of(what, name, tuple(choices))
 
 
 def plan(config: Config) -> list[Job]:
@@ -161,7 +161,7 @@ def _plan(config: Config) -> list[Job]:
 def _jobs(config: Config) -> Iterator[Job]:
     for task in config.tasks:
         for source in _sources(config, task):
-            name = "-".join(_folder(part) for part in source.label().values())
+            name = "-".join(_folder(label) for label in source.label().values())
             yield Job(f"data/{name}", inspect, Inspection(source, config.shrinkages))
             thin = (task, source.trajectories) == ("CartPole", 1) and source.protocol != "whole"
             for method in (*config.methods, *(config.published if thin else ())):
@@ -178,9 +178,9 @@ def _training(config: Config, source: Source, method: str, name: str) -> Job:
     return Job(name, train_and_score, run, cost=cost)
 
 
-def _folder(part: Any) -> str:
+def _folder(label: Any) -> str:
     """Return a name as that of a folder."""
-    return "".join(one if one.isalnum() else "_" for one in str(part))
+    return "".join(letter if letter.isalnum() else "_" for letter in str(label))
 
 
 def _sources(config: Config, task: str) -> list[Source]:
@@ -253,17 +253,20 @@ def _pooled(rows: Sequence[Row], *keys: str) -> list[Row]:
     for values, group in groups(rows, *keys).items():
         single = [row for row in group if row["seed"] != "ensemble"]
         joint = column(matching(group, seed="ensemble"), "mean_return")
-        found = np.array(column(single, "mean_return"))
-        of_sets = [np.mean(column(part, "mean_return")) for part in groups(single, "set").values()]
+        returns = np.array(column(single, "mean_return"))
+        of_sets = [
+            np.mean(column(rows_of_set, "mean_return"))
+            for rows_of_set in groups(single, "set").values()
+        ]
         pooled.append(
             dict(zip(keys, values, strict=True))
             | {
-                "policies": len(found),
-                "mean": float(found.mean()),
+                "policies": len(returns),
+                "mean": float(returns.mean()),
                 "deviation_of_sets": float(np.std(of_sets, ddof=1)) if len(of_sets) > 1 else 0.0,
-                "worst": float(found.min()),
-                "best": float(found.max()),
-                "solved": float((found >= SOLVED).mean()),
+                "worst": float(returns.min()),
+                "best": float(returns.max()),
+                "solved": float((returns >= SOLVED).mean()),
                 "ensemble_mean": float(np.mean(joint)),
                 "ensemble_worst": float(min(joint)),
             }
@@ -296,10 +299,10 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     keys = ("task", "protocol", "trajectories", "method")
     summary = nested(tables["pooled"], *keys, keep=names)
     for row in tables["identified"]:
-        place = summary
+        level = summary
         for key in keys:
-            place = place[str(row[key])]
-        place["identified"] = {
+            level = level[str(row[key])]
+        level["identified"] = {
             "mean": row["mean"],
             "worst": row["worst"],
             "policies": row["policies"],

@@ -12,9 +12,9 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.config import check_counts
+from socialiq.learners.settings import check_counts
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.worlds.intersection import atlas
 from socialiq_lab.intersection.demonstration_sets import (
     DEMONSTRATIONS,
@@ -70,9 +70,9 @@ class Config:
     """Methods beside the dial: each is trained for each of its angles."""
     method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
     """Angles of these methods: those of the demonstrators."""
-    structure: StaticConfig = field(default_factory=StaticConfig)
+    structure: OfflineDialConfig = field(default_factory=OfflineDialConfig)
     """Static config of the dial, and the networks of all."""
-    numbers: Hyperparameters = field(default_factory=Hyperparameters)
+    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
     """Hyperparameters of the dial, without the seed."""
     updates: int = 5000
     """Gradient steps of clones and of IQ-Learn."""
@@ -118,7 +118,7 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> CloneRuns | 
 
 def _clones(config: Config, method: str) -> Callable[..., CloneRuns]:
     """Return clones of all demonstrators, of one, or of all with weights."""
-    structure = bc.StaticConfig(
+    structure = bc.CloningConfig(
         weighted="weighted" in method,
         weighted_by="advantage_fitted" if method.endswith("advantage") else "trajectory",
         hidden=config.structure.hidden,
@@ -126,7 +126,7 @@ def _clones(config: Config, method: str) -> Callable[..., CloneRuns]:
         batch_size=config.structure.batch_size,
         updates=config.updates,
     )
-    numbers = bc.Hyperparameters(learning_rate=config.learning_rate)
+    numbers = bc.CloningHyperparameters(learning_rate=config.learning_rate)
     nearest = method == "clone of the mode"
     return lambda **runs: CloneRuns(structure=structure, numbers=numbers, nearest=nearest, **runs)
 
@@ -167,10 +167,10 @@ def plan(config: Config) -> list[Job]:
 
 
 def _evaluation(config: Config, name: str, trained: str, driver: str) -> Job:
-    given = Evaluation(
+    evaluation = Evaluation(
         driver, ("greedy",), episodes=config.episodes, first_seed=config.first_episode
     )
-    return Job(name, evaluate, given, (trained,), cost=2.0)
+    return Job(name, evaluate, evaluation, (trained,), cost=2.0)
 
 
 def _dials(config: Config, seeds: tuple[int, ...]) -> Iterator[Job]:
@@ -200,13 +200,13 @@ def _method(config: Config, method: str, seeds: tuple[int, ...]) -> Iterator[Job
     cost = len(seeds) * len(runs.angles) * config.updates / 300
     yield Job(name, work, runs, (DEMONSTRATIONS,), cost=cost)
     for seed, angle in itertools.product(seeds, runs.angles):
-        place = method_episodes(method, seed, angle)
-        yield _evaluation(config, place, name, run_file(seed, angle))
+        folder = method_episodes(method, seed, angle)
+        yield _evaluation(config, folder, name, run_file(seed, angle))
 
 
 def _slug(method: str) -> str:
-    named = method.replace("R(α)", "total").replace("χ²", "chi2")
-    return named.replace(",", "").replace(" ", "-")
+    name = method.replace("R(α)", "total").replace("χ²", "chi2")
+    return name.replace(",", "").replace(" ", "-")
 
 
 def demonstrator_episodes(mode: str) -> str:

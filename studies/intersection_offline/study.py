@@ -68,11 +68,11 @@ def _policies(config: Config, work: Path) -> list[Row]:
     rows: list[Row] = []
 
     def add(method: str, seed: int | str, angle: float, file: Path) -> None:
-        made = policy_row(method, "greedy", load_episodes(file))
+        row = policy_row(method, "greedy", load_episodes(file))
         direction = exact_weights(angle)
-        value = direction.env * made["r_env"] + direction.social * made["r_social"]
-        kept = {name: made[name] for name in made if name not in ("policy", "readout")}
-        rows.append({"method": method, "seed": seed, "asked": angle, "value": value} | kept)
+        value = direction.env * row["r_env"] + direction.social * row["r_social"]
+        metrics = {name: row[name] for name in row if name not in ("policy", "readout")}
+        rows.append({"method": method, "seed": seed, "asked": angle, "value": value} | metrics)
 
     for angle in config.angles:
         for mode in MODES:
@@ -88,7 +88,7 @@ def _policies(config: Config, work: Path) -> list[Row]:
 
 def _by_angle(policies: Sequence[Row]) -> list[Row]:
     """Return mean, least and largest J(α) of each method at each angle, and mean outcomes."""
-    found: list[Row] = []
+    pooled: list[Row] = []
     for (method, angle), rows in groups(policies, "method", "asked").items():
         value = spread(rows, "value")
         outcomes = {
@@ -96,9 +96,9 @@ def _by_angle(policies: Sequence[Row]) -> list[Row]:
             for name in ("r_env", "r_social", "arrival", "collision", "timeout")
         }
         label = {"method": method, "asked": angle, "seeds": len(rows)}
-        found.append(label | {"value": value["mean"]} | {k: value[k] for k in ("low", "high")})
-        found[-1] |= outcomes
-    return found
+        pooled.append(label | {"value": value["mean"]} | {k: value[k] for k in ("low", "high")})
+        pooled[-1] |= outcomes
+    return pooled
 
 
 def _differences(config: Config, policies: Sequence[Row]) -> list[Row]:
@@ -108,35 +108,35 @@ def _differences(config: Config, policies: Sequence[Row]) -> list[Row]:
     demonstrators of all angles, and over the methods of all angles.
     """
     shown_best: list[Row] = []
-    found: list[Row] = []
+    tests: list[Row] = []
     for angle in config.angles if len(config.seeds) > 1 else ():
         here = matching(policies, asked=angle)
-        mine = [row["value"] for row in matching(here, method=OWN)]
-        shown = [row for row in here if row["method"].startswith(DEMONSTRATOR)]
-        best = max(shown, key=lambda row: row["value"])
+        own_values = [row["value"] for row in matching(here, method=OWN)]
+        demonstrators = [row for row in here if row["method"].startswith(DEMONSTRATOR)]
+        best = max(demonstrators, key=lambda row: row["value"])
         label = {"asked": angle, "other": best["method"]}
-        shown_best.append(paired_row(label, mine, [best["value"]] * len(mine)))
+        shown_best.append(paired_row(label, own_values, [best["value"]] * len(own_values)))
         for method in config.methods if angle in config.method_angles else ():
             values = [row["value"] for row in matching(here, method=method)]
-            found.append(paired_row({"asked": angle, "other": method}, mine, values))
-    return with_holm(shown_best) + with_holm(found)
+            tests.append(paired_row({"asked": angle, "other": method}, own_values, values))
+    return with_holm(shown_best) + with_holm(tests)
 
 
 def _forms(config: Config, policies: Sequence[Row]) -> list[Row]:
     """Test each form of IQ-Learn against each weighted clone, paired over training seeds."""
     forms = [method for method in config.methods if method.startswith("IQ-Learn")]
     clones = [method for method in config.methods if method.startswith("clone weighted")]
-    found: list[Row] = []
+    tests: list[Row] = []
     for angle in config.method_angles if len(config.seeds) > 1 else ():
         here = matching(policies, asked=angle)
         for form in forms:
-            mine = [row["value"] for row in matching(here, method=form)]
+            form_values = [row["value"] for row in matching(here, method=form)]
             for clone in clones:
                 values = [row["value"] for row in matching(here, method=clone)]
-                found.append(
-                    paired_row({"asked": angle, "form": form, "other": clone}, mine, values)
+                tests.append(
+                    paired_row({"asked": angle, "form": form, "other": clone}, form_values, values)
                 )
-    return with_holm(found)
+    return with_holm(tests)
 
 
 def summarised(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
@@ -183,8 +183,8 @@ _COLORS = (
 
 def draw(results: Results) -> dict[str, Figure]:
     """Draw J(α) of every method, above that of the best demonstrator."""
-    drawn = figure(7.5, 4.4)
-    axes = drawn.subplots()
+    picture = figure(7.5, 4.4)
+    axes = picture.subplots()
     rows = results.tables["policies"]
     best = {
         angle: max(r["value"] for r in group if r["method"].startswith(DEMONSTRATOR))
@@ -198,7 +198,7 @@ def draw(results: Results) -> dict[str, Figure]:
     axes.axhline(0.0, color="black", linewidth=0.8)
     labels = {"xlabel": "angle asked for, degrees", "ylabel": "J(α) above the best demonstrator"}
     finish(axes, "Mean over seeds, band from least to largest", 9, **labels)
-    return {"values": drawn}
+    return {"values": picture}
 
 
 STUDY = Study(

@@ -88,11 +88,13 @@ class Task:
 
 def _tasks() -> dict[str, Task]:
     content = Path(__file__).with_name("tasks.toml").read_text()
-    found = {}
+    tasks = {}
     for name, row in tomllib.loads(content).items():
-        made: Any = {key: tuple(one) if isinstance(one, list) else one for key, one in row.items()}
-        found[name] = Task(**made)
-    return found
+        values: Any = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in row.items()
+        }
+        tasks[name] = Task(**values)
+    return tasks
 
 
 TASKS = _tasks()
@@ -109,8 +111,8 @@ def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
     """
     inner: Any = env.unwrapped
     env.reset(seed=0)
-    found = {tuple(inner.current_state.tolist()): 0}
-    waiting, rows = list(found), list[list[tuple[int, int, float, float]]]()
+    numbers = {tuple(inner.current_state.tolist()): 0}
+    waiting, rows = list(numbers), list[list[tuple[int, int, float, float]]]()
     count = int(inner.action_space.n)
     while waiting:
         state = waiting.pop(0)
@@ -120,12 +122,12 @@ def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
             inner.current_state = np.array(state, np.int32)
             _, _, ended, _, info = env.step(action)
             reached = state if ended else tuple(inner.current_state.tolist())
-            if reached not in found:
-                found[reached] = len(found)
+            if reached not in numbers:
+                numbers[reached] = len(numbers)
                 waiting.append(reached)
             kind = Ending.OTHER if ended else Ending.NONE
             first, second = info["reward_pair"]
-            rows[-1].append((found[reached], int(kind), float(first), float(second)))
+            rows[-1].append((numbers[reached], int(kind), float(first), float(second)))
     successor, ending, first, second = np.moveaxis(np.array(rows), 2, 0)
     return TabularMDP(
         successor=successor.astype(np.int64)[..., None],
@@ -183,7 +185,7 @@ class Piece:
     @property
     def file(self) -> str:
         """Name of its file."""
-        short = "".join(one if one.isalnum() else "_" for one in self.method)
+        short = "".join(letter if letter.isalnum() else "_" for letter in self.method)
         return f"{self.task}-{short}-{self.seed}.json"
 
     @property
@@ -207,16 +209,16 @@ def read(folder: Path) -> list[Piece]:
 
 def _read(path: Path) -> Piece:
     try:
-        found = Piece(**read_json(path))
-        shape = np.array(found.totals, np.float64).shape
-        listed = found.angles is None or len(found.angles) == len(found.totals)
+        piece = Piece(**read_json(path))
+        shape = np.array(piece.totals, np.float64).shape
+        listed = piece.angles is None or len(piece.angles) == len(piece.totals)
     except (TypeError, ValueError) as error:
         raise UserError(f"{path} is no piece of mo-gymnasium: restore or remove it") from error
-    if found.task not in TASKS or shape != (len(found.totals), 2) or not (listed and shape[0]):
+    if piece.task not in TASKS or shape != (len(piece.totals), 2) or not (listed and shape[0]):
         raise UserError(f"{path} is no piece of mo-gymnasium: restore or remove it")
-    if not np.isfinite(found.points).all() or path.name != found.file:
+    if not np.isfinite(piece.points).all() or path.name != piece.file:
         raise UserError(f"{path} is damaged or has another's name: restore or remove it")
-    return found
+    return piece
 
 
 def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
@@ -225,7 +227,7 @@ def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
     Pieces of ours say so as `allowed_steps` of their settings: where episodes of experts end early,
     fewer are taken. Of the others it is told by the steps taken: at most, and nearly, these.
     """
-    return [one for one in pieces if one.task in steps and _allowed(one, steps[one.task])]
+    return [piece for piece in pieces if piece.task in steps and _allowed(piece, steps[piece.task])]
 
 
 def _allowed(piece: Piece, steps: int) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.learners.config import check_counts
+from socialiq.learners.settings import check_counts
 from socialiq.storage import read_json, shipped, write_atomically
 from socialiq_lab.jobs import Job, ProgressCallback
 from studies.mujoco_imitation.methods import METHODS, VARIANTS, method_of
@@ -81,13 +81,13 @@ class Config:
         for count in self.trajectories:
             if not 1 <= count <= max(COUNTS):
                 raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")
-        for what, names, known in (
+        for what, names, choices in (
             ("task", self.tasks, TASKS),
             ("method", self.methods, METHODS),
             ("variant", self.variants, VARIANTS),
         ):
             for name in names:
-                one_of(what, name, tuple(known))
+                one_of(what, name, tuple(choices))
 
 
 FOLDER = "pieces"
@@ -110,17 +110,17 @@ class Pieces:
 
     def files(self) -> dict[str, bytes]:
         """Return the content of all files by path in a results folder."""
-        found = {
+        result = {
             f"{FOLDER}/{task}_{name}": content
             for task, files in self.experts.items()
             for name, content in files.items()
         }
-        return found | {f"{FOLDER}/{name_of(key)}": content for key, content in self.runs.items()}
+        return result | {f"{FOLDER}/{name_of(key)}": content for key, content in self.runs.items()}
 
 
 def name_of(key: Key) -> str:
     """Return the name of a run's file."""
-    words = "".join(one if one.isalnum() else "_" for one in key[1])
+    words = "".join(letter if letter.isalnum() else "_" for letter in key[1])
     return f"{key[0]}-{words}-{key[2]}-{key[3]}.json"
 
 
@@ -137,26 +137,26 @@ def committed(folder: str) -> Pieces:
     """
     if not folder:
         return Pieces()
-    place = shipped(Path(folder)) / FOLDER
-    if not place.is_dir():
+    source = shipped(Path(folder)) / FOLDER
+    if not source.is_dir():
         raise UserError(f"{folder} holds no pieces: name a results folder of this study")
     pieces = Pieces()
-    for path in sorted(place.glob("*.json")):
+    for path in sorted(source.glob("*.json")):
         record = read_json(path)
         task, _, name = path.name.partition("_")
         if name == RECORD:
-            policy = place / f"{task}_{POLICY}"
+            policy = source / f"{task}_{POLICY}"
             if not policy.is_file():
                 raise UserError(f"{policy} is missing: restore it, or leave out {path.name}")
             pieces.experts[task] = {RECORD: path.read_bytes(), POLICY: policy.read_bytes()}
             continue
         try:
             key = key_of(record)
-            known = key[0] in TASKS and key[1] in (*METHODS, *VARIANTS)
+            is_known = key[0] in TASKS and key[1] in (*METHODS, *VARIANTS)
             pieces.runs[key] = path.read_bytes()
         except (KeyError, TypeError) as error:
             raise UserError(f"{path} is damaged: restore it or make it again") from error
-        if not known:
+        if not is_known:
             what = one_line(f"{key[1]} on {key[0]}")
             raise UserError(
                 f"{path} is of {what}, which is unknown here: remove it, or update socialiq"
@@ -183,16 +183,20 @@ class Kept:
     sha256: str
 
 
-def keep(one: Kept, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback) -> None:
+def keep(
+    expert: Kept, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+) -> None:
     """Copy an expert's files.
 
     Raises:
         UserError: If they have changed since the plan was made.
     """
     del inputs
-    files = committed(one.folder).experts.get(one.task, {})
-    if _sha256(files) != one.sha256:
-        raise UserError(f"{one.folder} has changed since the study began: give the command again")
+    files = committed(expert.folder).experts.get(expert.task, {})
+    if _sha256(files) != expert.sha256:
+        raise UserError(
+            f"{expert.folder} has changed since the study began: give the command again"
+        )
     for name, content in files.items():
         write_atomically(folder / name, content)
     progress(1.0)
@@ -246,16 +250,16 @@ def _of_task(config: Config, task: str, there: Pieces) -> Iterator[Job]:
     yield _expert(config, task, there)
     for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
         first = config.data_seed + max(COUNTS) * seed
-        one = Showing(task, max(config.trajectories), first)
-        yield Job(f"shown/{task}-{seed}", show, one, (f"expert/{task}",), cost=5.0)
+        showing = Showing(task, max(config.trajectories), first)
+        yield Job(f"shown/{task}-{seed}", show, showing, (f"expert/{task}",), cost=5.0)
     for (method, count), seeds in missing.items():
         run = Imitation(
             task, method, count, seeds, config.updates, config.episodes, config.evaluation_seed
         )
-        shown = tuple(f"shown/{task}-{seed}" for seed in seeds)
+        inputs = tuple(f"shown/{task}-{seed}" for seed in seeds)
         cost = len(seeds) * (90.0 if method_of(method).online else 15.0)
         name = name_of((task, method, count, seeds[0])).removesuffix(".json")
-        yield Job(f"runs/{name}", imitate, run, shown, cost=cost)
+        yield Job(f"runs/{name}", imitate, run, inputs, cost=cost)
 
 
 def _missing(config: Config, there: Pieces, task: str, method: str, count: int) -> tuple[int, ...]:
@@ -265,8 +269,8 @@ def _missing(config: Config, there: Pieces, task: str, method: str, count: int) 
 def _expert(config: Config, task: str, there: Pieces) -> Job:
     name = f"expert/{task}"
     if task in there.experts:
-        kept = Kept(task, config.pieces, _sha256(there.experts[task]))
-        return Job(name, keep, kept, cost=1.0)
+        expert = Kept(task, config.pieces, _sha256(there.experts[task]))
+        return Job(name, keep, expert, cost=1.0)
     settings = TASKS[task].expert
     recipe = Expert(
         task=task,

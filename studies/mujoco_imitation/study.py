@@ -40,9 +40,9 @@ def draw(results: Results) -> dict[str, Figure]:
     panels = groups(results.tables.get("runs", []), "task")
     if not panels:
         return {}
-    drawn = figure(3.4 * len(panels) + 1.0, 4.2)
-    for place, ((task,), rows) in enumerate(panels.items(), start=1):
-        axes = drawn.add_subplot(1, len(panels), place)
+    picture = figure(3.4 * len(panels) + 1.0, 4.2)
+    for index, ((task,), rows) in enumerate(panels.items(), start=1):
+        axes = picture.add_subplot(1, len(panels), index)
         counts = sorted(set(column(rows, "trajectories")))
         there = [method for method in METHODS if matching(rows, method=method)]
         for shift, method in enumerate(there):
@@ -63,14 +63,14 @@ def draw(results: Results) -> dict[str, Figure]:
         axes.set_ylim(bottom=min(0.0, *column(rows, "share")))
         axes.set_title(task, fontsize=9)
         plain(axes)
-        if place == 1:
+        if index == 1:
             axes.set_ylabel("share of the expert's return")
     names = [method for method in METHODS if matching(results.tables["runs"], method=method)]
     marks = [
-        Line2D([], [], color=_COLORS[one], marker="_", linestyle="", label=one) for one in names
+        Line2D([], [], color=_COLORS[name], marker="_", linestyle="", label=name) for name in names
     ]
-    drawn.legend(handles=marks, frameon=False, fontsize=8, ncols=3, loc="outside lower center")
-    return {"shares": drawn}
+    picture.legend(handles=marks, frameon=False, fontsize=8, ncols=3, loc="outside lower center")
+    return {"shares": picture}
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
@@ -113,18 +113,18 @@ def expert_rows(pieces: Pieces) -> list[Row]:
         if task not in pieces.experts:
             continue
         record = json.loads(pieces.experts[task][RECORD])
-        best = max(record["checkpoints"], key=lambda one: one["mean_return"])
-        found = np.array(record["returns"])
+        best = max(record["checkpoints"], key=lambda checkpoint: checkpoint["mean_return"])
+        episode_returns = np.array(record["returns"])
         rows.append(
             {
                 "task": task,
                 "seed": record["recipe"]["seed"],
                 "updates": record["recipe"]["updates"],
                 "best_checkpoint": best["updates"],
-                "episodes": len(found),
-                "mean_return": float(found.mean()),
-                "least_return": float(found.min()),
-                "greatest_return": float(found.max()),
+                "episodes": len(episode_returns),
+                "mean_return": float(episode_returns.mean()),
+                "least_return": float(episode_returns.min()),
+                "greatest_return": float(episode_returns.max()),
             }
         )
     return rows
@@ -132,12 +132,12 @@ def expert_rows(pieces: Pieces) -> list[Row]:
 
 def run_rows(pieces: Pieces, experts: Sequence[Row]) -> list[Row]:
     """Return each run with its share of the expert's return."""
-    known = {row["task"]: row["mean_return"] for row in experts}
-    order = {name: place for place, name in enumerate((*TASKS, *METHODS, *VARIANTS))}
-    keys = [key for key in pieces.runs if key[0] in known]
+    expert_returns = {row["task"]: row["mean_return"] for row in experts}
+    order = {name: number for number, name in enumerate((*TASKS, *METHODS, *VARIANTS))}
+    keys = [key for key in pieces.runs if key[0] in expert_returns]
     keys.sort(key=lambda key: (order[key[0]], key[2], order[key[1]], key[3]))
     rows = [row_of(json.loads(pieces.runs[key])) for key in keys]
-    return [row | {"share": row["mean_return"] / known[row["task"]]} for row in rows]
+    return [row | {"share": row["mean_return"] / expert_returns[row["task"]]} for row in rows]
 
 
 def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
@@ -146,10 +146,12 @@ def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
     for task, method, count in cells(config):
         if method in VARIANTS:
             continue
-        found = matching(runs, task=task, method=method, trajectories=count)
-        label = {"task": task, "trajectories": count, "method": method, "runs": len(found)}
+        runs_of_cell = matching(runs, task=task, method=method, trajectories=count)
+        label = {"task": task, "trajectories": count, "method": method, "runs": len(runs_of_cell)}
         online = count == 1 and METHODS[method].online
-        rows.append(label | _pooled(found) | {"published": TASKS[task].published if online else ""})
+        rows.append(
+            label | _pooled(runs_of_cell) | {"published": TASKS[task].published if online else ""}
+        )
     return rows
 
 
@@ -184,14 +186,14 @@ def ablation_difference_rows(runs: Sequence[Row]) -> list[Row]:
 
 def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Row]:
     """Return the test of a method's share against another's; none below two seeds with both."""
-    own, other = (
+    first_shares, second_shares = (
         {row["seed"]: row["share"] for row in matching(cell, method=method)}
         for method in (first, second)
     )
-    both = sorted(set(own) & set(other))
-    if len(both) < 2:
+    seeds = sorted(set(first_shares) & set(second_shares))
+    if len(seeds) < 2:
         return []
-    sides = ([of[seed] for seed in both] for of in (own, other))
+    sides = ([of[seed] for seed in seeds] for of in (first_shares, second_shares))
     return [paired_row(label | {"first": first, "second": second}, *sides)]
 
 
@@ -201,9 +203,9 @@ def ablation_rows(runs: Sequence[Row]) -> list[Row]:
     cell = matching(runs, task=task, trajectories=count)
     rows = []
     for method in ("online", *VARIANTS):
-        found = matching(cell, method=method)
-        if found and (method != "online" or {row["method"] for row in cell} & {*VARIANTS}):
-            rows.append({"method": method, "runs": len(found)} | _pooled(found))
+        runs_of_method = matching(cell, method=method)
+        if runs_of_method and (method != "online" or {row["method"] for row in cell} & {*VARIANTS}):
+            rows.append({"method": method, "runs": len(runs_of_method)} | _pooled(runs_of_method))
     return rows
 
 
