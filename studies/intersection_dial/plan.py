@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.settings import check_counts
 from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
-from socialiq.learners.policy_iteration import train as policy_iteration
 from socialiq.learners.policy_iteration import dial as dial_iteration
+from socialiq.learners.policy_iteration import train as policy_iteration
+from socialiq.learners.settings import check_counts
 from socialiq_lab.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     MIXTURE,

@@ -178,10 +178,10 @@ def test_no_piece_makes_empty_tables(tmp_path):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--tasks", "chess"], "unknown task 'chess'"),
-        (["--methods", "luck"], "unknown method 'luck'"),
-        (["--steps", "-3"], "steps must be at least 1"),
-        (["--pieces", "nowhere"], "nowhere is no folder"),
+        (["--set", "tasks=chess"], "unknown task 'chess'"),
+        (["--set", "methods=luck"], "unknown method 'luck'"),
+        (["--set", "steps=-3"], "steps must be at least 1"),
+        (["--set", "pieces=nowhere"], "nowhere is no folder"),
     ],
 )
 def test_a_mistyped_call_is_one_line(words, line, capsys, tmp_path):
