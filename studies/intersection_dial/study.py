@@ -16,8 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.evaluation.front import hypervolume
-from socialiq.plotting.style import band, line
-from socialiq.plotting.style import figure, finish
+from socialiq.plotting.style import band, figure, finish, line
 from socialiq.types import Row
 from socialiq_lab.intersection.episodes import DIAL, EPISODES, angle_file, load_episodes
 from socialiq_lab.intersection.known import known_policies, value_at

@@ -15,8 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.plotting.style import band
-from socialiq.plotting.style import figure, finish
+from socialiq.plotting.style import band, figure, finish
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
 from socialiq_lab.intersection.episodes import angle_file, load_episodes
