@@ -14,8 +14,8 @@ from studies.audits import study as audits
 from studies.classic_control import runs as control_runs
 from studies.classic_control import study as control
 from studies.compare_priors import study as priors
-from studies.intersection_offline import tables as offline
-from studies.intersection_offline.config import Config as OfflineConfig
+from studies.intersection_offline import study as offline
+from studies.intersection_offline.plan import Config as OfflineConfig
 from studies.intersection_world import study as intersection_world
 from studies.off_policy import study as off_policy
 from studies.poc import study as poc

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies.intersection_dial.config import ABLATIONS, FAMILIES, Config
+from studies.intersection_dial.plan import ABLATIONS, FAMILIES, Config
 from studies.intersection_dial.study import STUDY
 
 from socialiq.errors import UserError
