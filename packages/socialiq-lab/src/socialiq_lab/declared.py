@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from socialiq.demonstrations.dataset import Demonstrations
-    from socialiq.evaluation.ground import Ground
     from socialiq.nn.q_policy import QPolicy
     from socialiq_lab.results import Results
 
@@ -287,8 +286,10 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
         specification = resolved(declared, settings)
         if "python" in specification:
             drawn |= _function(module, specification["python"])(results)
-        else:
-            drawn[specification["name"]] = figures.draw(specification, results)
+            continue
+        picture = figures.draw(specification, results)
+        if picture is not None:
+            drawn[specification["name"]] = picture
     return drawn
 
 
