@@ -7,11 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
-from socialiq.plotting.ring import Mark, ring
 
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import support_intervals
-from socialiq.plotting.style import COLORS
+from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.intersection import thesis_values
