@@ -111,7 +111,7 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
         return gymnasium.make(task.env)
     except gymnasium.error.DependencyNotInstalled as error:
         raise UserError(
-            f"{task.env} needs an extra: pip install 'socialiq[box2d]' (or leave the task out)"
+            f"{task.env} needs an extra: pip install 'socialiq-lab[box2d]' (or leave the task out)"
         ) from error
 
 

@@ -74,8 +74,8 @@ class Task:
             )
         except UserError as error:
             raise UserError(
-                f"{self.env} needs pip install 'socialiq[mo]', and of the tasks of MuJoCo "
-                f"'socialiq[mujoco]': {one_line(str(error))}"
+                f"{self.env} needs pip install 'socialiq-lab[mo]', and of the tasks of MuJoCo "
+                f"'socialiq-lab[mujoco]': {one_line(str(error))}"
             ) from error
 
     def time_limit(self) -> int:

@@ -16,7 +16,7 @@ from socialiq.theory.objective import Problem
 from socialiq.theory.path import QSolver, found_flips
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
-from studies.theory.cases import KINDS, Case
+from studies.theory.statements import KINDS, Case
 
 COLD = 1e-4
 """Temperature used for τ → 0, in units of reward."""
