@@ -15,6 +15,7 @@ from typing import Any
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.road_training import source_of
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.q_policy import QPolicy
@@ -41,7 +42,6 @@ from socialiq_lab.intersection.demonstration_sets import (
 )
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.intersection.episodes import EpisodesRun
-from socialiq_lab.intersection.fitting import source_of
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import as_csv, from_csv
 from studies.compare_methods.methods import BY_NAME

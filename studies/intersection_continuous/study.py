@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import figure, finish
@@ -22,7 +23,7 @@ from socialiq.types import Row
 from socialiq_lab.intersection.episodes import load_episodes
 from socialiq_lab.intersection.experts import atlas_entries
 from socialiq_lab.intersection.known import value_at
-from socialiq_lab.intersection.rows import policy_row, times
+from socialiq_lab.intersection.rows import times
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View

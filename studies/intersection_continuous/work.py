@@ -12,6 +12,7 @@ from typing import Any
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.road_training import CHUNK, dial_collector, sizes_of
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.continuous.acting import ActorVectorCollector
 from socialiq.learners.continuous.actor_critic import ActorCritic
@@ -36,8 +37,7 @@ from socialiq_lab.intersection.demonstration_sets import (
 )
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.intersection.episodes import EpisodesRun, save_episodes
-from socialiq_lab.intersection.fitting import CHUNK, fit, sizes_of
-from socialiq_lab.intersection.training import dial_collector
+from socialiq_lab.intersection.fitting import fit
 from socialiq_lab.jobs import Job, ProgressCallback
 from studies.intersection_continuous.config import Config
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
 from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
 from socialiq.learners.policy_iteration import dial as dial_iteration
 from socialiq.learners.policy_iteration import train as policy_iteration
@@ -33,12 +34,7 @@ from socialiq_lab.intersection.driving import (
     evaluate_seeing,
 )
 from socialiq_lab.intersection.episodes import EPISODES
-from socialiq_lab.intersection.policy_iteration import (
-    ITERATION,
-    ITERATION_NUMBERS,
-    DialIterationRun,
-    train_dial_by_iteration,
-)
+from socialiq_lab.intersection.policy_iteration import DialIterationRun, train_dial_by_iteration
 from socialiq_lab.intersection.training import (
     DIAL_NUMBERS,
     DIAL_STRUCTURE,

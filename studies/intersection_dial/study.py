@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import band, figure, finish, line
 from socialiq.types import Row
 from socialiq_lab.intersection.episodes import DIAL, EPISODES, angle_file, load_episodes
 from socialiq_lab.intersection.known import known_policies, value_at
 from socialiq_lab.intersection.policy_iteration import train_dial_by_iteration
-from socialiq_lab.intersection.rows import curves, policy_row, times
+from socialiq_lab.intersection.rows import curves, times
 from socialiq_lab.intersection.training import train_dial
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, view_of

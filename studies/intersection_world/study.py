@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.types import Row
 from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
@@ -18,7 +19,6 @@ from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import make
-from socialiq_lab.intersection.rows import outcome_row, reward_row
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, StageCallback, counter
 from socialiq_lab.tables import nested

@@ -13,7 +13,7 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
-from socialiq.theory.path import QSolver, found_flips
+from socialiq.theory.response import QSolver, found_flips
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from studies.theory.statements import KINDS, Case

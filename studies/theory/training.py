@@ -24,8 +24,8 @@ from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.objective import Problem
-from socialiq.theory.path import first_flip
-from socialiq.theory.replay import equilibrium
+from socialiq.theory.response import first_flip
+from socialiq.theory.semi_gradient import equilibrium
 from socialiq.types import RewardPair, Row
 from socialiq_lab.gridworld_runs import evaluate, train_runs
 from socialiq_lab.study import StageCallback

@@ -23,6 +23,7 @@ from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.context import evaluate_by_rule
+from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
@@ -41,7 +42,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
-from socialiq_lab.intersection.rows import policy_row
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
