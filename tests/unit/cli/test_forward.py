@@ -2,7 +2,7 @@
 
 import pytest
 
-from socialiq.cli.train.forward import forwarded
+from socialiq.cli.forward import forwarded
 
 LEARNERS = ("iq-learn", "dial", "cql")
 
@@ -14,6 +14,7 @@ LEARNERS = ("iq-learn", "dial", "cql")
         ("train d.safetensors --learner cql --out x", "train cql d.safetensors --out x"),
         ("train --learner=sac --out x", "train sac --out x"),
         ("train d.npz --learner mine.py:My --out x", "train own mine.py:My d.npz --out x"),
+        ("compare priors --from results", "reproduce compare-priors --from results"),
         ("improve-dial d.safetensors --out x", "train improve-dial d.safetensors --out x"),
         ("train-dial crossing7 --out x --data d", "train dial d --world crossing7 --out x"),
         ("train-dial merge --preset=online", "train dial --world merge --preset=online"),

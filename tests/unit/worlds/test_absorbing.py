@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from socialiq.demonstrations.absorbing import with_absorbing_states
+from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.types import Ending
-from socialiq.worlds.absorbing import AbsorbingStates
+from socialiq.worlds.wrapper import AbsorbingStates
 
 
 class Falls(gymnasium.Env):

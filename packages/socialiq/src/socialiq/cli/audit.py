@@ -16,14 +16,14 @@ from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known, number, others, outcome, percent
 from socialiq.audit.request import Request
 from socialiq.cli.code_options import CodeOptions
-from socialiq.cli.output import print_table, say
+from socialiq.cli.output import Printing, print_table, say
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq_lab.engine import Engine, work_folder
 
 
 @dataclass(frozen=True)
-class Audit:
+class Audit(Printing):
     """Audit whether a policy behaves as declared, by comparison with reference drivers.
 
     POLICY is a file (.safetensors of socialiq, .zip of Stable-Baselines3, .onnx), "process:COMMAND
@@ -74,8 +74,6 @@ class Audit:
     the same command with --seed goes on from it. By default a temporary folder."""
     replace: bool = False
     """Replace an earlier report in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Audit, write the report, print the verdict."""

@@ -72,12 +72,13 @@ ELSEWHERE = {
         *(f"data {word}" for word in ("census", "predict", "power")),
         "train practised-dial",
     ),
-    "socialiq-lab": ("demo", "sweep", "reproduce", "compare", "claims", "bench"),
+    "socialiq-lab": ("demo", "sweep", "reproduce", "claims", "bench"),
 }
 """Commands of other distributions, which may be missing."""
 
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
+    "With --json a command prints its result as one JSON object. "
     "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "
     "nothing, 130 stopped by Ctrl-C."
 )

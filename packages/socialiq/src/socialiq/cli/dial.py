@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import gridworld_of, refuse_misfit, road_named
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.exact import Optimum, Readout
@@ -29,7 +29,7 @@ from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 
 @dataclass(frozen=True)
-class Dial:
+class Dial(Printing):
     """Evaluate a dial at each angle: exactly in a gridworld, by episodes on a road.
 
     Each row is an angle. First it has the dial's policy at this angle: its mean sums, and in a
@@ -61,8 +61,6 @@ class Dial:
     calibrated: Path | None = None
     """Dial file to write, which answers each angle with the best of the policies of the rows at
     that angle; must not exist. Of discrete actions alone."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Query, evaluate, print."""

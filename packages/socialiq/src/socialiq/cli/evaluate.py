@@ -16,14 +16,14 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
-from socialiq.cli.evaluate_data import evaluate_data
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.context import evaluate_by_rule
+from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
@@ -42,7 +42,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
-from socialiq_lab.intersection.rows import policy_row
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
@@ -54,7 +53,7 @@ Measure = Callable[[ValuePolicy], dict[str, Any]]
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Printing):
     """Measure saved policies: exactly in a gridworld, or by rollouts anywhere.
 
     Several policies, for instance one for each training seed, are also pooled: the angle is that of
@@ -97,8 +96,6 @@ class Evaluate:
     by default this one plays all."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Evaluate and print."""
@@ -138,6 +135,8 @@ class Evaluate:
 
     def _from_data(self, data: Path) -> None:
         """Estimate from episodes; nothing is rolled out, so options of rollouts are refused."""
+        from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
+
         given = [
             name
             for name, value in (

@@ -14,8 +14,6 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.learners.collect import Act
-from socialiq.learners.policy_iteration.train import Labelled
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds import world
@@ -23,6 +21,9 @@ from socialiq.worlds.highway.episodes import RoadBatch, State
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
+
+Act = Callable[[np.ndarray], Any]
+"""Given observations, (row, feature), returns one action for each."""
 
 Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
 """Given the number of episodes and random numbers, returns an angle for each, in degrees."""
@@ -51,9 +52,9 @@ def rollouts(
     """
     action, deciding = first.copy(), running.copy()
     while deciding.any():
-        made = copies.step(action, auto_reset=False, rows=deciding)
-        yield deciding, made
-        deciding = deciding & (made.ending == int(Ending.NONE))
+        decisions = copies.step(action, auto_reset=False, rows=deciding)
+        yield deciding, decisions
+        deciding = deciding & (decisions.ending == int(Ending.NONE))
         rows = np.flatnonzero(deciding)
         if len(rows):
             action[rows] = follow(rows)
@@ -87,14 +88,14 @@ def branched_returns(
     turned = None if angles is None else np.repeat(angles, count)
 
     def act(rows: np.ndarray) -> np.ndarray:
-        seen = observed(copies, clock, turned)[rows]
-        action = follow(seen)
+        observation = observed(copies, clock, turned)[rows]
+        action = follow(observation)
         if worth:
-            total[rows] += np.stack(worth(seen), axis=-1)[np.arange(len(rows)), action]
+            total[rows] += np.stack(worth(observation), axis=-1)[np.arange(len(rows)), action]
         return action
 
-    for decided, made in rollouts(copies, np.tile(np.arange(count), size), running, act):
-        total[decided] += np.column_stack(made.rewards)[decided]
+    for decided, decisions in rollouts(copies, np.tile(np.arange(count), size), running, act):
+        total[decided] += np.column_stack(decisions.rewards)[decided]
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
     if worth:
         first = np.stack(worth(observed(batch, clock, angles)), axis=-1)
@@ -163,19 +164,21 @@ class Branching:
         self._states, self._clock, self._angles, self._worth = states, clock, angles, worth
         self._batch = Batch(options, min(episodes, states))
 
-    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
+    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Any:
         """Drive with `visit`, and label the states by rollouts of `follow`."""
         batch, labelled = self._batch, []
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
         angles = self._angles(batch.size, rng) if self._angles else None
         for _ in range(-(-self._states // batch.size)):
-            seen = observed(batch, self._clock, angles)
+            observation = observed(batch, self._clock, angles)
             returns = branched_returns(batch, follow, self._clock, angles, self._worth)
-            labelled.append((seen, *returns))
-            batch.step(visit(seen))
+            labelled.append((observation, *returns))
+            batch.step(visit(observation))
         states, env, social = (
             np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
         )
+        from socialiq.learners.policy_iteration.train import Labelled  # learning needs JAX
+
         return Labelled(states, RewardPair(env, social))
 
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
-import jax.numpy as jnp
-
+from socialiq.foreign import Later
 from socialiq.types import Ending
 from socialiq.worlds import pictures
 from socialiq.worlds.grid_world import Feature, GridWorld, Outcome, Place
+
+jnp: Any = Later("jax.numpy")
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,9 @@ def move(ego: Any, other: Any, action: Any) -> Move:
     the ego's new position.
     """
     ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
-    wanted = jnp.minimum(other + 1, LAST)
-    blocked = (wanted == CONFLICT) & (ego_after == CONFLICT)
-    return Move(ego, other, ego_after, jnp.where(blocked, other, wanted))
+    advanced = jnp.minimum(other + 1, LAST)
+    blocked = (advanced == CONFLICT) & (ego_after == CONFLICT)
+    return Move(ego, other, ego_after, jnp.where(blocked, other, advanced))
 
 
 def ending(moved: Move, options: Options) -> Any:

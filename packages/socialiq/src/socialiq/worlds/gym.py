@@ -6,15 +6,17 @@ from functools import cached_property
 from typing import Any
 
 import gymnasium
-import jax
 import numpy as np
 from gymnasium import spaces
 
+from socialiq.foreign import Later
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds import registry
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.pictures import picture, pixels
+
+jax: Any = Later("jax")
 
 
 class GridWorldEnv(gymnasium.Env):
@@ -96,8 +98,8 @@ class GridWorldEnv(gymnasium.Env):
         )
 
     def _observation(self) -> np.ndarray:
-        seen = np.append(self._state, self._time) if self.world.clock else self._state
-        return seen.astype(np.float32)
+        features = np.append(self._state, self._time) if self.world.clock else self._state
+        return features.astype(np.float32)
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""

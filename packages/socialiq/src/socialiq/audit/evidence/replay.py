@@ -21,10 +21,10 @@ from socialiq.worlds import scene_named
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.gym import SceneEnv
-from socialiq.worlds.highway.pictures import scenes
+from socialiq.worlds.highway.pictures import render
 from socialiq.worlds.highway.pictures.render import Scene
 from socialiq.worlds.highway.world import SceneWorld
-from socialiq.worlds.intersection.pictures.crossing import REACH
+from socialiq.worlds.intersection.views import REACH
 from socialiq.worlds.intersection.world import Intersection
 
 PER_SECOND = 5
@@ -193,7 +193,7 @@ def _on_road(
     totals, actions, decisions = np.zeros(2), "", 0
     driver = as_asked(world, policy, deterministic)
     for step in play(batch, driver, np.array([seed]), deterministic):
-        recorded += scenes.decision_scenes(batch)
+        recorded += render.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
         actions += "" if continuous else str(int(step.action[0]))
         decisions += 1

@@ -26,8 +26,7 @@ from socialiq.evaluation.play import BatchSimulator
 from socialiq.evaluation.simulate import SoftActor, simulate
 from socialiq.policies.interface import Interface
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.intersection.actions import width
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.batch import Batch, width
 from socialiq.worlds.intersection.state import ACTIONS
 
 PREFIX = "trivial_"

@@ -18,9 +18,8 @@ from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import NAMED
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.highway.options import MOST_SPEEDS
+from socialiq.worlds.highway.options import ENV_SIGNALS, MOST_SPEEDS, SOCIAL_SIGNALS
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES, default_options, make, refuse_file

@@ -17,8 +17,7 @@ from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds.enumerate import episode_range
-from socialiq.worlds.intersection.episode_range import env_range, is_unlimited, social_range
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Intersection, env_range, is_unlimited, social_range
 
 _WIDTH = 88
 

@@ -22,7 +22,7 @@ from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.profile import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds.highway.pictures import scenes, sheet
+from socialiq.worlds.highway.pictures import render, sheet
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
@@ -149,7 +149,7 @@ def films_of(
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
                 seed = first_seed(road, int(row["seed"]))
-                played = scenes.episode_scenes(batch, as_asked(road, policy), seed)
+                played = render.episode_scenes(batch, as_asked(road, policy), seed)
                 frames = [*played[:-1:every], played[-1]]
                 sheet.save(film, frames, road.view, _PER_SECOND)
                 films[path_of(kind, number)] = film.read_bytes()

@@ -161,7 +161,7 @@ def others(report: Mapping[str, Any], most: int = 3) -> str:
     if not tried["would_pass"]:
         return f"None of {tried['of']} other drivers would pass this declaration."
     passing: list[str] = [
-        names.get(row["name"], row["name"]) for row in tried["drivers"] if _passes(row)
+        str(names.get(row["name"], row["name"])) for row in tried["drivers"] if _passes(row)
     ]
     remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
     which = f": {'; '.join(passing[:most])}{remaining}" if most else ""

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from socialiq.cli.output import Printing
 from socialiq.cli.train.options import GridOptions, RunOptions, ScalingOptions, SizeOptions, label
 from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
@@ -23,7 +24,7 @@ from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, t
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, continuous_maker, sizes
-from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, refuse_file
@@ -33,7 +34,7 @@ SIDE_BY_SIDE = 24
 
 
 @dataclass(frozen=True)
-class SAC:
+class SAC(Printing):
     """Train actors by soft actor-critic on R(α), in a world and without demonstrations.
 
     With --set dial=true one actor for all angles.
@@ -62,7 +63,7 @@ class SAC:
 
 
 @dataclass(frozen=True)
-class TD3BC:
+class TD3BC(Printing):
     """Train actors by TD3+BC on λ R(α), offline from demonstrations of continuous actions.
 
     Example: socialiq train td3-bc mixed.safetensors --angle 0 45 --out run
@@ -130,7 +131,7 @@ class Task:
         static, numbers = command.options.apply(self._begun(name), settings)
         runs = command.grid.runs(numbers)
         kind = "dial" if getattr(static, "dial", False) else "policy"
-        folder = RunFolder(self.out, kind, command.options)
+        folder = RunFolder(self.out, kind, command.options, command.json)
         change = self._standardisation(command.scaling, static, data, runs[0].seed)
         rows = change.transitions(data) if change is not None and data is not None else data
         prepared = self._prepared(LEARNERS[name], static, runs, rows, change)

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from socialiq.cli.output import Printing
 from socialiq.cli.train import actors
 from socialiq.cli.train.options import GridOptions, RunOptions, ScalingOptions, SizeOptions, label
 from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
@@ -44,7 +45,7 @@ Run = tyro.conf.OmitArgPrefixes[RunOptions]
 
 
 @dataclass(frozen=True)
-class IQLearn:
+class IQLearn(Printing):
     """Train policies by IQ-Learn with R(α), one for every angle, seed and strength.
 
     Demonstrations of continuous actions train an actor, with --set dial=true one for all angles.
@@ -136,7 +137,7 @@ class IQLearn:
 
 
 @dataclass(frozen=True)
-class Cloning:
+class Cloning(Printing):
     """Train policies by behaviour cloning, of discrete or continuous actions.
 
     Demonstrations count alike, or with --set weighted=true by how well they score at --angle.
@@ -164,7 +165,7 @@ class Cloning:
 
 
 @dataclass(frozen=True)
-class ConservativeQ:
+class ConservativeQ(Printing):
     """Train policies by conservative Q-learning on λ R(α), offline.
 
     Example: socialiq train cql mixed.safetensors --angle 0 45 --out run
@@ -185,7 +186,7 @@ class ConservativeQ:
 
 
 @dataclass(frozen=True)
-class Own:
+class Own(Printing):
     """Train policies by a learner of your own, offline, with the settings that it has.
 
     Example: socialiq train own mine.py:Weighted mixed.safetensors --allow-code --out run
@@ -229,7 +230,7 @@ def _trained(
     simulator, before_chunk = _experience(command, static, runs, data, world)
     if "learner" not in own:
         check_fit(static, runs, [data], simulator, before_chunk is not None)
-    folder = RunFolder(command.out, "policy", command.options)
+    folder = RunFolder(command.out, "policy", command.options, command.json)
     monitor = None
     if simulator is not None:
         table = tabulate(simulator).reachable_part()

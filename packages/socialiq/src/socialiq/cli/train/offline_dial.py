@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.cli.train.options import SetOptions, SizeOptions
 from socialiq.cli.train.run_folder import CHUNK, described_file
@@ -33,7 +33,7 @@ from socialiq.worlds.registry import open_world
 
 
 @dataclass(frozen=True)
-class OfflineDial:
+class OfflineDial(Printing):
     """Train a dial of any world from demonstrations alone, regularised towards their drivers.
 
     Example: socialiq train offline-dial mixed.safetensors --world intersection --out run
@@ -66,7 +66,7 @@ class OfflineDial:
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
         with whole_folder(self.out) as folder:
             dials = self.write(folder, static, runs, data)
-        if self.options.json:
+        if self.json:
             print_json({"out": str(self.out), "dials": dials})
         else:
             print_table(dials)

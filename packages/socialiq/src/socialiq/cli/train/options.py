@@ -74,8 +74,6 @@ class SetOptions:
     set: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
     """KEY=VALUE ... of any setting that has no option, with commas between several values; an
     unknown key is answered with the list of those that the learner has."""
-    json: bool = False
-    """Print one JSON object."""
 
     def apply(self, configs: Sequence[Any], given: Mapping[str, Any]) -> list[Any]:
         """Return the learner's configs with the given options and --set laid over them.

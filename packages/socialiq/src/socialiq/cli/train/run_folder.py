@@ -35,12 +35,14 @@ class RunFolder:
     Attributes:
         out: The folder.
         kind: Of its policies: "policy" or "dial".
-        options: Whether a stopped training goes on, where event files go, and how to print.
+        options: Whether a stopped training goes on, and where event files go.
+        as_json: Whether `report` prints one JSON object.
     """
 
     out: Path
     kind: str
     options: RunOptions
+    as_json: bool
 
     @property
     def checkpoint(self) -> Path:
@@ -163,7 +165,7 @@ class RunFolder:
 
     def report(self, trained: Trained, policies: list[Row]) -> int:
         """Print the policies and complain of failures; return the exit status."""
-        if self.options.json:
+        if self.as_json:
             print_json({"out": str(self.out), PLURALS[self.kind]: policies})
         else:
             hidden = "sha256" if self.kind == "policy" else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.highway.settings import SETTINGS
+from socialiq.worlds.highway.options import SETTINGS
 
 ARGUMENTS = {
     "commands": np.dtype(np.int8),

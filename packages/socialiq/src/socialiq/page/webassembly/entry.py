@@ -10,7 +10,7 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from socialiq.page.webassembly.arguments import ARGUMENTS
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.state import FEATURES, Buffers
 from socialiq.worlds.intersection.core import step
 from socialiq.worlds.intersection.options import Options

@@ -1,12 +1,13 @@
-"""Words of older releases for `train`, with the words of this one in their place."""
+"""Words of older releases, with the words of this one in their place."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from socialiq.cli.output import say
-
+OLD_WORDS = ("train", "train-dial", "improve-dial", "compare")
+"""First words that `forwarded` may change."""
 OFFLINE = "offline-regularised"
 """Preset of `train-dial` that is now the learner offline-dial."""
 
@@ -15,7 +16,8 @@ def forwarded(words: Sequence[str], learners: Sequence[str]) -> list[str]:
     """Return a command line in the words of this release; one that changes is printed.
 
     `train FILE` stands for `train iq-learn FILE`, with `--learner` for that learner; `train-dial
-    WORLD` for `train dial --world WORLD`; `improve-dial` for `train improve-dial`.
+    WORLD` for `train dial --world WORLD`; `improve-dial` for `train improve-dial`; `compare priors`
+    for `reproduce compare-priors`.
 
     Args:
         words: The command line after the program's name.
@@ -26,11 +28,13 @@ def forwarded(words: Sequence[str], learners: Sequence[str]) -> list[str]:
         new = ["train", "improve-dial", *rest]
     elif first == "train-dial":
         new = ["train", *_dial(rest)]
+    elif first == "compare" and rest and not rest[0].startswith("-"):
+        new = ["reproduce", f"compare-{rest[0]}", *rest[1:]]
     elif first == "train" and rest and _is_bare(rest, learners):
         new = ["train", *_learner(rest)]
     else:
         return list(words)
-    say(f"socialiq: these words are now: socialiq {' '.join(new[:4])} ...")
+    sys.stderr.write(f"socialiq: these words are now: socialiq {' '.join(new[:4])} ...\n")
     return new
 
 

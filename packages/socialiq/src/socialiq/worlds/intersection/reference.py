@@ -6,24 +6,43 @@ draw for draw, the episode of a plain `IntersectionEnv` with the same configurat
 
 Its results differ in the last bits between CPUs with and without AVX-512: there NumPy uses other
 routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums. They differ by an
-ulp, and stopping vehicles magnify that. The variables of `conformance.PORTABLE`, set before Python
+ulp, and stopping vehicles magnify that. The variables of `highway.PORTABLE`, set before Python
 starts, select the portable routines.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.types import Ending
 from socialiq.worlds.highway.core import collisions
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq.worlds.highway.state import FEATURES, Contact
-from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.highway.gym import TERMINAL
+from socialiq.worlds.highway.state import (
+    ANNOTATE,
+    DECIDE,
+    DECIDE_AND_RESET,
+    FEATURES,
+    RESET,
+    SKIP,
+    Buffers,
+    Contact,
+)
+from socialiq.worlds.intersection.batch import width
+from socialiq.worlds.intersection.core import step, traffic
 from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.options import (
+    POPULATIONS,
+    ContinuousOptions,
+    Normal,
+    Options,
+    Population,
+    settings_of,
+)
 from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
 
 try:
@@ -37,12 +56,64 @@ try:
     from highway_env.road.regulation import RegulatedRoad  # pyright: ignore[reportMissingImports]
     from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
     from highway_env.vehicle.kinematics import Vehicle  # pyright: ignore[reportMissingImports]
-
-    from socialiq.worlds.intersection.reference.drivers import DRIVERS
 except ImportError as error:
     raise UserError(
         "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
     ) from error
+
+
+class Driver(IDMVehicle):
+    """highway-env's driver with drawn values of the parameters that the population varies.
+
+    A driver with a desired speed enters with it as target. Road rules set the target speed to 0 for
+    a yield and to the road's limit after it. The target speed is therefore bounded by the desired
+    speed, so that the preference is kept. Subclasses name the population.
+    """
+
+    population: ClassVar[Population] = POPULATIONS["highway_env"]
+    desired_speed = math.inf  # until the draw, which follows the construction
+    _target_speed = 0.0
+
+    @property
+    def target_speed(self) -> float:
+        """Speed that the driver aims for on a free road, m/s."""
+        return self._target_speed
+
+    @target_speed.setter
+    def target_speed(self, value: float | int) -> None:
+        self._target_speed = min(float(value), self.desired_speed)
+
+    def randomize_behavior(self) -> None:
+        """Draw the exponent, then the fields of the population in their order."""
+        super().randomize_behavior()
+        desired, headway, gap, acceleration, deceleration = (
+            _drawn(normal, self.road.np_random) for normal in self.population
+        )
+        self.TIME_WANTED = headway
+        self.DISTANCE_WANTED = gap
+        self.COMFORT_ACC_MAX = acceleration
+        self.COMFORT_ACC_MIN = -deceleration
+        self.desired_speed = desired
+        if math.isfinite(desired):
+            self.target_speed = desired  # pyright: ignore[reportIncompatibleVariableOverride]
+
+
+def _drawn(normal: Normal, random: Any) -> float:
+    if normal.deviation == 0:
+        return normal.mean
+    value = normal.mean + normal.deviation * random.normal()
+    return min(max(value, normal.low), normal.high)
+
+
+DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
+    name: type(f"Driver_{name}", (Driver,), {"population": population, "__module__": __name__})
+    for name, population in POPULATIONS.items()
+    if name != "highway_env"
+}
+"""Class of the other vehicles in each population."""
+# highway-env resolves its drivers by dotted path.
+globals().update({driver.__name__: driver for driver in DRIVERS.values()})
+
 
 ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
 
@@ -159,8 +230,8 @@ class _WatchedRoad(RegulatedRoad):
         super().step(dt)
         if untouched:
             slot = self.vehicles.index(ego)
-            found = contact_of(self.records(), slot, dt, self.contact, self.touched)
-            self.contact, self.touched = int(found[0]), int(found[1])
+            contact = contact_of(self.records(), slot, dt, self.contact, self.touched)
+            self.contact, self.touched = int(contact[0]), int(contact[1])
 
     def records(self) -> np.ndarray:
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""
@@ -313,3 +384,71 @@ class HighwayIntersection:
 
     def _slot(self, vehicles: np.ndarray) -> int:
         return int(np.flatnonzero(vehicles["identity"] == self.environment.ego_identity)[0])
+
+
+route_coordinate = for_python(traffic.route_coordinate)
+
+
+class Reference:
+    """One highway-env for each row of the buffers.
+
+    Args:
+        options: Scenario and reward options.
+        buffers: Arrays to fill.
+
+    Raises:
+        UserError: If highway-env is not installed.
+    """
+
+    def __init__(self, options: Options, buffers: Buffers) -> None:
+        self._buffers, self._settings = buffers, settings_of(options)
+        self._rows = [HighwayIntersection(options) for _ in buffers.episodes]
+
+    def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode."""
+        buffers = self._buffers
+        decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
+        observation = np.zeros_like(buffers.reached)
+        for row in np.flatnonzero(decided):
+            observation[row] = self._rows[row].step(actions[row]).reshape(observation[row].shape)
+            self._write_decision(int(row))
+        annotated = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
+        unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
+        step.on_threads(1, buffers, annotated, seeds, unseeded, unused, self._settings)
+        for row in np.flatnonzero(decided):
+            self._take_ending(int(row))
+        buffers.reached[decided] = observation[decided]
+        buffers.observation[decided] = observation[decided]
+        ended = (commands == DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
+        for row in np.flatnonzero((commands == RESET) | ended):
+            self._reset(int(row), int(seeds[row]) if seeded[row] else None)
+
+    def _take_ending(self, row: int) -> None:
+        """Correct an ending that is terminal here and not in highway-env, or the other way round.
+
+        A comparison then finds the difference.
+        """
+        buffers, terminated = self._buffers, self._rows[row].terminated
+        if terminated != (buffers.ending[row] in TERMINAL):
+            buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
+
+    def _reset(self, row: int, seed: int | None) -> None:
+        buffers, real = self._buffers, self._rows[row]
+        buffers.observation[row] = real.reset(seed).reshape(buffers.observation[row].shape)
+        self._write_now(row)
+        buffers.episodes[row]["start"] = route_coordinate(buffers.vehicles[row][real.ego])
+
+    def _write_decision(self, row: int) -> None:
+        buffers, real = self._buffers, self._rows[row]
+        buffers.before[row, : len(real.before)] = real.before
+        buffers.after[row, : len(real.after)] = real.after
+        buffers.present[row] = len(real.after), real.ego_after
+        self._write_now(row)
+
+    def _write_now(self, row: int) -> None:
+        buffers, real = self._buffers, self._rows[row]
+        vehicles, episode = real.vehicles, buffers.episodes[row]
+        buffers.vehicles[row, : len(vehicles)] = vehicles
+        episode["vehicles"], episode["ego"] = len(vehicles), real.ego
+        episode["time"] = real.time
+        episode["contact"], episode["touched"] = real.contact, real.touched

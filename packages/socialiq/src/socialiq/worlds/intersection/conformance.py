@@ -9,9 +9,8 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
-from socialiq.worlds.highway.conformance import Compared
-from socialiq.worlds.intersection.actions import width
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.highway import Compared
+from socialiq.worlds.intersection.batch import Batch, width
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.state import VEHICLE
@@ -100,8 +99,8 @@ class RandomValues:
     ) -> tuple[np.ndarray, Any]:
         """Draw an action for each observation."""
         rows = len(observation)
-        drawn = self._rng.uniform(self._low, self._high, (rows, len(self._low)))
-        return drawn.astype(self._kind), state
+        values = self._rng.uniform(self._low, self._high, (rows, len(self._low)))
+        return values.astype(self._kind), state
 
 
 def _episode(core: Batch, real: Batch, driver: Policy, seed: int) -> Compared:
@@ -112,14 +111,16 @@ def _episode(core: Batch, real: Batch, driver: Policy, seed: int) -> Compared:
         worst[0] = _deviation(core, real)
     while going:
         action, _ = driver.predict(core.seen_by(driver))
-        ours, theirs = core.step(action, auto_reset=False), real.step(action, auto_reset=False)
+        ours, real_step = core.step(action, auto_reset=False), real.step(action, auto_reset=False)
         steps, left = steps + 1, left or bool(ours.off_road[0])
-        ended_alike = ours.ending[0] == theirs.ending[0] and ours.contact[0] == theirs.contact[0]
+        ended_alike = (
+            ours.ending[0] == real_step.ending[0] and ours.contact[0] == real_step.contact[0]
+        )
         if not (ended_alike and _same(core, real)):
             return Compared(seed, steps, 1, *worst.tolist(), off_road=left)
-        seen = np.abs(ours.observation - theirs.observation).max()
-        paid = np.abs(np.subtract(ours.rewards, theirs.rewards)).max()
-        worst = np.maximum(worst, [_deviation(core, real), seen, paid])
+        deviation = np.abs(ours.observation - real_step.observation).max()
+        paid = np.abs(np.subtract(ours.rewards, real_step.rewards)).max()
+        worst = np.maximum(worst, [_deviation(core, real), deviation, paid])
         going = int(ours.ending[0]) == Ending.NONE
     return Compared(seed, steps, int(steps == 0), *worst.tolist(), off_road=left)
 
@@ -130,16 +131,17 @@ def _present(batch: Batch) -> np.ndarray:
 
 def _same(core: Batch, real: Batch) -> bool:
     """Whether both have the same vehicles in the same order with the same lanes and flags."""
-    ours, theirs = _present(core), _present(real)
-    if len(ours) != len(theirs):
+    ours, real_vehicles = _present(core), _present(real)
+    if len(ours) != len(real_vehicles):
         return False
-    return all(np.array_equal(ours[name], theirs[name]) for name in DISCRETE)
+    return all(np.array_equal(ours[name], real_vehicles[name]) for name in DISCRETE)
 
 
 def _deviation(core: Batch, real: Batch) -> float:
-    ours, theirs = _present(core), _present(real)
+    ours, real_vehicles = _present(core), _present(real)
     return max(
-        float(np.abs(_finite(ours[name]) - _finite(theirs[name])).max()) for name in CONTINUOUS
+        float(np.abs(_finite(ours[name]) - _finite(real_vehicles[name])).max())
+        for name in CONTINUOUS
     )
 
 

@@ -49,23 +49,23 @@ class Lanes:
         begin = shapes.way(entry, float(self._road.entries[0]["along"]))[:1]
         meeting = zip(self._road.lanes, self._ways, strict=True)
         met = [line for lane, line in meeting if APPROACH < lane["kind"] < EXIT]
-        seen = np.concatenate([begin, *met])[:, axis]
-        if np.ptp(seen) > self._size[axis]:
+        points = np.concatenate([begin, *met])[:, axis]
+        if np.ptp(points) > self._size[axis]:
             return None
-        return float(seen.min() + seen.max()) / 2
+        return float(points.min() + points.max()) / 2
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  of one size
         """Return what is visible: at most `WIDEST` metres either way."""
         ego = scene.vehicles[scene.ego]
-        found = []
-        for axis, (place, heading) in enumerate((("x", "along_x"), ("y", "along_y"))):
+        limits = []
+        for axis, (coordinate, heading) in enumerate((("x", "along_x"), ("y", "along_y"))):
             size, middle = self._size[axis], self._still[axis]
             if middle is None:
-                middle = float(ego[place]) + _AHEAD * size * float(ego[heading])
+                middle = float(ego[coordinate]) + _AHEAD * size * float(ego[heading])
                 middle = min(middle, self._high[axis] - size / 2)
                 middle = max(middle, self._low[axis] + size / 2)
-            found += [middle - size / 2, middle + size / 2]
-        return Frame(*map(float, found))
+            limits += [middle - size / 2, middle + size / 2]
+        return Frame(*map(float, limits))
 
     def ground(self, axes: Any) -> None:
         """Draw grass, asphalt with an outline, the lines between lanes, and obstacles."""
@@ -92,10 +92,10 @@ class Lanes:
 
     def _beside(self, number: int) -> Line:
         """Return the left edge of a lane; NaN where no other lane lies beside it."""
-        others = np.concatenate([line for at, line in enumerate(self._ways) if at != number])
+        points = np.concatenate([line for at, line in enumerate(self._ways) if at != number])
         edge = shapes.edges(self._ways[number], LANE_WIDTH)[0]
         middle = shapes.edges(self._ways[number], 2 * LANE_WIDTH)[0]  # of a lane beside it
-        apart = np.array([np.hypot(*(others - point).T).min() for point in middle])
+        apart = np.array([np.hypot(*(points - point).T).min() for point in middle])
         return np.where(apart[:, None] < 1.0, edge, np.nan)
 
     def way(self, axes: Any, scene: Scene) -> None:
@@ -115,11 +115,11 @@ class Lanes:
     def _to_arrival(self, numbers: list[int]) -> list[Line]:
         """Return the lanes of a way up to the place of arrival, on the first exit."""
         lanes, arrival = self._road.lanes, float(self._road.sight[0]["arrival"])
-        for place, number in enumerate(numbers):
+        for rank, number in enumerate(numbers):
             if lanes[number]["kind"] == EXIT:
-                before = [self._ways[one] for one in numbers[:place]]
+                before = [self._ways[before_it] for before_it in numbers[:rank]]
                 return [*before, shapes.way(lanes[number], end=arrival)]
-        return [self._ways[one] for one in numbers]
+        return [self._ways[before_it] for before_it in numbers]
 
 
 def way_of(ego: np.void, road: tables.Road) -> list[int]:
@@ -134,20 +134,20 @@ def way_of(ego: np.void, road: tables.Road) -> list[int]:
     """
     lanes, target = road.lanes, int(ego["target_lane"])
     first = lanes[road.entries[0]["lane"]]
-    found = [int(road.entries[0]["lane"])]
+    way = [int(road.entries[0]["lane"])]
     if first["road"] == lanes[target]["road"]:
-        found = [target]
-    for one in _roads_after(int(first["road"]), ego, road):
-        before, there = lanes[found[-1]], np.flatnonzero(lanes["road"] == one)
-        if lanes[target]["road"] == one:
-            found.append(target)
+        way = [target]
+    for following in _roads_after(int(first["road"]), ego, road):
+        before, there = lanes[way[-1]], np.flatnonzero(lanes["road"] == following)
+        if lanes[target]["road"] == following:
+            way.append(target)
         elif before["lanes"] == len(there):
-            found.append(int(there[before["number"]]))
+            way.append(int(there[before["number"]]))
         else:
             end = shapes.way(before)[-1]
             apart = [float(np.hypot(*(shapes.way(lanes[n])[0] - end))) for n in there]
-            found.append(int(there[int(np.argmin(apart))]))
-    return found
+            way.append(int(there[int(np.argmin(apart))]))
+    return way
 
 
 def _roads_after(first: int, ego: np.void, road: tables.Road) -> list[int]:
@@ -157,10 +157,10 @@ def _roads_after(first: int, ego: np.void, road: tables.Road) -> list[int]:
     """
     if ego["route"] >= 0:
         way = road.routes[ego["route"], ego["destination"]].tolist()
-        return [one for one in way[way.index(first) + 1 :] if one >= 0]
-    found: list[int] = []
-    while (following := int(road.successors[(found or [first])[-1], 0])) >= 0:
-        if following in (first, *found):
+        return [successor for successor in way[way.index(first) + 1 :] if successor >= 0]
+    roads: list[int] = []
+    while (following := int(road.successors[(roads or [first])[-1], 0])) >= 0:
+        if following in (first, *roads):
             break
-        found.append(following)
-    return found
+        roads.append(following)
+    return roads
