@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.audit.evidence.collect import SIDE_BY_SIDE
 from socialiq.audit.evidence.consistency import Consistency, joined
+from socialiq.audit.evidence.drive import SIDE_BY_SIDE
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.reader import load
 from socialiq.audit.request import Collection, Request
@@ -23,7 +23,6 @@ from socialiq.policies.process import Limits
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.to_json import to_json
 from socialiq.types import RewardPair
-from socialiq.worlds.grid_world import GridWorld
 from socialiq_lab.engine import Engine, run_jobs
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import StageCallback
@@ -212,7 +211,7 @@ def _joined(collection: Collection, parts: Sequence[Evidence]) -> Evidence:
     """Join the columns of the parts, whose episodes are in the order of the seeds."""
     columns = [one.drivers for one in parts]
     drivers = [_joined_outcomes(one) for one in zip(*columns, strict=True)]
-    if isinstance(collection.world, GridWorld):
+    if collection.world.is_exact:
         # Angles and expectations of the exact optima are computed here: their last bits depend on
         # the number of threads of a process.
         first = collection._replace(seeds=collection.seeds[:1]).collect()

@@ -15,8 +15,7 @@ from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.consistency import Recorder
 from socialiq.audit.evidence.drive import ByRule
 from socialiq.audit.evidence.outcomes import Evidence, check_episodes
-from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import Profile, World
+from socialiq.audit.profile.profile import Profile
 from socialiq.audit.resolve_policy import (
     References,
     Trust,
@@ -31,8 +30,7 @@ from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.policies.interface import Loaded
 from socialiq.policies.process import GIB, Limits
 from socialiq.worlds.context_policy import ContextPolicy
-from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import World
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +165,7 @@ class Collection(NamedTuple):
                 )
             if request.soft:
                 raise UserError("a declared rule is tested with best actions: leave out --soft")
-            dial = None if isinstance(world, GridWorld) else reference_dial(request.references)
+            dial = None if world.is_exact else reference_dial(request.references)
             by_rule = ByRule(profile.rule, dial)
             if dial is not None:
                 ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
@@ -183,9 +181,7 @@ class Collection(NamedTuple):
         Raises:
             UserError: If parts of the episodes would give other evidence than all at once.
         """
-        draws_by_seed = isinstance(self.world, Intersection | Junction) and isinstance(
-            self.loaded.policy, SoftPolicy
-        )
+        draws_by_seed = self.world.draws_by_seed and isinstance(self.loaded.policy, SoftPolicy)
         if self.by_rule is not None:
             raise UserError("a declared rule is tested in one process: leave out --processes")
         if self.request.soft and not draws_by_seed:

@@ -21,7 +21,6 @@ from socialiq.audit.profile.fields import (
     visible,
 )
 from socialiq.audit.profile.fields import Field as Declared
-from socialiq.audit.profile.junction import is_junction
 from socialiq.audit.profile.profile import (
     WRONG_WORLD,
     Floor,
@@ -29,9 +28,9 @@ from socialiq.audit.profile.profile import (
     Profile,
     Reward,
     Scenario,
-    World,
     check_options,
     identity,
+    is_world_file,
     world_of,
 )
 from socialiq.errors import UserError
@@ -39,6 +38,7 @@ from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds.registry import NAMES, refuse_file
 from socialiq.worlds.situation import check_rule
+from socialiq.worlds.world import World
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
 
@@ -181,7 +181,7 @@ class _Reader:
 
         A report is verified without its world, so that a missing file is none of its errors.
         """
-        if is_junction(world) and not Path(world).exists():
+        if is_world_file(world) and not Path(world).exists():
             return
         try:
             refuse_file(world)

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from socialiq.audit.evidence.collect import CANDIDATES, stratified
+from socialiq.audit.evidence.collect import stratified
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.looks.look import Look
-from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, is_world_file
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.report.seeds import seeds_of
@@ -313,6 +313,6 @@ _UNKNOWN = (
 def limits(world: str) -> list[str]:
     """Return the limits that apply in a world of this name."""
     texts = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
-    if is_junction(world):
+    if is_world_file(world):
         return [*_RECORDED, *texts]
     return texts if world in NAMES else [*_UNKNOWN, *texts]

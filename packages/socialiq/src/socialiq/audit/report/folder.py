@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.evidence.collect import CANDIDATES
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.evidence.table import CONTEXTS, write_contexts, write_table
 from socialiq.audit.profile.profile import Profile

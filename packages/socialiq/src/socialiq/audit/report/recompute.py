@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.collect import CANDIDATES
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
 from socialiq.audit.profile.profile import Profile

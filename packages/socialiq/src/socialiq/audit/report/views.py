@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.profile import world_of
+from socialiq.audit.profile.profile import is_world_file, world_of
 from socialiq.audit.report import pictures
 from socialiq.audit.report.animations import moving
 from socialiq.audit.report.pictures import angles
@@ -160,16 +159,14 @@ def others(report: Mapping[str, Any], most: int = 3) -> str:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
         return f"None of {tried['of']} other drivers would pass this declaration."
-    passing: list[str] = [
-        names.get(row["name"], row["name"]) for row in tried["drivers"] if _passes(row)
-    ]
+    passing = [row["name"] for row in tried["drivers"] if row["decision"] == "pass"]
     remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
-    which = f": {'; '.join(passing[:most])}{remaining}" if most else ""
+    which = (
+        f": {'; '.join(str(names.get(name, name)) for name in passing[:most])}{remaining}"
+        if most
+        else ""
+    )
     return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
-
-
-def _passes(row: Mapping[str, Any]) -> bool:
-    return row["decision"] == "pass"
 
 
 def compatible_angles(context: Mapping[str, Any]) -> str:
@@ -280,4 +277,4 @@ def _words(report: Mapping[str, Any]) -> dict[str, Any]:
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:
     """Whether the world reports the event of a criterion; an environment doesn't report fault."""
     world = report["declaration"]["scenario"]["world"]
-    return criterion != "struck" or world in NAMES or is_junction(world)
+    return criterion != "struck" or world in NAMES or is_world_file(world)

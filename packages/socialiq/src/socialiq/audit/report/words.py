@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.evidence.drive_junction import DRIVER
 from socialiq.audit.evidence.outcomes import AS_DECLARED
 from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 from socialiq.audit.looks.look import Look
@@ -17,7 +16,7 @@ from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
 
 OPTIMUM = "optimum_"
-"""Beginning of the names of exact optima (`evidence.drive_grid.exact_optima`)."""
+"""Beginning of the names of exact optima (`evidence.drive.exact_optima`)."""
 
 _SIMPLER = "simpler network, "
 
@@ -31,7 +30,7 @@ _NAMES = {
     "go": "always goes",
     "wait": "always waits",
     "idm": "Intelligent Driver Model: follows the car in front and gives way",
-    DRIVER: "calibrated driver of the recording",
+    "driver": "calibrated driver of the recording",
     "gap_2s": "goes at gaps of 2 s",
     "gap_3s": "goes at gaps of 3 s",
     "gap_4s": "goes at gaps of 4 s",
