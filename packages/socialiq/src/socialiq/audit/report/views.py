@@ -12,9 +12,7 @@ from socialiq.audit.report.animations import moving
 from socialiq.audit.report.pictures import angles
 from socialiq.audit.report.words import names_of
 from socialiq.foreign import Markdown, printable, templates
-from socialiq.page.bundle import program
-from socialiq.page.content import core
-from socialiq.page.write import embedded, source_hash
+from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
 
