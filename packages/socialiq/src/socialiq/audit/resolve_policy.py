@@ -264,9 +264,6 @@ def rule_of(name: str, world: World, seed: int = 0) -> Loaded:
         world: The world; with continuous actions a rule accelerates and does not steer.
         seed: Seed of the random driver.
     """
-    record = Record(RULE, name, _rule_sha256(name), _RULE_COVERS, Interface.of(world), False)
+    sha256 = hashlib.sha256(f"rule {name}\n{package_sha256()}\n".encode()).hexdigest()
+    record = Record(RULE, name, sha256, _RULE_COVERS, Interface.of(world), False)
     return Loaded(world.driver(name, seed), record)
-
-
-def _rule_sha256(name: str) -> str:
-    return hashlib.sha256(f"rule {name}\n{package_sha256()}\n".encode()).hexdigest()

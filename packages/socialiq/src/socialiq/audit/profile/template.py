@@ -61,7 +61,10 @@ def declare(
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
     """
-    options_as_lists = _without_tuples(options or {})
+    options_as_lists = {
+        name: list(option) if isinstance(option, tuple) else option
+        for name, option in sorted((options or {}).items())
+    }
     built = world_of(world, options_as_lists, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
@@ -115,13 +118,6 @@ def _toml(value: Any) -> str:
         return f"[{', '.join(_toml(number) for number in value)}]"
     # Texts, booleans and finite numbers are the same in JSON and TOML; the reader checks the rest.
     return json.dumps(value, ensure_ascii=False)
-
-
-def _without_tuples(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: list(option) if isinstance(option, tuple) else option
-        for name, option in sorted(options.items())
-    }
 
 
 _DIGITS = 4  # to which the limit is rounded up, so that a profile shows a short number

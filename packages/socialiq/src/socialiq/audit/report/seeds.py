@@ -75,12 +75,12 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
         UserError: If the seed is a beacon's, and the library that checks signatures is missing.
     """
     draw, look = opened_of(report)
-    faults = []
+    faults, whole = [], whole_error(report["declaration"]["confidence"])
     if look is not None:
-        spent = spend(whole_error(report["declaration"]["confidence"]), look.number)
+        spent = spend(whole, look.number)
         if look.error != spent.error:
             faults.append(f"{REPORT}: the error of look {look.number} is not its share")
-    if report["verdict"]["error"] != _error_of(report, look):
+    if report["verdict"]["error"] != (whole if look is None else look.error):
         faults.append(f"{REPORT}: the error of the verdict is not that of the look")
     if draw.revealed is not None:
         faults += _of_revealed(draw, look)
@@ -91,10 +91,6 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
     if not faults and to_json(seeds_of(draw, report["seeds"]["episodes"])) != report["seeds"]:
         faults.append(f"{REPORT}: its statements about the seed are not those of its source")
     return faults
-
-
-def _error_of(report: Mapping[str, Any], look: Look | None) -> float:
-    return whole_error(report["declaration"]["confidence"]) if look is None else look.error
 
 
 def _of_revealed(draw: Draw, look: Look | None) -> list[str]:

@@ -119,8 +119,7 @@ def caveats(
         *_of_margin(discrimination),
         _of_look(look),
         Caveat("seed", worth(draw)),
-        *_of_code(policy),
-        *_of_world(world),
+        *_of_code(policy, world),
     ]
 
 
@@ -219,25 +218,20 @@ def _of_look(look: Look | None) -> Caveat:
     return Caveat("look", text)
 
 
-def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
-    isolation = policy["isolation"]
-    if isolation["kind"] != NONE:
-        return []
-    text = (
-        f"The policy is the owner's code and was not isolated ({isolation['why']}): it could read "
-        "the seed and change the evidence. The evidence is self-attested."
-    )
-    return [Caveat("code", text)]
-
-
-def _of_world(world: str) -> list[Caveat]:
-    if ":" not in world:  # of this package, or registered by an installed one
-        return []
-    text = (
-        "The scenario's code ran in the auditor's process: unless the auditor wrote or read it, "
-        "the evidence is self-attested."
-    )
-    return [Caveat("code", text)]
+def _of_code(policy: Mapping[str, Any], world: str) -> list[Caveat]:
+    """Return caveats of the code of policy and world; without a colon the world is installed."""
+    isolation, texts = policy["isolation"], []
+    if isolation["kind"] == NONE:
+        texts.append(
+            f"The policy is the owner's code and was not isolated ({isolation['why']}): it could "
+            "read the seed and change the evidence. The evidence is self-attested."
+        )
+    if ":" in world:
+        texts.append(
+            "The scenario's code ran in the auditor's process: unless the auditor wrote or read "
+            "it, the evidence is self-attested."
+        )
+    return [Caveat("code", text) for text in texts]
 
 
 ALWAYS = (
