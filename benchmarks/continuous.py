@@ -12,7 +12,7 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.continuous.config import Hyperparameters, StaticConfig
+from socialiq.learners.continuous.config import SACConfig, SACHyperparameters
 from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.train import acting_in, train
 from socialiq.worlds.environment import make_environment
@@ -54,14 +54,14 @@ def run(repeats: int) -> dict[str, Any]:
 
 def ours(width: int, batch: int) -> float:
     """Updates per second of one run, a step in the environment for each."""
-    static = StaticConfig(
+    static = SACConfig(
         hidden=(width, width),
         batch_size=batch,
         updates=2 * ROUND,
         updates_per_round=ROUND,
         random_steps=WARM_UP,
     )
-    runs, stamps = [Hyperparameters()], []
+    runs, stamps = [SACHyperparameters()], []
     acting = acting_in(lambda: make_environment("Pendulum-v1", continuous=True), static, runs)
     callbacks = Callbacks(on_report=lambda _: stamps.append(time.perf_counter()))
     train(

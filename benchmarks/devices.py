@@ -20,7 +20,7 @@ from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.types import Simulator
 from socialiq.worlds.enumerate import tabulate
@@ -38,7 +38,7 @@ class Training(NamedTuple):
     """Settings, demonstrations, the world to act in, if any, and the updates of a chunk."""
 
     chunk: int
-    static: StaticConfig
+    static: IQLearnConfig
     data: list[Demonstrations]
     world: Simulator | None
 
@@ -74,7 +74,7 @@ def _updates_per_second(training: Training, runs: int) -> float:
         on_report=lambda report: stamps.append((report.done, time.perf_counter()))
     )
     static = dataclasses.replace(training.static, updates=CHUNKS * training.chunk)
-    seeds = [Hyperparameters(seed=seed) for seed in range(runs)]
+    seeds = [IQLearnHyperparameters(seed=seed) for seed in range(runs)]
     train(static, seeds, training.data, training.world, callbacks, training.chunk)
     (first, began), (last, ended) = stamps[0], stamps[-1]
     return runs * (last - first) / (ended - began)

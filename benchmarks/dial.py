@@ -20,11 +20,12 @@ from studies.dial.config import KEY_ANGLES
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import QUICK, RUNS, SHORT, Preset
+from socialiq.learners.dial.config import QUICK, RUNS, SHORT, DialPreset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
@@ -34,7 +35,7 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison_runs import Run
-from socialiq_lab.gridworld_runs import Ground, seen, with_clock
+from socialiq_lab.gridworld_runs import seen
 from socialiq_lab.intersection.fitting import CHUNK, source_of
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
@@ -102,7 +103,7 @@ def _grid_thesis() -> tuple[Trains, int]:
     return trains, presets.GRID.updates
 
 
-def _grid_dial(run: Preset, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
+def _grid_dial(run: DialPreset, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
     """A dial of the 7x7 world, with its clock; one for each seed, in one program."""
     world = make_grid("crossing7").with_clock()
     data = trajectory_datasets(tabulate(world), seeds, EPISODES_EACH)

@@ -119,15 +119,14 @@ def train_(steps: int, marks: list[tuple[int, float]]) -> None:
 
     from socialiq.learners.callbacks import Callbacks
     from socialiq.learners.collect import from_vector_env
-    from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
-    from socialiq.learners.dqn.train import train
+    from socialiq.learners.dqn import DQNConfig, DQNHyperparameters, train
     from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 
-    static = StaticConfig(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)
+    static = DQNConfig(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)
     env = IntersectionVectorEnv(ENVIRONMENTS, autoreset_mode=AutoresetMode.SAME_STEP)
     callbacks = Callbacks(lambda report: marks.append((report.done, time.perf_counter())))
     source = from_vector_env(env, 200 * static.steps_per_update)
-    train(static, [Hyperparameters()], [source], (70, 3), callbacks, 200)
+    train(static, [DQNHyperparameters()], [source], (70, 3), callbacks, 200)
 
 
 def updates_per_second() -> float:
@@ -136,12 +135,11 @@ def updates_per_second() -> float:
     import jax.numpy as jnp
 
     from socialiq.learners import replay
-    from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
-    from socialiq.learners.dqn.train import DQN
+    from socialiq.learners.dqn import DQN, DQNConfig, DQNHyperparameters
     from socialiq.learners.state import stack
 
-    static = StaticConfig(hidden=HIDDEN, batch_size=BATCH, replay_capacity=20_000)
-    hyperparameters, learner = stack([Hyperparameters()])[0], DQN(static, (70, 3))
+    static = DQNConfig(hidden=HIDDEN, batch_size=BATCH, replay_capacity=20_000)
+    hyperparameters, learner = stack([DQNHyperparameters()])[0], DQN(static, (70, 3))
     state, carry = learner.initialise(hyperparameters)
     full = replay.Replay(carry.replay.columns, jnp.asarray(static.replay_capacity))
     carry = carry._replace(replay=full)

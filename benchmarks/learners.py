@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.mdp.solve import value_iteration
 from socialiq.social.angle import score, weights
@@ -47,10 +47,10 @@ def run(repeats: int) -> dict[str, Any]:
     static = dataclasses.replace(presets.GRID, updates=UPDATES)
     ours, theirs = [], []
     for _ in range(repeats):
-        ours.append(UPDATES / training_seconds(static, [Hyperparameters()], data, table))
+        ours.append(UPDATES / training_seconds(static, [IQLearnHyperparameters()], data, table))
         theirs.append(UPDATES / timed(lambda: peer(UPDATES)))
     runs = [
-        Hyperparameters(strength=strength, seed=seed)
+        IQLearnHyperparameters(strength=strength, seed=seed)
         for strength in presets.SWEEP_STRENGTHS
         for seed in range(SWEEP_SEEDS)
     ]
@@ -93,7 +93,10 @@ def solve(table: Table) -> None:
 
 
 def training_seconds(
-    static: StaticConfig, hyperparameters: list[Hyperparameters], data: list[Any], table: Table
+    static: IQLearnConfig,
+    hyperparameters: list[IQLearnHyperparameters],
+    data: list[Any],
+    table: Table,
 ) -> float:
     """Seconds of a training run after its first, compiling chunk, scaled to all its updates."""
     from socialiq.learners.callbacks import Callbacks

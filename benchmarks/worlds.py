@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from socialiq.worlds.highway.batch import Batch as SceneBatch
 from socialiq.worlds.highway.scene import ACTIONS as SCENE_ACTIONS
 from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import Batch as SceneBatch
 from socialiq.worlds.highway.world import world_of
-from socialiq.worlds.intersection.actions import space_of
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.batch import Batch, space_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 HIGHWAY_STEPS = 150
@@ -128,7 +127,7 @@ def _note(rates: dict[str, list[float]], name: str, measure: Callable[[], float]
 
 def real_environment(options: Options) -> Any:
     """highway-env's own class with our configuration and nothing around it."""
-    from socialiq.worlds.intersection.reference.highway import IntersectionEnv, environment_config
+    from socialiq.worlds.intersection.reference import IntersectionEnv, environment_config
 
     return IntersectionEnv(config=environment_config(options))
 

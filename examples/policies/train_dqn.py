@@ -16,7 +16,7 @@ from highway_env.envs.intersection_env import IntersectionEnv
 from stable_baselines3 import DQN
 
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.reference.highway import environment_config
+from socialiq.worlds.intersection.reference import environment_config
 
 SEED = 0
 STEPS = 8_000

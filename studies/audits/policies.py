@@ -13,6 +13,7 @@ from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
 from socialiq.audit.resolve_policy import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
@@ -21,7 +22,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.worlds.registry import make
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
-from socialiq_lab.gridworld_runs import Ground, grid_of, seen, train_runs, with_clock
+from socialiq_lab.gridworld_runs import grid_of, train_runs
 from socialiq_lab.study import StageCallback
 
 GRIDWORLD = "crossing7"
@@ -168,7 +169,7 @@ def _dial(ground: Ground, seed: int, updates: int, on_stage: StageCallback) -> D
     clocked = with_clock(ground, clock)
     world = clocked.table.world
     data = trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
-    static = dataclasses.replace(static, one_hot=seen(world), updates=updates)
+    static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates)
     run = dataclasses.replace(numbers, seed=seed)
     callbacks = Callbacks(on_report=on_stage("7x7 dial"))
     return train(static, [run], data, world, callbacks=callbacks).policy(0)

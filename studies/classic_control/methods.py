@@ -11,11 +11,11 @@ from typing import Any
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from studies.classic_control.cartpole import CartPole
@@ -26,7 +26,7 @@ CHUNK = 250
 
 # Settings of the IQ-Learn paper's discrete experiments: a near-greedy temperature, χ² on the
 # expert, `value_expert`, the gradient through V(s').
-PAPER = StaticConfig(
+PAPER = IQLearnConfig(
     prior="none",
     value_term="value_expert",
     next_value="online",
@@ -35,7 +35,7 @@ PAPER = StaticConfig(
     batch_size=32,
     updates=10_000,
 )
-PAPER_NUMBERS = Hyperparameters(temperature=1e-3, learning_rate=1e-4)
+PAPER_NUMBERS = IQLearnHyperparameters(temperature=1e-3, learning_rate=1e-4)
 PAPER_ONLINE = dataclasses.replace(
     PAPER, online=True, value_term="value", chi2_on="mixture", updates=6000
 )
@@ -44,9 +44,11 @@ OFFLINE, OFFLINE_NUMBERS = presets.PRESETS["few-offline"]
 ONLINE, ONLINE_NUMBERS = presets.PRESETS["few-online"]
 
 # Cloning with what the offline preset has: network, scale, batch, rate, schedule, averaging.
-_SHARED = {one.name: getattr(OFFLINE, one.name) for one in dataclasses.fields(config.StaticConfig)}
-CLONING = bc.StaticConfig(**_SHARED)
-CLONING_NUMBERS = bc.Hyperparameters(learning_rate=OFFLINE_NUMBERS.learning_rate)
+_SHARED = {
+    one.name: getattr(OFFLINE, one.name) for one in dataclasses.fields(settings.LearnerConfig)
+}
+CLONING = bc.CloningConfig(**_SHARED)
+CLONING_NUMBERS = bc.CloningHyperparameters(learning_rate=OFFLINE_NUMBERS.learning_rate)
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,7 @@ def learn(
         for place in range(len(datasets))
         for seed in seeds
     ]
-    if isinstance(static, bc.StaticConfig):
+    if isinstance(static, bc.CloningConfig):
         return bc.BehaviourCloning.train_on(static, runs, datasets, callbacks)
     if not method.online:
         return train(static, runs, datasets, callbacks=callbacks)

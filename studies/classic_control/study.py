@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.config import check_counts
+from socialiq.learners.settings import check_counts
 from socialiq.types import Row
 from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, Study

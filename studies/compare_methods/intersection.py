@@ -69,8 +69,8 @@ class IntersectionRuns:
     """Runs of a method at every angle, setting and seed."""
 
     method: str
-    structure: iq.StaticConfig
-    numbers: iq.Hyperparameters
+    structure: iq.IQLearnConfig
+    numbers: iq.IQLearnHyperparameters
     updates: int
     """Of each network."""
     angles: tuple[float, ...]
@@ -102,7 +102,7 @@ class DemonstratorsRun(EpisodesRun):
     """SHA-256 of the demonstrators."""
 
 
-def structure(config: Any) -> iq.StaticConfig:
+def structure(config: Any) -> iq.IQLearnConfig:
     """Return the static config of every method: a network that sees vehicles as a set."""
     return dataclasses.replace(
         presets.INTERSECTION_CALIBRATED,

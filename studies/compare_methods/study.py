@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.learners.config import check_counts, check_widths
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.iq_learn import presets
+from socialiq.learners.settings import check_counts, check_widths
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
@@ -33,7 +34,6 @@ from socialiq_lab.comparison_runs import (
     runs_of,
     setting_name,
 )
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.intersection.episodes import FIRST_EPISODE
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import Results, as_csv, from_csv

@@ -58,7 +58,7 @@ def _multi_intention(arena: Arena, _method: Method, runs: Sequence[Run]) -> list
     )
 
 
-def dial_settings(arena: Arena, preset: dial.Preset, run: Run) -> tuple[Any, Any]:
+def dial_settings(arena: Arena, preset: dial.DialPreset, run: Run) -> tuple[Any, Any]:
     """Return a dial's settings: its preset's, with the comparison's network, batches and budget."""
     base = arena.structure
     static = dataclasses.replace(
@@ -76,7 +76,7 @@ def dial_settings(arena: Arena, preset: dial.Preset, run: Run) -> tuple[Any, Any
 
 
 def dial_collector(
-    arena: Arena, static: dial.StaticConfig, numbers: Sequence[dial.Hyperparameters]
+    arena: Arena, static: dial.DialConfig, numbers: Sequence[dial.DialHyperparameters]
 ) -> Collector | None:
     """Return what lets dials act outside JAX; None if the world is in JAX."""
     if arena.world is not None:
@@ -147,7 +147,7 @@ def _pareto_irl(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]
             for end in ends
         ]
     )
-    kinds = iq.StaticConfig, iq.Hyperparameters
+    kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
     each = [first.settings(*kinds, run, prior="none") for run in placed]
     static, numbers = each[0][0], [one for _, one in each]
     rest = first.callbacks(), arena.chunk, first.collector(static, numbers)

@@ -16,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.ground import Ground
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets, priors
+from socialiq.learners.iq_learn import losses, presets
 from socialiq.social.angle import angle_difference, score, weights
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
@@ -43,7 +44,6 @@ from socialiq_lab.comparison_runs import (
     rows_of,
     runs_of,
 )
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import Results, as_csv, from_csv
 from socialiq_lab.study import Context, Findings, Study, View
@@ -112,11 +112,11 @@ def prior(name: str, target_kind: str = "instantaneous", **fixed: Any) -> Learne
 
 
 def dial_settings(
-    base: iq.StaticConfig, rates: iq.Hyperparameters, updates: int, run: Run
-) -> tuple[dial.StaticConfig, dial.Hyperparameters]:
+    base: iq.IQLearnConfig, rates: iq.IQLearnHyperparameters, updates: int, run: Run
+) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
     """Return the settings of a dial at the budget of the other rows."""
     names = ("hidden", "activation", "view", "endings", "replay_capacity")
-    static = dial.StaticConfig(
+    static = dial.DialConfig(
         **{name: getattr(base, name) for name in names},
         updates=updates,
         expert_batch=base.batch_size,
@@ -127,7 +127,7 @@ def dial_settings(
     numbers: dict[str, Any] = {name: getattr(rates, name) for name in names}
     numbers |= dict(run.setting)
     numbers |= {"final_rate": 1.0, "seed": run.seed, "dataset": run.dataset}
-    return static, dial.Hyperparameters(**numbers)
+    return static, dial.DialHyperparameters(**numbers)
 
 
 def train_dials(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
@@ -284,13 +284,13 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
         case "clone_of_mode":
             return of_modes(data, (nearest_mode(run.angle),)).n_transitions / data.n_transitions
         case "clone_weighted":
-            numbers = bc.Hyperparameters(angle=run.angle, reweight_temperature=temperature)
+            numbers = bc.CloningHyperparameters(angle=run.angle, reweight_temperature=temperature)
             return bc.effective_size(data, numbers) / data.n_transitions
         case "reweighting":
             returns = data.returns("running", arena.structure.social_discount)
             scores = jnp.asarray(score(weights(run.angle), returns))
-            rows = priors.demonstration_weights(scores, jnp.ones(len(scores), bool), temperature)
-            return float(priors.effective_sample_size(rows)) / data.n_transitions
+            rows = losses.demonstration_weights(scores, jnp.ones(len(scores), bool), temperature)
+            return float(losses.effective_sample_size(rows)) / data.n_transitions
     return 1.0
 
 

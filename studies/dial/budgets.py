@@ -10,13 +10,12 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS
+from socialiq.evaluation.ground import Ground, exact_regret, regret_at
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.budget import ASCENT_EVERY, Budget
-from socialiq.learners.dial.config import RUNS, Hyperparameters, StaticConfig
-from socialiq.learners.dial.train import train
+from socialiq.learners.dial.config import RUNS, DialConfig, DialHyperparameters
+from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.types import Row
-from socialiq_lab.gridworld_runs import Ground, exact_regret, regret_at, seen
 from socialiq_lab.study import StageCallback
 from studies.dial.config import Config
 
@@ -24,8 +23,8 @@ from studies.dial.config import Config
 class Agents(NamedTuple):
     """Runs of one static config, each with its own budget."""
 
-    static: StaticConfig
-    numbers: list[Hyperparameters]
+    static: DialConfig
+    numbers: list[DialHyperparameters]
     budgets: list[float]
 
 
@@ -72,7 +71,7 @@ def _agents(ground: Ground, config: Config) -> Agents:
         low=angle,
         high=angle,
         margin=0.0,
-        one_hot=seen(ground.table.world),
+        one_hot=ground.table.world.one_hot,
         updates=config.updates or offline.structure.updates,
     )
     runs = [

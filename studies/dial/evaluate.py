@@ -10,13 +10,13 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import Sweep, sweep
 from socialiq.evaluation.exact import READOUTS, action_table
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.rollout import rollout_totals
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import Setting, mixed_angle, mixture, setting
 from socialiq.types import Row
-from socialiq_lab.gridworld_runs import Ground
 from studies.dial.config import KEY_ANGLES, Config
 
 

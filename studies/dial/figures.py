@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from socialiq.plotting.rows import band, spread
-from socialiq.plotting.style import figure, plain
+from socialiq.plotting.style import band, figure, plain, spread
 from socialiq_lab.results import Results
 from socialiq_lab.tables import matching
 

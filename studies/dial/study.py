@@ -10,6 +10,7 @@ from pathlib import Path
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS
 from socialiq.learners.dial.train import train
@@ -17,7 +18,6 @@ from socialiq.learners.kernel import Trained
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Row
-from socialiq_lab.gridworld_runs import Ground, seen, with_clock
 from socialiq_lab.study import Context, Findings, StageCallback, Study, view_of
 from socialiq_lab.tables import groups, nested, spread
 from studies.dial.budgets import budget_tables
@@ -81,7 +81,7 @@ def _train(
     static, numbers, clock, _ = PRESETS[name]
     world = with_clock(ground, clock).table.world
     static = dataclasses.replace(
-        static, one_hot=seen(world), updates=config.updates or static.updates
+        static, one_hot=world.one_hot, updates=config.updates or static.updates
     )
     runs = [
         dataclasses.replace(numbers, seed=seed, dataset=number)

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.plotting.ring import Mark, ring
-from socialiq.plotting.style import COLORS, MARKS, figure, plain
+from socialiq.plotting.style import COLORS, MARKS, Mark, figure, plain, ring
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.declared import State

@@ -14,8 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from socialiq.plotting.ring import Mark, ring
-from socialiq.plotting.style import COLORS, MARKS, figure, finish, head, plain
+from socialiq.plotting.style import COLORS, MARKS, Mark, figure, finish, head, plain, ring
 from socialiq.social.angle import angle_difference
 from socialiq.types import Row
 from socialiq_lab.intersection import thesis_values

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.learners.dqn import config as dqn
+from socialiq.learners import dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.view import CHOICES
@@ -178,16 +178,16 @@ def _main(config: Config) -> Iterator[Job]:
 def _timeouts(config: Config) -> Iterator[Job]:
     """Train the experts that can gain by waiting, now bootstrapping through timeouts."""
     for mode, angle in list(MODES.items())[1:]:
-        structure = dqn.StaticConfig(steps=config.expert_steps // 2, through_timeouts=True)
-        run = ExpertRun(structure, dqn.Hyperparameters(angle=angle, seed=config.expert_seed))
+        structure = dqn.DQNConfig(steps=config.expert_steps // 2, through_timeouts=True)
+        run = ExpertRun(structure, dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed))
         name = f"timeouts/through/{mode}/{config.expert_seed}"
         yield Job(name, train_expert, run, cost=450.0)
 
 
 def _views(config: Config) -> Iterator[Job]:
     for view, seed in itertools.product(VIEWS, config.ablation_seeds):
-        structure = dqn.StaticConfig(view, steps=config.view_steps, steps_per_update=32)
-        run = ExpertRun(structure, finer(dqn.Hyperparameters(seed=seed)))
+        structure = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
+        run = ExpertRun(structure, finer(dqn.DQNHyperparameters(seed=seed)))
         yield Job(f"views/{view}/{seed}", train_expert, run, cost=120.0)
 
 
@@ -248,14 +248,18 @@ def members(config: Config) -> dict[str, str]:
     return found | {target: jobs[0] for target, jobs in learners.items()}
 
 
-def _ablated(updates: int) -> tuple[iq.StaticConfig, iq.Hyperparameters]:
+def _ablated(updates: int) -> tuple[iq.IQLearnConfig, iq.IQLearnHyperparameters]:
     """Return the calibrated preset, which the ablations vary."""
     structure, numbers = PRESETS["calibrated"]
     return dataclasses.replace(structure, updates=updates), numbers
 
 
 def _learner(
-    config: Config, structure: iq.StaticConfig, numbers: iq.Hyperparameters, target: str, seed: int
+    config: Config,
+    structure: iq.IQLearnConfig,
+    numbers: iq.IQLearnHyperparameters,
+    target: str,
+    seed: int,
 ) -> LearnerRun:
     if target == "baseline":
         structure, angle = presets.baseline(structure), 0.0

@@ -9,16 +9,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.config import check_counts
 from socialiq.learners.continuous.config import (
-    Hyperparameters,
-    IQHyperparameters,
-    IQStaticConfig,
-    OfflineHyperparameters,
-    OfflineStaticConfig,
-    StaticConfig,
-)
-from socialiq.learners.continuous.presets import (
     DIAL,
     EXPERT,
     EXPERT_NUMBERS,
@@ -26,10 +17,17 @@ from socialiq.learners.continuous.presets import (
     LEARNER_NUMBERS,
     LONGER,
     LONGER_NUMBERS,
+    ActorIQLearnConfig,
+    ActorIQLearnHyperparameters,
+    SACConfig,
+    SACHyperparameters,
+    TD3BCConfig,
+    TD3BCHyperparameters,
 )
 from socialiq.learners.dial.config import INTERSECTION
-from socialiq.learners.dial.config import Hyperparameters as DiscreteHyperparameters
-from socialiq.learners.dial.config import StaticConfig as DiscreteStaticConfig
+from socialiq.learners.dial.config import DialConfig as DiscreteStaticConfig
+from socialiq.learners.dial.config import DialHyperparameters as DiscreteHyperparameters
+from socialiq.learners.settings import check_counts
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq_lab.intersection.demonstration_sets import MIXTURE
 
@@ -38,13 +36,13 @@ HIGH_ANGLES = dataclasses.replace(DIAL, high_share=0.8)
 
 _NETWORK = {name: getattr(LEARNER, name) for name in ("view", "hidden", "batch_size")}
 
-CLONE = bc.StaticConfig(**_NETWORK, updates=EXPERT.updates)
-CLONE_NUMBERS = bc.Hyperparameters(learning_rate=1e-3)
+CLONE = bc.CloningConfig(**_NETWORK, updates=EXPERT.updates)
+CLONE_NUMBERS = bc.CloningHyperparameters(learning_rate=1e-3)
 """Behaviour cloning, once of all demonstrations alike and once weighted (Eq B.2); its rate was
 chosen in development."""
 
-TD3_BC = OfflineStaticConfig(**_NETWORK, updates=EXPERT.updates, endings=LEARNER.endings)
-TD3_BC_NUMBERS = OfflineHyperparameters()
+TD3_BC = TD3BCConfig(**_NETWORK, updates=EXPERT.updates, endings=LEARNER.endings)
+TD3_BC_NUMBERS = TD3BCHyperparameters()
 """TD3+BC on R(α), with the paper's numbers."""
 
 DISCRETE = dataclasses.replace(
@@ -73,34 +71,34 @@ class Config:
     """Training seed of the three experts."""
     angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
     """Angles at which dials are driven, in degrees."""
-    expert: StaticConfig = EXPERT
+    expert: SACConfig = EXPERT
     """Static config of the experts."""
-    numbers: Hyperparameters = EXPERT_NUMBERS
-    """Hyperparameters of experts and continuous dials, without angle and seed."""
-    continuous: StaticConfig = DIAL
+    numbers: SACHyperparameters = EXPERT_NUMBERS
+    """SACHyperparameters of experts and continuous dials, without angle and seed."""
+    continuous: SACConfig = DIAL
     """Static config of the continuous dials."""
-    high_angles: StaticConfig = HIGH_ANGLES
+    high_angles: SACConfig = HIGH_ANGLES
     """Static config of the continuous dials with most angles beyond 65 degrees."""
     discrete: DiscreteStaticConfig = DISCRETE
     """Static config of the discrete dials."""
     discrete_numbers: DiscreteHyperparameters = INTERSECTION.numbers
-    """Hyperparameters of the discrete dials, without the seed."""
-    learner: IQStaticConfig = LEARNER
+    """SACHyperparameters of the discrete dials, without the seed."""
+    learner: ActorIQLearnConfig = LEARNER
     """Static config of the learners; the baseline has no prior."""
-    learner_numbers: IQHyperparameters = LEARNER_NUMBERS
-    """Hyperparameters of the learners, without angle, seed and data."""
-    longer: IQStaticConfig = LONGER
+    learner_numbers: ActorIQLearnHyperparameters = LEARNER_NUMBERS
+    """SACHyperparameters of the learners, without angle, seed and data."""
+    longer: ActorIQLearnConfig = LONGER
     """Static config of learners with as many updates as clones."""
-    longer_numbers: IQHyperparameters = LONGER_NUMBERS
-    """Hyperparameters of these, without angle, seed and data."""
-    clone: bc.StaticConfig = CLONE
+    longer_numbers: ActorIQLearnHyperparameters = LONGER_NUMBERS
+    """SACHyperparameters of these, without angle, seed and data."""
+    clone: bc.CloningConfig = CLONE
     """Static config of the clones."""
-    clone_numbers: bc.Hyperparameters = CLONE_NUMBERS
-    """Hyperparameters of the clones, without angle, seed and data."""
-    td3_bc: OfflineStaticConfig = TD3_BC
+    clone_numbers: bc.CloningHyperparameters = CLONE_NUMBERS
+    """SACHyperparameters of the clones, without angle, seed and data."""
+    td3_bc: TD3BCConfig = TD3_BC
     """Static config of TD3+BC."""
-    td3_bc_numbers: OfflineHyperparameters = TD3_BC_NUMBERS
-    """Hyperparameters of TD3+BC, without angle, seed and data."""
+    td3_bc_numbers: TD3BCHyperparameters = TD3_BC_NUMBERS
+    """SACHyperparameters of TD3+BC, without angle, seed and data."""
     options: ContinuousOptions = field(default_factory=ContinuousOptions)
     """Scenario of continuous actions."""
     discrete_options: Options = field(default_factory=lambda: Options(destination="straight"))

@@ -13,20 +13,18 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.continuous.acting import ActorVectorCollector
 from socialiq.learners.continuous.actor_critic import ActorCritic
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.continuous.config import STEPS_PER_UPDATE
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.presets import STEPS_PER_UPDATE
-from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.td3_bc import TD3BC
+from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.continuous.train import train
-from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.worlds.intersection.actions import width
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.batch import Batch, width
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
@@ -80,8 +78,8 @@ class Training:
 class DiscreteTraining:
     """Runs of discrete dials in one program."""
 
-    structure: dial.StaticConfig
-    numbers: tuple[dial.Hyperparameters, ...]
+    structure: dial.DialConfig
+    numbers: tuple[dial.DialHyperparameters, ...]
     options: Options
     environments: int
 
@@ -222,7 +220,7 @@ def train_offline(
 ) -> None:
     """Write clones, or TD3+BC, of a mixture, as `train_learners`, without steps of their own."""
     given = (config.structure, config.numbers, _mixtures(config, inputs))
-    clones = isinstance(config.structure, bc.StaticConfig)
+    clones = isinstance(config.structure, bc.CloningConfig)
     program = partial(BehaviourCloning.train_on if clones else partial(train, TD3BC), *given)
     fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
 

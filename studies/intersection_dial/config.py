@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.config import check_counts
-from socialiq.learners.dial.config import INTERSECTION, Hyperparameters, StaticConfig
-from socialiq.learners.policy_iteration import config as policy_iteration
+from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
 from socialiq.learners.policy_iteration import dial as dial_iteration
+from socialiq.learners.policy_iteration import train as policy_iteration
+from socialiq.learners.settings import check_counts
 from socialiq_lab.intersection.demonstration_sets import (
     MIXTURE,
     RECORDED_EPISODES,
@@ -47,7 +47,7 @@ FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, ITERATED, PLANNED, FORESIGHT, *ABL
 settings of their angles, improved by policy iteration, with online planning and with one look at
 the true future, which makes no policy, and the ablations."""
 
-_NAMES = {one.name for one in dataclasses.fields(StaticConfig)}
+_NAMES = {one.name for one in dataclasses.fields(DialConfig)}
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,10 @@ class Config:
     """Angles that an agent is trained for, and at which regrets are counted, in degrees."""
     turned: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
     """Angles at which a dial is driven; the key angles are among them."""
-    structure: StaticConfig = DIAL_STRUCTURE
+    structure: DialConfig = DIAL_STRUCTURE
     """Static config of a dial."""
-    numbers: Hyperparameters = DIAL_NUMBERS
-    """Hyperparameters of dials and agents, without the seed."""
+    numbers: DialHyperparameters = DIAL_NUMBERS
+    """DialHyperparameters of dials and agents, without the seed."""
     agent_updates: int = 12_000
     """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""
     steps_per_update: int = 12
@@ -80,14 +80,14 @@ class Config:
 
     families: tuple[str, ...] = (DIALS, AGENTS)
     """Families that are trained and driven, of `FAMILIES`."""
-    recipe: StaticConfig = INTERSECTION.structure
+    recipe: DialConfig = INTERSECTION.structure
     """Static config of a dial with a clock."""
-    recipe_numbers: Hyperparameters = INTERSECTION.numbers
-    """Hyperparameters of these dials, without the seed."""
-    iteration: dial_iteration.StaticConfig = ITERATION
+    recipe_numbers: DialHyperparameters = INTERSECTION.numbers
+    """DialHyperparameters of these dials, without the seed."""
+    iteration: dial_iteration.DialIterationConfig = ITERATION
     """Static config of the policy iteration that begins with such a dial."""
-    iteration_numbers: policy_iteration.Hyperparameters = ITERATION_NUMBERS
-    """Hyperparameters of it, without the seed."""
+    iteration_numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
+    """DialHyperparameters of it, without the seed."""
     ablation_updates: int = 6_000
     """Gradient steps of each ablation."""
     planned_seeds: int = 1
@@ -137,5 +137,5 @@ class Config:
 class Recipe(NamedTuple):
     """Training of the dials of a family."""
 
-    structure: StaticConfig
-    numbers: Hyperparameters
+    structure: DialConfig
+    numbers: DialHyperparameters

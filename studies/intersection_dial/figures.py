@@ -6,8 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from socialiq.plotting.rows import band, line
-from socialiq.plotting.style import figure, finish
+from socialiq.plotting.style import band, figure, finish, line
 from socialiq_lab.results import Results
 from socialiq_lab.tables import groups, matching
 from studies.intersection_dial.config import (

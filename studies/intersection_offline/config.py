@@ -10,9 +10,9 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.config import check_counts
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.settings import check_counts
 from socialiq_lab.intersection.demonstration_sets import RECORDED_EPISODES, SIZE
 from socialiq_lab.intersection.offline_training import CloneRuns, IQLearnRuns
 
@@ -44,10 +44,10 @@ class Config:
     """Methods beside the dial: each is trained for each of its angles."""
     method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
     """Angles of these methods: those of the demonstrators."""
-    structure: StaticConfig = field(default_factory=StaticConfig)
+    structure: OfflineDialConfig = field(default_factory=OfflineDialConfig)
     """Static config of the dial, and the networks of all."""
-    numbers: Hyperparameters = field(default_factory=Hyperparameters)
-    """Hyperparameters of the dial, without the seed."""
+    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
+    """OfflineDialHyperparameters of the dial, without the seed."""
     updates: int = 5000
     """Gradient steps of clones and of IQ-Learn."""
     learning_rate: float = 1e-3
@@ -92,7 +92,7 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> CloneRuns | 
 
 def _clones(config: Config, method: str) -> Callable[..., CloneRuns]:
     """Return clones of all demonstrators, of one, or of all with weights."""
-    structure = bc.StaticConfig(
+    structure = bc.CloningConfig(
         weighted="weighted" in method,
         weighted_by="advantage_fitted" if method.endswith("advantage") else "trajectory",
         hidden=config.structure.hidden,
@@ -100,7 +100,7 @@ def _clones(config: Config, method: str) -> Callable[..., CloneRuns]:
         batch_size=config.structure.batch_size,
         updates=config.updates,
     )
-    numbers = bc.Hyperparameters(learning_rate=config.learning_rate)
+    numbers = bc.CloningHyperparameters(learning_rate=config.learning_rate)
     nearest = method == "clone of the mode"
     return lambda **runs: CloneRuns(structure=structure, numbers=numbers, nearest=nearest, **runs)
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from socialiq.plotting.rows import band
-from socialiq.plotting.style import figure, finish
+from socialiq.plotting.style import band, figure, finish
 from socialiq_lab.results import Results
 from socialiq_lab.study import Study, view_of
 from socialiq_lab.tables import groups, matching

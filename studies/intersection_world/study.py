@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import filmstrip
-from socialiq.worlds.highway.pictures.scenes import episode_scenes
+from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
 from socialiq.worlds.highway.pictures.sheet import picture
 from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options

@@ -22,10 +22,10 @@ from studies.mo_gymnasium.tasks import Task
 ROUND = 50
 """Steps, and as many updates, before a learner acts with its newer network."""
 
-NUMBERS = config.Hyperparameters(learning_rate=1e-3, temperature=0.1, polyak=0.005)
+NUMBERS = config.SACHyperparameters(learning_rate=1e-3, temperature=0.1, polyak=0.005)
 """Numbers of soft actor-critic, and its dial; not tuned."""
 
-DEMONSTRATED = config.IQHyperparameters(
+DEMONSTRATED = config.ActorIQLearnHyperparameters(
     learning_rate=1e-3, temperature=0.1, polyak=0.005, prior_weight=30.0
 )
 """Numbers of IQ-Learn, and its dial; not tuned."""
@@ -99,7 +99,7 @@ def _by_seed(trained: Trained, each: int) -> list[list[ActorPolicy]]:
     return [policies[first : first + each] for first in range(0, len(policies), each)]
 
 
-def _numbers(task: Task, seed: int, angle: float = 0.0) -> config.Hyperparameters:
+def _numbers(task: Task, seed: int, angle: float = 0.0) -> config.SACHyperparameters:
     return dataclasses.replace(NUMBERS, seed=seed, angle=angle, discount=task.discount)
 
 
@@ -119,12 +119,12 @@ def _sac(
     dial: bool,
     changes: Sequence[Standardisation] = (),
 ) -> Trained:
-    static = config.StaticConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
+    static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
     return _collected(task, SoftActorCritic, static, numbers, changes=changes)
 
 
-def _demonstrated(task: Task, updates: int) -> config.IQStaticConfig:
-    return config.IQStaticConfig(
+def _demonstrated(task: Task, updates: int) -> config.ActorIQLearnConfig:
+    return config.ActorIQLearnConfig(
         **_shared(task, updates),
         batch_size=task.batch_size // 2,
         prior="shifted_chi2",

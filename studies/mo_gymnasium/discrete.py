@@ -12,7 +12,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.collect import Act, Behaviour, Collector, from_env
 from socialiq.learners.dial import train as dials
 from socialiq.learners.dial.acting import Driver
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.objective import Networks
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import train as iq_learn
@@ -24,22 +24,22 @@ from studies.mo_gymnasium.tasks import Task
 ROUND = 100
 """Steps, and as many updates, before a learner acts with its newer network."""
 
-NUMBERS = Hyperparameters(temperature=0.01)
+NUMBERS = DialHyperparameters(temperature=0.01)
 """Numbers of the dials; chosen on training seeds 100 and 101."""
 
 LAST_EXPLORATION = 0.2
 """Share of random actions in the second half of a training; it falls from 1 in the first half."""
 
-TRIO = iq.Hyperparameters(learning_rate=1e-3, temperature=0.1, prior_weight=5.0)
+TRIO = iq.IQLearnHyperparameters(learning_rate=1e-3, temperature=0.1, prior_weight=5.0)
 """Numbers of IQ-Learn; tried on training seed 100, not tuned."""
 
 
-def structure(task: Task, steps: int, demonstrated: bool) -> StaticConfig:
+def structure(task: Task, steps: int, demonstrated: bool) -> DialConfig:
     """Return the static config of a dial that takes these steps, one update for each."""
     space = task.make().observation_space
     assert isinstance(space, spaces.Box)  # of others no environment is made
     own = task.batch_size // 2 if demonstrated else task.batch_size
-    return StaticConfig(
+    return DialConfig(
         demonstrations=demonstrated,
         backup="double",
         hidden=task.hidden,
@@ -58,7 +58,7 @@ def one_hot(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, int], ...]:
     return tuple((int(least), int(most - least) + 1) for least, most in zip(low, high, strict=True))
 
 
-def exploring(static: StaticConfig, numbers: Sequence[Hyperparameters]) -> Behaviour:
+def exploring(static: DialConfig, numbers: Sequence[DialHyperparameters]) -> Behaviour:
     """Return how runs act: at an angle for each round, with fewer and fewer random actions."""
 
     def behaviour(networks: Networks, run: int, done: int, rng: np.random.Generator) -> Act:
@@ -108,7 +108,7 @@ def train_trio(
     Returns:
         For each seed the policy of each angle.
     """
-    static = iq.StaticConfig(
+    static = iq.IQLearnConfig(
         prior="shifted_chi2",
         target_kind="instantaneous",
         value_term="value_expert",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.config import check_counts
+from socialiq.learners.settings import check_counts
 from studies.mujoco_imitation.methods import METHODS, VARIANTS
 from studies.mujoco_imitation.tasks import TASKS
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.continuous.config import Hyperparameters, StaticConfig
+from socialiq.learners.continuous.config import SACConfig, SACHyperparameters
 from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.train import acting_in, train
 from socialiq.nn.actor_policy import ActorPolicy
@@ -59,7 +59,7 @@ def train_expert(
     del inputs
     task, checkpoint = TASKS[recipe.task], folder / "training.safetensors"
     settings = recipe.settings
-    static = StaticConfig(
+    static = SACConfig(
         hidden=settings.hidden,
         batch_size=settings.batch_size,
         updates=settings.updates,
@@ -69,7 +69,7 @@ def train_expert(
         replay_capacity=min(settings.updates, 300_000),
         tuned=True,
     )
-    runs = [Hyperparameters(seed=recipe.seed, learning_rate=settings.learning_rate)]
+    runs = [SACHyperparameters(seed=recipe.seed, learning_rate=settings.learning_rate)]
     env = make_env(task)
     assert env.observation_space.shape and env.action_space.shape
     train(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.continuous.config import IQHyperparameters, IQStaticConfig
+from socialiq.learners.continuous.config import ActorIQLearnConfig, ActorIQLearnHyperparameters
 from socialiq.learners.iq_learn.config import Endings
 
 ROUND = 1000
@@ -42,7 +42,7 @@ class Method:
         return getattr(self.static, "online", False)
 
 
-ONLINE = IQStaticConfig(
+ONLINE = ActorIQLearnConfig(
     prior="none",
     chi2_on="mixture",
     bounded=True,
@@ -52,7 +52,7 @@ ONLINE = IQStaticConfig(
     replay_capacity=200_000,
     updates_per_round=ROUND,
 )
-OFFLINE = IQStaticConfig(
+OFFLINE = ActorIQLearnConfig(
     prior="none",
     online=False,
     value_term="value_expert",
@@ -61,10 +61,10 @@ OFFLINE = IQStaticConfig(
     batch_size=128,
     updates=10_000,
 )
-NUMBERS = IQHyperparameters(temperature=0.01, learning_rate=1e-3)
+NUMBERS = ActorIQLearnHyperparameters(temperature=0.01, learning_rate=1e-3)
 
-CLONING = bc.StaticConfig(hidden=(64, 64), batch_size=128, updates=10_000)
-CLONING_NUMBERS = bc.Hyperparameters(learning_rate=1e-3)
+CLONING = bc.CloningConfig(hidden=(64, 64), batch_size=128, updates=10_000)
+CLONING_NUMBERS = bc.CloningHyperparameters(learning_rate=1e-3)
 
 CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
 """Name of online imitation with settings that were chosen in development on Hopper, for every task:

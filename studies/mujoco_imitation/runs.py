@@ -26,7 +26,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import write_json
 from socialiq.types import Row
-from socialiq.worlds.absorbing import AbsorbingStates
+from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.jobs import ProgressCallback
 from studies.mujoco_imitation.expert import POLICY
 from studies.mujoco_imitation.methods import ROUND, Method, method_of
@@ -173,7 +173,7 @@ def _train(
         dataclasses.replace(method.numbers, seed=seed, dataset=place)
         for place, seed in enumerate(seeds)
     ]
-    if isinstance(method.static, bc.StaticConfig):
+    if isinstance(method.static, bc.CloningConfig):
         return BehaviourCloning.train_on(method.static, runs, shown, callbacks)
 
     def environment() -> gymnasium.Env[Any, Any]:

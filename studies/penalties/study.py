@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from scipy.special import logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
 from socialiq.types import Ending, Row
@@ -48,7 +48,7 @@ def deviation_rows(state: State) -> list[Row]:
 
 
 def deviations(
-    policy: QPolicy, static: StaticConfig, run: Hyperparameters, data: Demonstrations
+    policy: QPolicy, static: IQLearnConfig, run: IQLearnHyperparameters, data: Demonstrations
 ) -> Float[np.ndarray, " transition"]:
     """Return r̂ - λR(α) of each demonstrated transition, with V(s') of the trained network."""
     q, after = policy.q_values(data.observation), policy.q_values(data.next_observation)
@@ -60,7 +60,7 @@ def deviations(
     return reward - _target(static, run, data)
 
 
-def _target(static: StaticConfig, run: Hyperparameters, data: Demonstrations) -> np.ndarray:
+def _target(static: IQLearnConfig, run: IQLearnHyperparameters, data: Demonstrations) -> np.ndarray:
     """Return λR(α) of each transition."""
     pair = data.returns(static.target_kind, static.social_discount)
     return run.strength * np.asarray(score(weights(run.angle), pair))

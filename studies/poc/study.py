@@ -15,8 +15,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig
 from socialiq.learners.kernel import Trained
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -25,7 +26,7 @@ from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import expert_policy
-from socialiq_lab.gridworld_runs import Ground, Monitor, sequence, train_runs
+from socialiq_lab.gridworld_runs import Monitor, sequence, train_runs
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, StageCallback, Study, view_of
 from socialiq_lab.tables import groups
@@ -86,7 +87,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 def _baseline_rows(
     ground: Ground,
-    static: StaticConfig,
+    static: IQLearnConfig,
     config: Config,
     data: Demonstrations,
     on_stage: StageCallback,
@@ -103,7 +104,7 @@ def _baseline_rows(
 
 def _target_rows(
     ground: Ground,
-    static: StaticConfig,
+    static: IQLearnConfig,
     config: Config,
     data: Demonstrations,
     on_stage: StageCallback,

@@ -20,11 +20,10 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.config import check_counts, check_not_negative
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
-from socialiq.learners.offline.critic import Critic
-from socialiq.learners.offline.objective import ensemble_values
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.offline.objective import Critic, ensemble_values
 from socialiq.learners.offline.train import STAGES, recorded
+from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -32,11 +31,11 @@ from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Ending, RewardPair, Row
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.recorded_practice import Practice, train_with_practice
 from socialiq_recordings.readers.import_file import import_file
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.practice import Practice, train_with_practice
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import replay
 from socialiq_recordings.world.rollouts import visit
@@ -71,12 +70,12 @@ class Config:
     """Seconds between the beginnings of a recorded vehicle's episodes."""
     practice: Practice = field(default_factory=lambda: Practice(5))
     """Practice of the mixture that has it."""
-    structure: StaticConfig = field(
-        default_factory=lambda: StaticConfig(updates=1500, view="set_ahead")
+    structure: OfflineDialConfig = field(
+        default_factory=lambda: OfflineDialConfig(updates=1500, view="set_ahead")
     )
     """Static config of the dials, without the length of an episode, which is the world's."""
-    numbers: Hyperparameters = field(default_factory=Hyperparameters)
-    """Hyperparameters of the dials, without the seed."""
+    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
+    """OfflineDialHyperparameters of the dials, without the seed."""
     episodes: int = 400
     """Evaluation episodes of each driver, common to all."""
     checked: int = 30
@@ -122,8 +121,8 @@ class Training:
 
     mixture: str
     seeds: tuple[int, ...]
-    structure: StaticConfig
-    numbers: Hyperparameters
+    structure: OfflineDialConfig
+    numbers: OfflineDialHyperparameters
     angle: float
     checked: int
     first_checked: int

@@ -6,8 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from socialiq.plotting.rows import line, spread
-from socialiq.plotting.style import figure, finish, plain
+from socialiq.plotting.style import figure, finish, line, plain, spread
 from socialiq.types import Row
 from socialiq_lab.results import Results
 from socialiq_lab.tables import column, groups, matching

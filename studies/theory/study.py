@@ -7,9 +7,9 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.prediction import NEXT_VALUES
 from socialiq.types import Row
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.study import Context, Findings, StageCallback, Study, view_of
 from socialiq_lab.tables import column, groups
 from studies.theory import cases, statements, training

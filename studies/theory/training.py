@@ -10,6 +10,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, action_table
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.prediction import (
     NEXT_VALUES,
     NextValue,
@@ -19,14 +20,14 @@ from socialiq.evaluation.prediction import (
     target_norm,
 )
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Hyperparameters
+from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.objective import Problem
 from socialiq.theory.path import first_flip
 from socialiq.theory.replay import equilibrium
 from socialiq.types import RewardPair, Row
-from socialiq_lab.gridworld_runs import Ground, evaluate, train_runs
+from socialiq_lab.gridworld_runs import evaluate, train_runs
 from socialiq_lab.study import StageCallback
 from socialiq_lab.tables import groups
 from studies.theory.small_strength import SOLVERS
@@ -124,7 +125,7 @@ def _runs(
         updates=plan.updates,
     )
     base = presets.TABLE_C1_NUMBERS
-    numbers: list[Hyperparameters] = []
+    numbers: list[IQLearnHyperparameters] = []
     for dataset, seed in enumerate(plan.seeds):
         run = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
         numbers.append(dataclasses.replace(run, prior_weight=0.0))  # the baseline, exactly

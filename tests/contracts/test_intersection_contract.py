@@ -9,7 +9,7 @@ from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
 from socialiq.worlds import IDS, registry
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.intersection.gym import IntersectionEnv
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Intersection

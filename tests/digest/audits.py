@@ -96,7 +96,7 @@ def audited_network(folder: Path) -> Hashes:
     """Audit a network of a gridworld that was trained shortly."""
     data = collected(folder, "crossing7")
     words = ("--updates", 6, "--hidden", 8, "--value-term", "value_expert")
-    call("train", data, *words, "--out", folder / "run")
+    call("train", "iq-learn", data, *words, "--out", folder / "run")
     (path,) = (folder / "run").glob("*.safetensors")
     path.rename(folder / path.name)
     return audited("crossing7", path.name, (), folder)

@@ -9,11 +9,11 @@ import numpy as np
 from tests.digest.commands import actions_of, call, collected, observations, of_networks
 from tests.digest.digest import Hashes, Item
 
-SMALL = ("--updates", 6, "--hidden", 8, "--batch-size", 8)
+SMALL = ("--updates", 6, "--hidden", 8, "--set", "batch_size=8")
 OFFLINE = (*SMALL, "--value-term", "value_expert")
 ONLINE = (*SMALL, "--world", "crossing7")
-DIAL = ("--updates", 6, "--hidden", 8, "--expert-batch", 8)
-ACTS = ("--replay-batch", 8)
+DIAL = ("--updates", 6, "--hidden", 8, "--set", "expert_batch=8")
+ACTS = ("--set", "replay_batch=8")
 ANGLES = ("--angle", 0, 45, "--strength", 2, "--seed", 0, 1)
 
 IQ_LEARN: dict[str, tuple[object, ...]] = {
@@ -26,17 +26,17 @@ IQ_LEARN: dict[str, tuple[object, ...]] = {
         for prior in ("none", "reward", "bellman_shift", "reweighting", "shifted_chi2")
     },
     **{
-        f"returns/{kind}": (*ONLINE, "--angle", 45, "--target-kind", kind)
+        f"returns/{kind}": (*ONLINE, "--angle", 45, "--set", f"target_kind={kind}")
         for kind in ("to_go", "trajectory", "instantaneous", "advantage", "advantage_fitted")
     },
     **{
         f"divergence/{name}": (*ONLINE, "--prior", "none", "--divergence", name)
         for name in ("kl", "reverse_kl", "hellinger", "js")
     },
-    "dueling": (*OFFLINE, "--form", "dueling"),
+    "dueling": (*OFFLINE, "--set", "form=dueling"),
     "value/v0": (*SMALL, "--value-term", "v0"),
-    "chi2/mixture": (*ONLINE, "--chi2-on", "mixture", "--prior", "none"),
-    "next/online": (*ONLINE, "--next-value", "online"),
+    "chi2/mixture": (*ONLINE, "--set", "chi2_on=mixture", "--prior", "none"),
+    "next/online": (*ONLINE, "--set", "next_value=online"),
     **{
         f"preset/{name}": ("--preset", name, *(ONLINE if online else SMALL))
         for name, online in {
@@ -49,33 +49,25 @@ IQ_LEARN: dict[str, tuple[object, ...]] = {
         }.items()
     },
 }
-"""Options of `train` with demonstrations of the 7x7 world."""
+"""Options of `train iq-learn` with demonstrations of the 7x7 world."""
 
 OTHERS: dict[str, tuple[object, ...]] = {
-    "behaviour-cloning": (*SMALL, "--learner", "behaviour-cloning"),
-    "cql": (*SMALL, "--learner", "cql", *ANGLES),
+    "behaviour-cloning": SMALL,
+    "cql": (*SMALL, *ANGLES),
 }
 
 CONTINUOUS: dict[str, tuple[object, ...]] = {
-    "iq_learn": OFFLINE,
-    "iq_learn-online": (*SMALL, "--world", "intersection-continuous"),
-    "td3-bc": (*SMALL, "--learner", "td3-bc"),
-    "behaviour-cloning": (*SMALL, "--learner", "behaviour-cloning"),
-    "standardised": (*OFFLINE, "--standardise"),
+    "iq_learn": ("iq-learn", *OFFLINE),
+    "iq_learn-online": ("iq-learn", *SMALL, "--world", "intersection-continuous"),
+    "td3-bc": ("td3-bc", *SMALL),
+    "behaviour-cloning": ("behaviour-cloning", *SMALL),
+    "standardised": ("iq-learn", *OFFLINE, "--standardise"),
 }
-"""The same with demonstrations of continuous actions."""
+"""Learner and options, with demonstrations of continuous actions."""
 
 WITHOUT_DATA: dict[str, tuple[object, ...]] = {
-    "sac": (*SMALL, "--learner", "sac", "--world", "intersection-continuous"),
-    "sac-dial": (
-        *SMALL,
-        "--learner",
-        "sac",
-        "--world",
-        "intersection-continuous",
-        "--dial",
-        "True",
-    ),
+    "sac": ("sac", *SMALL, "--world", "intersection-continuous"),
+    "sac-dial": ("sac", *SMALL, "--world", "intersection-continuous", "--set", "dial=true"),
 }
 
 DIALS: dict[str, tuple[object, ...]] = {
@@ -85,11 +77,11 @@ DIALS: dict[str, tuple[object, ...]] = {
     "online-clockless": ("--preset", "online-clockless", *DIAL, *ACTS),
     "offline": ("--preset", "offline", *DIAL),
     "offline-redrawn": ("--preset", "offline-redrawn", *DIAL),
-    "offline-regularised": ("--preset", "offline-regularised", *DIAL[:4]),
+    "offline-regularised": DIAL[:4],
     "one-angle": ("--preset", "offline", "--angle", 30, *DIAL),
-    "pair": ("--preset", "online", "--heads", "pair", "--backup", "double", *DIAL, *ACTS),
+    "pair": ("--preset", "online", "--set", "heads=pair", "backup=double", *DIAL, *ACTS),
 }
-"""Options of `train-dial crossing7`; those with a clock learn from data with a clock."""
+"""Options of `train dial` or `train offline-dial` in the 7x7 world, by name of the item."""
 
 
 def hashes_of(folder: Path, sizes: tuple[int, int], angle: float | None) -> Hashes:
@@ -104,10 +96,10 @@ def hashes_of(folder: Path, sizes: tuple[int, int], angle: float | None) -> Hash
     return of_networks(folder) | actions
 
 
-def trained(words: tuple[object, ...], folder: Path) -> Hashes:
+def trained(learner: str, words: tuple[object, ...], folder: Path) -> Hashes:
     """Train with demonstrations of the 7x7 world."""
     data = collected(folder, "crossing7")
-    call("train", data, *words, "--out", folder / "run")
+    call("train", learner, data, *words, "--out", folder / "run")
     return hashes_of(folder / "run", grid_sizes(), None)
 
 
@@ -124,15 +116,17 @@ def trained_continuously(words: tuple[object, ...], shown: bool, folder: Path) -
     world = "intersection-continuous"
     drivers = ("--driver", "atlas:expert_prosocial", "--driver", "idm")
     data = [collected(folder, world, *drivers, episodes=2)] if shown else []
-    call("train", *data, *words, "--out", folder / "run")
+    learner, *options = words
+    call("train", learner, *data, *options, "--out", folder / "run")
     return of_networks(folder / "run")
 
 
-def dialled(words: tuple[object, ...], folder: Path) -> Hashes:
+def dialled(name: str, words: tuple[object, ...], folder: Path) -> Hashes:
     """Train a dial of the 7x7 world."""
     clock = "online-clockless" not in words
     data = collected(folder, "crossing7", *(["--clock"] if clock else []))
-    call("train-dial", "crossing7", "--data", data, *words, "--out", folder / "run")
+    learner = "offline-dial" if name == "offline-regularised" else "dial"
+    call("train", learner, data, "--world", "crossing7", *words, "--out", folder / "run")
     angle = 30.0
     return hashes_of(folder / "run", grid_sizes(clock), angle)
 
@@ -140,7 +134,7 @@ def dialled(words: tuple[object, ...], folder: Path) -> Hashes:
 def dialled_alone(folder: Path) -> Hashes:
     """Train a dial of the 7x7 world without demonstrations."""
     words = ("--preset", "online-alone", "--updates", 6, "--hidden", 8, *ACTS)
-    call("train-dial", "crossing7", *words, "--out", folder / "run")
+    call("train", "dial", "--world", "crossing7", *words, "--out", folder / "run")
     return hashes_of(folder / "run", grid_sizes(True), 30.0)
 
 
@@ -148,13 +142,13 @@ ITEMS = [
     *(
         Item(
             f"learner/iq_learn/{name}",
-            functools.partial(trained, words),
+            functools.partial(trained, "iq-learn", words),
             quick=name in ("online/reward", "offline/shifted_chi2"),
         )
         for name, words in IQ_LEARN.items()
     ),
     *(
-        Item(f"learner/{name}", functools.partial(trained, words), quick=True)
+        Item(f"learner/{name}", functools.partial(trained, name, words), quick=True)
         for name, words in OTHERS.items()
     ),
     *(
@@ -167,7 +161,9 @@ ITEMS = [
         for name, words in data.items()
     ),
     *(
-        Item(f"learner/dial/{name}", functools.partial(dialled, words), quick=name == "offline")
+        Item(
+            f"learner/dial/{name}", functools.partial(dialled, name, words), quick=name == "offline"
+        )
         for name, words in DIALS.items()
     ),
     Item("learner/dial/online-alone", dialled_alone),

@@ -21,9 +21,9 @@ QUICK = ("audit-power", "off-policy", "mo-gymnasium")
 
 def tables_of(name: str, folder: Path) -> Hashes:
     """Run the tiny preset of a study; hash tables, summary and names of its other files."""
+    from socialiq.settings import changed
     from socialiq_lab.engine import Engine
     from socialiq_lab.registry import study_and_declaration
-    from socialiq_lab.settings import changed
     from socialiq_lab.study import run
 
     study, content = study_and_declaration(name)

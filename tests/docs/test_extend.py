@@ -29,7 +29,7 @@ def files_of_a_user(tmp_path_factory):
 
 def test_the_page_names_a_command_for_each_kind():
     given = {word for command in COMMANDS for word in command.split() if word.startswith("--")}
-    assert {"--prior", "--divergence", "--loss", "--learner", "--allow-code"} <= given
+    assert {"--prior", "--divergence", "--loss", "--allow-code"} <= given
 
 
 def slow_unless_first_or_last(number):
@@ -44,8 +44,9 @@ def test_commands_train_and_tell_whose_code_it_was(folder, number, monkeypatch, 
     words = shlex.split(COMMANDS[number])
     out = folder / f"run_{number}"
     words[words.index("--out") + 1] = str(out)
-    assert main([*words, "--updates", "5", "--hidden", "8", "--batch-size", "4"]) == 0
-    (part,) = re.findall(r"--(prior|divergence|loss|learner) mine.py:\w+", COMMANDS[number])
+    assert main([*words, "--updates", "5", "--hidden", "8", "--set", "batch_size=4"]) == 0
+    (part,) = re.findall(r"(prior|divergence|loss|own) mine.py:\w+", COMMANDS[number])
+    part = "learner" if part == "own" else part
     (name,) = re.findall(r"mine.py:(\w+)", COMMANDS[number])
     record = json.loads((out / "run.json").read_text())
     assert record[f"own_{part}"]["name"] == name
@@ -62,8 +63,8 @@ def test_commands_train_and_tell_whose_code_it_was(folder, number, monkeypatch, 
 
 def test_settings_that_a_learner_does_not_have_are_refused(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
-    words = ["train", "mixed.safetensors", "--learner", "mine.py:Weighted", "--allow-code"]
-    for option, name in (("--target-kind", "target_kind"), ("--temperature", "temperature")):
-        value = "to_go" if name == "target_kind" else "0.5"
-        assert main([*words, option, value, "--out", "never"]) == 2
-        assert f"has no '{name}': leave {option} out" in capsys.readouterr().err
+    words = ["train", "own", "mine.py:Weighted", "mixed.safetensors", "--allow-code"]
+    for setting in ("target_kind=to_go", "temperature=0.5"):
+        assert main([*words, "--set", setting, "--out", "never"]) == 2
+        name = setting.partition("=")[0]
+        assert f"there is no setting {name}: choose one of" in capsys.readouterr().err

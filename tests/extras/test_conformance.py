@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
+from socialiq.worlds.intersection import conformance as conformance_module
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.reference import conformance as conformance_module
 
 EPISODES = 30  # of each population and lane mode
 COUNTS = ("episodes", "steps", "off_road")

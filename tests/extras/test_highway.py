@@ -20,9 +20,8 @@ pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
 from highway_env.envs.intersection_env import IntersectionEnv
 
-from socialiq.worlds.intersection.reference import drivers, highway
-from socialiq.worlds.intersection.reference.drivers import Driver
-from socialiq.worlds.intersection.reference.highway import HighwayIntersection, environment_config
+from socialiq.worlds.intersection import reference
+from socialiq.worlds.intersection.reference import Driver, HighwayIntersection, environment_config
 
 SEEDS = range(6)
 
@@ -113,7 +112,7 @@ def test_observation_is_read_as_highway_env_reads_its_own():
 
 
 def test_driver_without_variation_is_highway_envs_own():
-    driver = {"other_vehicles_type": f"{drivers.__name__}.{Driver.__name__}"}
+    driver = {"other_vehicles_type": f"{reference.__name__}.{Driver.__name__}"}
     plain = IntersectionEnv(config=environment_config(Options()) | driver)
     assert_same_episode(HighwayIntersection(Options()), plain, 0)
     assert any(isinstance(one, Driver) for one in plain.road.vehicles)
@@ -248,7 +247,7 @@ def calls(monkeypatch):
         made.append((vehicles, ego, dt, (contact, touched)))
         return (Contact.EGO_STRUCK, 3) if len(made) > 1 else (Contact.NONE, -1)
 
-    monkeypatch.setattr(highway, "contact_of", contact_of)
+    monkeypatch.setattr(reference, "contact_of", contact_of)
     return made
 
 
@@ -337,4 +336,4 @@ def test_an_ending_is_read_from_highway_env():
 def test_missing_highway_env_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "highway_env.envs.intersection_env", None)
     with pytest.raises(UserError, match=r"pip install 'socialiq\[highway\]'"):
-        runpy.run_path(highway.__file__)
+        runpy.run_path(reference.__file__)

@@ -184,13 +184,13 @@ def test_foreign_data_are_read_without_an_environment(cartpole, monkeypatch):
     steps = table.episode_lengths[0]
     assert np.array_equal(table.observation[:steps], seen[:-1])
     assert np.array_equal(table.next_observation[:steps], seen[1:])
-    from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+    from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
     from socialiq.learners.iq_learn.train import train
 
-    static = StaticConfig(
+    static = IQLearnConfig(
         online=False, value_term="value_expert", updates=5, hidden=(4,), batch_size=4
     )
-    assert train(static, [Hyperparameters(angle=0.0)], [table]).failures == ()
+    assert train(static, [IQLearnHyperparameters(angle=0.0)], [table]).failures == ()
 
 
 @OF_MINARI

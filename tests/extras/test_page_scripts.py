@@ -108,5 +108,18 @@ def test_what_was_driven_is_a_file_that_train_learns_from(tmp_path):
     np.testing.assert_array_equal(found.action, mine.actions.T[mine.actions.T >= 0])
     rewards = mine.arrays["rewards"][1:] * (mine.actions >= 0)[..., None]
     np.testing.assert_allclose(found.totals().env, rewards[..., 0].sum(axis=0), atol=1e-9)
-    words = ["train", str(out), "--world", "intersection", "--angle", "0", "--updates", "2"]
-    assert main([*words, "--hidden", "4", "--batch-size", "4", "--out", str(tmp_path / "run")]) == 0
+    words = [
+        "train",
+        "iq-learn",
+        str(out),
+        "--world",
+        "intersection",
+        "--angle",
+        "0",
+        "--updates",
+        "2",
+    ]
+    assert (
+        main([*words, "--hidden", "4", "--set", "batch_size=4", "--out", str(tmp_path / "run")])
+        == 0
+    )

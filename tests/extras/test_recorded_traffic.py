@@ -142,10 +142,10 @@ def test_from_recordings_to_a_policy(recorded, tmp_path, capsys):
     call = ["data", "world", *recorded, "--out", str(world), "--demonstrations", str(same)]
     assert main(call) == 0
     assert same.read_bytes() == table.read_bytes()
-    learn = ["--angle", "45", "--updates", "20", "--hidden", "8", "--batch-size", "8"]
-    learn += ["--value-term", "value_expert", "--timeout", "bootstrap"]
-    learn += ["--target-kind", "instantaneous"]
-    assert main(["train", str(table), *learn, "--out", str(tmp_path / "run")]) == 0
+    learn = ["--angle", "45", "--updates", "20", "--hidden", "8", "--set", "batch_size=8"]
+    learn += ["--value-term", "value_expert", "--set", "timeout=bootstrap"]
+    learn += ["--set", "target_kind=instantaneous"]
+    assert main(["train", "iq-learn", str(table), *learn, "--out", str(tmp_path / "run")]) == 0
     assert (tmp_path / "run" / "policy_0.safetensors").exists()
     assert main(["data", "demonstrations", *recorded, "--out", str(table)]) == 2
 

@@ -12,8 +12,7 @@ pytest.importorskip("tensorboard", reason="extra `tensorboard` is not installed"
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from socialiq.cli.main import main
-from socialiq.learners.callbacks import Report
-from socialiq.learners.tensorboard import EventFiles
+from socialiq.learners.callbacks import EventFiles, Report
 
 
 def scalars(folder):
@@ -52,9 +51,9 @@ def test_a_run_that_goes_on_adds_to_its_events(tmp_path):
 def test_train_writes_what_metrics_csv_has(tmp_path):
     data, out, events = tmp_path / "d.safetensors", tmp_path / "run", tmp_path / "events"
     assert main(["collect", "crossing7", "--episodes", "2", "--out", str(data)]) == 0
-    command = ["train", str(data), "--value-term", "value_expert", "--out", str(out)]
+    command = ["train", "iq-learn", str(data), "--value-term", "value_expert", "--out", str(out)]
     command += ["--angle", "0", "90", "--strength", "1", "--updates", "20"]
-    command += ["--batch-size", "8", "--hidden", "8"]
+    command += ["--set", "batch_size=8", "--hidden", "8"]
     assert main([*command, "--tensorboard", str(events)]) == 0
     with (out / "metrics.csv").open() as file:
         rows = {float(row["angle_target"]): row for row in csv.DictReader(file)}
@@ -71,7 +70,16 @@ def test_train_writes_what_metrics_csv_has(tmp_path):
 
 def test_train_dial_writes_what_metrics_csv_has(tmp_path):
     out, events = tmp_path / "run", tmp_path / "events"
-    command = ["train-dial", "crossing5", "--preset", "online-alone", "--updates", "5"]
+    command = [
+        "train",
+        "dial",
+        "--world",
+        "crossing5",
+        "--preset",
+        "online-alone",
+        "--updates",
+        "5",
+    ]
     assert main([*command, "--out", str(out), "--tensorboard", str(events)]) == 0
     with (out / "metrics.csv").open() as file:
         (row,) = csv.DictReader(file)
@@ -84,7 +92,7 @@ def test_train_dial_writes_what_metrics_csv_has(tmp_path):
 def test_neither_tensorflow_nor_torch_is_imported(tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
-        "from socialiq.learners.tensorboard import EventFiles\n"
+        "from socialiq.learners.callbacks import EventFiles\n"
         f"EventFiles(Path({str(tmp_path)!r}), ('a',)).__exit__(None, None, None)\n"
         "assert not {'tensorflow', 'torch'} & set(sys.modules)\n"
     )
@@ -95,7 +103,15 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path, capsys):
     data = tmp_path / "d.safetensors"
     assert main(["collect", "crossing7", "--episodes", "2", "--out", str(data)]) == 0
     (tmp_path / "file").write_text("")
-    command = ["train", str(data), "--value-term", "value_expert", "--out", str(tmp_path / "run")]
+    command = [
+        "train",
+        "iq-learn",
+        str(data),
+        "--value-term",
+        "value_expert",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     capsys.readouterr()
     assert main([*command, "--tensorboard", str(tmp_path / "file" / "x")]) == 2
     captured = capsys.readouterr()

@@ -21,6 +21,9 @@ from socialiq.cli.commands import COMMANDS, command_class
 POLICY, DATA, PROFILE = "{ok}/policy.safetensors", "{ok}/steps.safetensors", "{ok}/profile.toml"
 RECORDING, DIAL, OUT = "{ok}/recording.safetensors", "{ok}/dial.safetensors", "{out}/new"
 
+NEW = ["--out", OUT]
+TINY = ["--updates", "2", "--hidden", "4", *NEW]
+
 BASES: dict[str, list[str]] = {
     "demo": ["--seeds", "0", "--out", OUT],
     "solve": ["crossing5"],
@@ -30,9 +33,16 @@ BASES: dict[str, list[str]] = {
     "collect": ["crossing5", "--episodes", "2", "--out", OUT],
     "page": ["--out", OUT, "--dial", DIAL],
     "view": [POLICY, "--no-open"],  # of another world: refused before anything is served
-    "train": [DATA, "--world", "crossing5", "--updates", "2", "--hidden", "4", "--out", OUT],
-    "train-dial": ["crossing5", "--preset", "online-alone", "--updates", "2", "--out", OUT],
-    "improve-dial": [DIAL, "--updates", "2", "--states-per-update", "1", "--out", OUT],
+    "train iq-learn": [DATA, "--world", "crossing5", *TINY],
+    "train dial": ["--world", "crossing5", "--preset", "online-alone", "--updates", "2", *NEW],
+    "train offline-dial": [DATA, "--world", "crossing5", *TINY],
+    "train practised-dial": [DATA, "--world", "{ok}/nowhere", *TINY],
+    "train improve-dial": [DIAL, "--updates", "2", "--set", "states_per_update=1", *NEW],
+    "train sac": ["--world", "Pendulum-v1", *TINY],
+    "train td3-bc": [DATA, *TINY],
+    "train behaviour-cloning": [DATA, *TINY],
+    "train cql": [DATA, *TINY],
+    "train own": ["{ok}/nowhere.py:Mine", DATA, *TINY],
     "sweep": ["{ok}/sweep.toml", "--processes", "1", "--out", OUT],
     "dial": ["crossing5", "--policy", DIAL],
     "turn": [DIAL, "--angle", "30", "--out", OUT],
@@ -40,7 +50,6 @@ BASES: dict[str, list[str]] = {
     "evaluate": [POLICY, "--world", "crossing5"],
     "export": [POLICY, "--format", "onnx", "--out", OUT],
     "reproduce": ["worlds", "--out", OUT],
-    "compare": ["priors", "--seeds", "1", "--out", OUT],
     "claims": [],
     "conformance": ["--episodes", "1"],
     "bench": ["recordings", "--repeats", "1"],
@@ -78,14 +87,13 @@ LONG = (
     "demo",
     "view",
     "reproduce",
-    "compare",
     "bench",
     "conformance",
     "sweep",
     "data predict",
 )
 """Commands that take long: only calls that must be refused are made of them."""
-TRAINING = ("train", "train-dial", "improve-dial")
+TRAINING = tuple(name for name in BASES if name.startswith("train "))
 """Commands that take seconds: calls that may do their work are left to a long run."""
 
 SETTINGS = (

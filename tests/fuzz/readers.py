@@ -27,7 +27,7 @@ from socialiq.datasets.step_files import read_steps
 from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
-from socialiq.learners import checkpoint
+from socialiq.learners import fit
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies import process
@@ -207,8 +207,8 @@ def _minari(path: Path) -> None:
 
 def _checkpoint(path: Path) -> None:
     """Restore the state of the run of the samples."""
-    _, done, values = checkpoint.load(path, FINGERPRINT, untrained_runs())
-    if any(len(one) != len(done) for one in values.values()):
+    _, history = fit.load_checkpoint(path, FINGERPRINT, untrained_runs())
+    if any(len(column) != len(history.updates) for column in history.values.values()):
         raise AssertionError("values without updates")
 
 

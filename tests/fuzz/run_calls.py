@@ -17,7 +17,7 @@ from typing import NamedTuple
 from tests.fuzz.calls import Call
 
 from socialiq.cli.main import main
-from socialiq.worlds.highway.conformance import PORTABLE
+from socialiq.worlds.highway import PORTABLE
 
 SECONDS = 60.0
 """Longest time of a call; some of them train, on a machine that may have other work."""

@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from socialiq.cli.main import main
-from socialiq.learners import checkpoint
+from socialiq.learners import fit
 from socialiq.learners.state import History, Runs, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
@@ -159,7 +159,7 @@ def _of_the_auditor(folder: Path) -> None:
 def _of_a_run(folder: Path) -> None:
     """A checkpoint, and the file by which a cluster's scheduler is found."""
     history = History([1], {"loss": [np.zeros(2, np.float32)]})
-    checkpoint.save(folder / "checkpoint.safetensors", FINGERPRINT, untrained_runs(), history)
+    fit.save_checkpoint(folder / "checkpoint.safetensors", FINGERPRINT, untrained_runs(), history)
     scheduler = {"type": "Scheduler", "id": "Scheduler-1", "address": "tcp://127.0.0.1:8786"}
     (folder / "scheduler.json").write_text(json.dumps(scheduler | {"workers": {}}))
 

@@ -11,7 +11,7 @@ from scipy.special import softmax
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
@@ -19,7 +19,9 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.types import RewardPair
 
 N_STATES, N_ACTIONS = 4, 3
-NUMBERS = Hyperparameters(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
+NUMBERS = IQLearnHyperparameters(
+    angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9
+)
 SHRINKAGE = NUMBERS.prior_weight / (1 / (4 * NUMBERS.chi2_alpha) + NUMBERS.prior_weight)
 
 
@@ -52,7 +54,7 @@ class Problem:
         self.data, self.replay = wandering(seed), wandering(seed + 100)
         offline = {"online": False, "value_term": "value_expert", "next_value": "online"}
         size = self.data.n_transitions
-        self.static = StaticConfig(**{"hidden": (), "batch_size": size, **offline, **choices})
+        self.static = IQLearnConfig(**{"hidden": (), "batch_size": size, **offline, **choices})
         self.hyperparameters = stack([NUMBERS])[0]
 
     def loss(self, kind: str):

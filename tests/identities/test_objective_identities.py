@@ -10,7 +10,7 @@ import pytest
 
 from socialiq.learners import cql
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import HyperparameterArrays, stack
 from socialiq.nn.q_network import QNetwork
@@ -18,7 +18,9 @@ from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
 
 SIZE, N_FEATURES, N_ACTIONS = 16, 3, 4
-NUMBERS = Hyperparameters(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
+NUMBERS = IQLearnHyperparameters(
+    angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9
+)
 EXPERT_ONLY = {"online": False, "value_term": "value_expert"}
 C = 1 / (4 * NUMBERS.chi2_alpha)
 KAPPA = C + NUMBERS.prior_weight
@@ -26,9 +28,9 @@ both_sources = pytest.mark.parametrize("next_value", ["target", "online"])
 seeds = pytest.mark.parametrize("seed", range(2))
 
 
-def static(**choices: Any) -> StaticConfig:
+def static(**choices: Any) -> IQLearnConfig:
     endings = Endings("zero", "absorbing", "bootstrap", "zero")
-    return StaticConfig(**{"batch_size": SIZE, "endings": endings, **choices})
+    return IQLearnConfig(**{"batch_size": SIZE, "endings": endings, **choices})
 
 
 def hyperparameters(**changes: Any) -> HyperparameterArrays:
@@ -61,14 +63,14 @@ class Problem:
         self.expert, self.replay = batch(seed), batch(seed + 100)
         self.initial = batch(seed + 200).observation
 
-    def batches(self, shape: StaticConfig) -> Batches:
+    def batches(self, shape: IQLearnConfig) -> Batches:
         return Batches(
             self.expert,
             self.replay if shape.online else None,
             self.initial if shape.value_term == "v0" else None,
         )
 
-    def terms(self, shape: StaticConfig, **changes: Any) -> dict[str, jax.Array]:
+    def terms(self, shape: IQLearnConfig, **changes: Any) -> dict[str, jax.Array]:
         found = objective(
             self.network,
             self.target_network,
@@ -78,7 +80,7 @@ class Problem:
         )
         return found[1]
 
-    def gradient(self, shape: StaticConfig, **changes: Any) -> np.ndarray:
+    def gradient(self, shape: IQLearnConfig, **changes: Any) -> np.ndarray:
         found = jax.grad(objective, has_aux=True)(
             self.network,
             self.target_network,
@@ -147,7 +149,7 @@ def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(
 def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed: int) -> None:
     """2 κ times its gradient, where α_CQL = 1 / (2 κ) and its reward is the shrunk centre."""
     problem, shape = Problem(seed), static(**EXPERT_ONLY)
-    settings = cql.Hyperparameters(
+    settings = cql.CQLHyperparameters(
         angle=NUMBERS.angle,
         strength=NUMBERS.strength * NUMBERS.prior_weight / KAPPA,
         conservatism=1 / (2 * KAPPA),
@@ -160,7 +162,7 @@ def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed
         problem.target_network,
         problem.expert,
         run,
-        cql.StaticConfig(endings=shape.endings, batch_size=SIZE),
+        cql.CQLConfig(endings=shape.endings, batch_size=SIZE),
     )
     assert_equal(problem.gradient(shape), 2 * KAPPA * flat(slope))
 

@@ -14,9 +14,9 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.continuous import config
+from socialiq.learners.continuous.actor_critic import draw_actions, drawn_values, soft_value
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
 from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.soft_values import draw_actions, drawn_values, soft_value
 from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import network_of
 from socialiq.types import Ending, RewardPair, Step
@@ -92,7 +92,7 @@ def gain_of(policy: Any) -> float:
 
 @pytest.mark.slow
 def test_soft_actor_critic_has_the_gain_and_the_value() -> None:
-    static = config.StaticConfig(
+    static = config.SACConfig(
         hidden=(64, 64),
         batch_size=128,
         updates=4000,
@@ -101,7 +101,7 @@ def test_soft_actor_critic_has_the_gain_and_the_value() -> None:
         schedule="linear",
         actions_per_state=2,
     )
-    run = config.Hyperparameters(
+    run = config.SACHyperparameters(
         0.0,
         strength=1.0,
         temperature=TEMPERATURE,
@@ -141,7 +141,7 @@ def driven(episodes: int) -> Demonstrations:
 
 @pytest.mark.slow
 def test_iq_learn_from_the_optimal_driver_has_its_gain() -> None:
-    static = config.IQStaticConfig(
+    static = config.ActorIQLearnConfig(
         online=False,
         value_term="value_expert",
         prior="none",
@@ -151,7 +151,7 @@ def test_iq_learn_from_the_optimal_driver_has_its_gain() -> None:
         schedule="linear",
         actions_per_state=4,
     )
-    run = config.IQHyperparameters(
+    run = config.ActorIQLearnHyperparameters(
         0.0, temperature=TEMPERATURE, discount=DISCOUNT, learning_rate=2e-3, polyak=0.02
     )
     trained = train(ContinuousIQLearn, static, [run], [driven(400)], chunk=2000)

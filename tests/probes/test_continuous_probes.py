@@ -13,10 +13,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.td3_bc import TD3BC
+from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.continuous.train import train
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train as train_discrete
 from socialiq.types import Ending, RewardPair, Step
 
@@ -94,18 +93,18 @@ def table(action: np.ndarray, n_actions: int = 0) -> Demonstrations:
 
 @pytest.mark.slow
 def test_the_soft_optimum_of_a_bandit_is_boltzmanns() -> None:
-    static = config.StaticConfig(
+    static = config.SACConfig(
         **SMALL, updates=1200, random_steps=1200, replay_capacity=1200, schedule="linear"
     )
     numbers = {"strength": 4.0, "temperature": 0.4, "learning_rate": 5e-3, "polyak": 0.05}
-    runs = [config.Hyperparameters(angle, **numbers) for angle in (0.0, 90.0)]
+    runs = [config.SACHyperparameters(angle, **numbers) for angle in (0.0, 90.0)]
     trained = train(SoftActorCritic, static, runs, simulator=Bandit(), chunk=1200)
     for run, reward in enumerate((env_reward(GRID), social_reward(GRID))):
         wanted = moments(np.exp(4.0 * reward / 0.4))
         assert shown(trained.policy(run)) == pytest.approx(wanted, abs=0.03)
 
 
-IQ = config.IQHyperparameters(
+IQ = config.ActorIQLearnHyperparameters(
     0.0, strength=4.0, prior_weight=2.0, temperature=0.5, learning_rate=3e-3
 )
 
@@ -125,7 +124,7 @@ def optimum() -> tuple[float, float]:
 
 @pytest.mark.slow
 def test_continuous_iq_learn_finds_the_fixed_point_of_the_objective() -> None:
-    static = config.IQStaticConfig(
+    static = config.ActorIQLearnConfig(
         **SMALL,
         updates=1500,
         schedule="linear",
@@ -139,7 +138,7 @@ def test_continuous_iq_learn_finds_the_fixed_point_of_the_objective() -> None:
 
 def test_with_many_cells_the_discrete_learner_has_the_same_policy() -> None:
     cells = 21
-    static = StaticConfig(
+    static = IQLearnConfig(
         online=False,
         value_term="value_expert",
         target_kind="instantaneous",
@@ -147,7 +146,9 @@ def test_with_many_cells_the_discrete_learner_has_the_same_policy() -> None:
         batch_size=256,
         updates=2000,
     )
-    run = Hyperparameters(0.0, strength=4.0, prior_weight=2.0, temperature=0.5, learning_rate=2e-3)
+    run = IQLearnHyperparameters(
+        0.0, strength=4.0, prior_weight=2.0, temperature=0.5, learning_rate=2e-3
+    )
     trained = train_discrete(static, [run], [table(demonstrated(), cells)], chunk=2000)
     chances = trained.policy(0).probabilities(ONLY_STATE)[0]
     middles = (np.arange(cells) + 0.5) * 2 / cells - 1
@@ -171,11 +172,9 @@ def test_td3_bc_stands_where_distance_and_value_balance() -> None:
 
     The loss is (a - m)² + w |Q| / sg|Q| but for a constant; its slope is 2 (a - m) + 2 w / (a + ½).
     """
-    static = config.OfflineStaticConfig(
-        hidden=(32, 32), batch_size=128, updates=800, schedule="linear"
-    )
+    static = config.TD3BCConfig(hidden=(32, 32), batch_size=128, updates=800, schedule="linear")
     runs = [
-        config.OfflineHyperparameters(90.0, q_weight=weight, learning_rate=3e-3)
+        config.TD3BCHyperparameters(90.0, q_weight=weight, learning_rate=3e-3)
         for weight in (0.0, 0.05, 1.0)
     ]
     trained = train(TD3BC, static, runs, [table(demonstrated())], chunk=800)

@@ -14,13 +14,13 @@ from scipy.special import expit
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import cql
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.types import Ending, RewardPair
 
 FULL_COMPILER = True
-TABULAR = StaticConfig(
+TABULAR = IQLearnConfig(
     online=False,
     value_term="value_expert",
     target_kind="instantaneous",
@@ -58,8 +58,8 @@ def bandit(counts: tuple[int, int]) -> Demonstrations:
 
 
 def solve(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IQLearnConfig,
+    hyperparameters: Sequence[IQLearnHyperparameters],
     datasets: Sequence[Demonstrations],
 ) -> Trained:
     trained = train(static, hyperparameters, datasets, chunk=static.updates)
@@ -71,18 +71,20 @@ ALIKE, EQUAL, UNEQUAL = range(3)
 COUNTS = [(0, 10), (10, 10), (7, 3)]
 RATE = 6e-4
 BANDITS = {
-    "alike": Hyperparameters(0.0, prior_weight=0.0, learning_rate=0.01, dataset=ALIKE),
-    "egoist": Hyperparameters(0.0, 3.0, learning_rate=RATE, dataset=EQUAL),
-    "altruist": Hyperparameters(90.0, 3.0, learning_rate=RATE, dataset=EQUAL),
-    "between": Hyperparameters(45.0, 3.0, learning_rate=RATE, dataset=EQUAL),
-    "baseline": Hyperparameters(prior_weight=0.0, learning_rate=RATE, dataset=EQUAL),
-    "unequal": Hyperparameters(prior_weight=0.0, learning_rate=RATE, dataset=UNEQUAL),
-    "as in the thesis": Hyperparameters(90.0, 1.0, 1.0, learning_rate=RATE, dataset=UNEQUAL),
-    "strong": Hyperparameters(45.0, 2.0, 0.5, temperature=0.3, learning_rate=RATE, dataset=UNEQUAL),
-    "against": Hyperparameters(
+    "alike": IQLearnHyperparameters(0.0, prior_weight=0.0, learning_rate=0.01, dataset=ALIKE),
+    "egoist": IQLearnHyperparameters(0.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "altruist": IQLearnHyperparameters(90.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "between": IQLearnHyperparameters(45.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "baseline": IQLearnHyperparameters(prior_weight=0.0, learning_rate=RATE, dataset=EQUAL),
+    "unequal": IQLearnHyperparameters(prior_weight=0.0, learning_rate=RATE, dataset=UNEQUAL),
+    "as in the thesis": IQLearnHyperparameters(90.0, 1.0, 1.0, learning_rate=RATE, dataset=UNEQUAL),
+    "strong": IQLearnHyperparameters(
+        45.0, 2.0, 0.5, temperature=0.3, learning_rate=RATE, dataset=UNEQUAL
+    ),
+    "against": IQLearnHyperparameters(
         180.0, 0.5, chi2_alpha=0.25, temperature=2.0, learning_rate=RATE, dataset=UNEQUAL
     ),
-    "strength zero": Hyperparameters(90.0, 0.0, learning_rate=RATE, dataset=UNEQUAL),
+    "strength zero": IQLearnHyperparameters(90.0, 0.0, learning_rate=RATE, dataset=UNEQUAL),
 }
 
 
@@ -111,7 +113,7 @@ def test_without_a_prior_equally_frequent_modes_stay_equal(bandits: Trained) -> 
     assert 0.5 < chance_of_0(bandits, "unequal") < 0.7  # the entropy draws 0.7 towards 0.5
 
 
-def minimiser(share: float, hyperparameters: Hyperparameters) -> np.ndarray:
+def minimiser(share: float, hyperparameters: IQLearnHyperparameters) -> np.ndarray:
     """Q of the stationary point of L_total where every transition ends its episode.
 
     Then r̂ = Q and term 2 is V, and dL/dQ_a = 0 reads
@@ -162,9 +164,9 @@ def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: floa
     loop = [(0, 0, 0, Ending.TIMEOUT, 3.0, 0.0)]
     shared: dict[str, Any] = {"learning_rate": 3e-3, "polyak": 0.1}
     hyperparameters = [
-        Hyperparameters(discount=0.9, **shared),
-        Hyperparameters(discount=0.5, **shared),
-        Hyperparameters(discount=0.5, dataset=1, **shared),
+        IQLearnHyperparameters(discount=0.9, **shared),
+        IQLearnHyperparameters(discount=0.5, **shared),
+        IQLearnHyperparameters(discount=0.5, dataset=1, **shared),
     ]
     static = dataclasses.replace(TABULAR, updates=3000, **choices)
     found = solve(static, hyperparameters, [table(rows * 4, 2, 1) for rows in (road, loop)])
@@ -174,15 +176,15 @@ def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: floa
     assert repeating[0] == pytest.approx(worth, abs=0.02)
 
 
-CONSERVATIVE = cql.StaticConfig(hidden=(), batch_size=128, updates=6000)
+CONSERVATIVE = cql.CQLConfig(hidden=(), batch_size=128, updates=6000)
 
 
 def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
     """If every transition ends: p_a (Q_a - λ R_a) + α_CQL (π_a - p_a) = 0."""
     settings = [
-        cql.Hyperparameters(0.0, 2.0, 0.5, learning_rate=RATE),
-        cql.Hyperparameters(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),
-        cql.Hyperparameters(45.0, 3.0, 0.0, learning_rate=RATE),
+        cql.CQLHyperparameters(0.0, 2.0, 0.5, learning_rate=RATE),
+        cql.CQLHyperparameters(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),
+        cql.CQLHyperparameters(45.0, 3.0, 0.0, learning_rate=RATE),
     ]
     found = cql.ConservativeQ.train_on(
         CONSERVATIVE, settings, [bandit((7, 3))], chunk=CONSERVATIVE.updates
@@ -204,7 +206,7 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
 def test_conservative_values_travel_back_at_the_discount() -> None:
     """With a single action the conservative term is 0, and Q is the discounted reward."""
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
-    hyperparameters = cql.Hyperparameters(discount=0.9, learning_rate=3e-3, polyak=0.1)
+    hyperparameters = cql.CQLHyperparameters(discount=0.9, learning_rate=3e-3, polyak=0.1)
     found = cql.ConservativeQ.train_on(
         CONSERVATIVE, [hyperparameters], [table(road * 4, 2, 1)], chunk=6000
     )

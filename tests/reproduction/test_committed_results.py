@@ -26,6 +26,7 @@ from studies.worlds import study as worlds
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
@@ -33,7 +34,6 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab import results as store
-from socialiq_lab.gridworld_runs import Ground, with_clock
 from socialiq_lab.intersection.demonstration_sets import (
     Recording,
 )

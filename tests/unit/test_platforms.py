@@ -33,13 +33,13 @@ def run(folder: Path, *commands: list[str]) -> None:
 
 
 def test_solve_claims_collect_and_train_need_neither(tmp_path):
-    tiny = ["--updates", "4", "--batch-size", "4", "--hidden", "4"]
+    tiny = ["--updates", "4", "--set", "batch_size=4", "--hidden", "4"]
     run(
         tmp_path,
         ["solve", "crossing5"],
         ["claims"],
         ["collect", "crossing5", "--episodes", "2", "--out", "mixed.safetensors"],
-        ["train", "mixed.safetensors", "--world", "crossing5", "--out", "run", *tiny],
+        ["train", "iq-learn", "mixed.safetensors", "--world", "crossing5", "--out", "run", *tiny],
     )
     assert (tmp_path / "run" / "run.json").is_file()
 

@@ -47,14 +47,14 @@ def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, ca
     words = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(out)]
     assert main([*words, "--demonstrations", str(data), "--json"]) == 0
     capsys.readouterr()
-    call = ["train-dial", str(out), "--data", str(data), "--out", str(tmp_path / "run")]
-    assert main(call) == 2
-    assert "add --preset offline-regularised" in capsys.readouterr().err
-    tiny = ["--preset", "offline-regularised", "--updates", "2", "--hidden", "4"]
-    assert main([*call, *tiny, "--json"]) == 0
+    call = [str(data), "--world", str(out), "--out", str(tmp_path / "run")]
+    assert main(["train", "dial", *call]) == 2
+    assert "`socialiq train offline-dial FILE --world" in capsys.readouterr().err
+    tiny = ["--updates", "2", "--hidden", "4", "--json"]
+    assert main(["train", "offline-dial", *call, *tiny]) == 0
     assert (tmp_path / "run" / "dial_0.safetensors").is_file()
     call[-1] = str(tmp_path / "practised")
-    assert main([*call, *tiny, "--practice", "1", "--practice-episodes", "2", "--json"]) == 0
+    assert main(["train", "practised-dial", *call, *tiny, "--rounds", "1", "--episodes", "2"]) == 0
     capsys.readouterr()
     record = json.loads((tmp_path / "practised" / "run.json").read_text())
     assert record["practice"]["rounds"] == 1
@@ -66,9 +66,9 @@ def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, ca
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--practice", "-1"], "rounds of practice must be 0 or more"),
-        (["--practice", "1", "--practice-episodes", "0"], "episodes must be at least 1"),
-        (["--practice", "1", "--practice-seed", "-5"], "seed must lie in"),
+        (["--rounds", "-1"], "rounds of practice must be 0 or more"),
+        (["--rounds", "1", "--episodes", "0"], "episodes must be at least 1"),
+        (["--rounds", "1", "--first-seed", "-5"], "seed must lie in"),
     ],
 )
 def test_practice_of_no_size_is_refused(folder, tmp_path, capsys, words, said):
@@ -76,7 +76,7 @@ def test_practice_of_no_size_is_refused(folder, tmp_path, capsys, words, said):
     made = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(out)]
     assert main([*made, "--demonstrations", str(data), "--json"]) == 0
     capsys.readouterr()
-    call = ["train-dial", str(out), "--data", str(data), "--preset", "offline-regularised"]
+    call = ["train", "practised-dial", str(data), "--world", str(out)]
     assert main([*call, "--out", str(tmp_path / "run"), *words]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.types import Ending
-from socialiq_lab.recorded_practice import ANGLES, Practice, record, train_with_practice
+from socialiq_recordings.world.practice import ANGLES, Practice, record, train_with_practice
 from socialiq_recordings.world.replay import replay
 
 
@@ -42,10 +42,10 @@ def test_episodes_are_whole_and_follow_from_their_seeds(made, driven):
 
 def test_each_run_practises_on_its_own_and_learns_from_all_of_it(made):
     shown = replay(made.world, 1.0).table
-    static = StaticConfig(
+    static = OfflineDialConfig(
         updates=2, hidden=(4,), batch_size=4, whole_episode=made.world.config.decisions
     )
-    runs, told = [Hyperparameters(seed=seed) for seed in (0, 1)], []
+    runs, told = [OfflineDialHyperparameters(seed=seed) for seed in (0, 1)], []
 
     def callbacks(number, stage):
         told.append((number, stage))

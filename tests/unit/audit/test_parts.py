@@ -70,7 +70,17 @@ def small_network(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trained")
     data = folder / "mixed.safetensors"
     assert main(["collect", "crossing7", "--episodes", "2", "--out", str(data)]) == 0
-    words = ["train", str(data), "--world", "crossing7", "--updates", "5", "--hidden", "8"]
+    words = [
+        "train",
+        "iq-learn",
+        str(data),
+        "--world",
+        "crossing7",
+        "--updates",
+        "5",
+        "--hidden",
+        "8",
+    ]
     assert main([*words, "--out", str(folder / "run")]) == 0
     return folder / "run" / "policy_0.safetensors"
 

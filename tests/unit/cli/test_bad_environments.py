@@ -74,7 +74,7 @@ BAD = {
     "nan_seen": "gave an observation of NaN or infinity",
     "longer": "gave an observation of shape (3,)",
 }
-TINY = ("--updates", "3", "--updates-per-round", "3", "--hidden", "4", "--batch-size", "4")
+TINY = ("--updates", "3", "--set", "updates_per_round=3", "--hidden", "4", "--set", "batch_size=4")
 
 
 @pytest.fixture(autouse=True)
@@ -85,7 +85,7 @@ def code_of_a_user(tmp_path, monkeypatch, as_a_user_runs_it):
 
 def train(name):
     world = ("--world", f"a_bad_road.py:{name}", "--allow-code")
-    return main(["train", "--learner", "sac", *world, *TINY, "--out", "run"])
+    return main(["train", "sac", *world, *TINY, "--out", "run"])
 
 
 def collect(name, driver="still"):

@@ -82,7 +82,10 @@ def refused(capsys, *arguments):
         (["conformance", "--scene", "merge", "--population", "thesis"], "leave it out with merge"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
         (["evaluate", "policy.onnx"], "`socialiq audit` drives other kinds too"),
-        (["train", "nowhere.safetensors", "--out", "x"], "no such file: nowhere.safetensors"),
+        (
+            ["train", "cql", "nowhere.safetensors", "--out", "x"],
+            "no such file: nowhere.safetensors",
+        ),
     ],
 )
 def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, mend):
@@ -97,15 +100,15 @@ def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, men
         (["--world", "crossing9"], "choose one of crossing5, crossing7"),
         (["--world", "crossing5"], "they belong to another world"),
         (["--world", "crossing7", "--preset", "best"], "choose one of table-c1"),
-        (["--world", "crossing7", "--target-kind", "sum"], "choose one of running, to_go"),
+        (["--world", "crossing7", "--set", "target_kind=sum"], "choose one of running, to_go"),
         (["--world", "crossing7", "--prior", "social"], "choose one of none, reward"),
         (["--world", "crossing7", "--divergence", "tv"], "choose one of chi2, kl"),
         (["--world", "crossing7", "--strength", "-1"], "strength must be 0 or more"),
         (["--world", "crossing7", "--strength", "nan"], "--strength nan: give 0, or a number"),
         (["--world", "crossing7", "--angle", "361"], "outside [0, 360) degrees"),
-        (["--world", "crossing7", "--timeout", "never"], "choose one of zero, bootstrap"),
-        (["--world", "crossing7", "--temperature", "0"], "temperature must be above 0"),
-        (["--world", "crossing7", "--discount", "1"], "discount must lie in [0, 1)"),
+        (["--world", "crossing7", "--set", "timeout=never"], "choose one of zero, bootstrap"),
+        (["--world", "crossing7", "--set", "temperature=0"], "temperature must be above 0"),
+        (["--world", "crossing7", "--set", "discount=1"], "discount must lie in [0, 1)"),
         (["--world", "crossing7", "--updates", "0"], "updates must be at least 1"),
         ([], "train online, or choose value_expert or v0"),
         (["--resume", "--world", "crossing7"], "no such file"),
@@ -113,7 +116,7 @@ def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, men
 )
 def test_settings_that_make_no_run(capsys, tmp_path, data, options, mend):
     out = tmp_path / "run"
-    assert mend in refused(capsys, "train", data, "--out", out, *options)
+    assert mend in refused(capsys, "train", "iq-learn", data, "--out", out, *options)
     assert not out.exists()
 
 
@@ -121,7 +124,7 @@ def test_an_output_folder_that_exists(capsys, tmp_path, data):
     out = tmp_path / "run"
     out.mkdir()
     (out / "mine.txt").write_text("keep me")
-    line = refused(capsys, "train", data, "--world", "crossing7", "--out", out)
+    line = refused(capsys, "train", "iq-learn", data, "--world", "crossing7", "--out", out)
     assert "exists already: name a new folder" in line
     assert (out / "mine.txt").read_text() == "keep me"
     line = refused(capsys, "reproduce", "worlds", "--out", out)
@@ -134,7 +137,7 @@ def test_an_output_folder_that_exists(capsys, tmp_path, data):
 def test_an_output_place_that_cannot_be_written(capsys, tmp_path, data):
     file = tmp_path / "file"
     file.write_text("")
-    line = refused(capsys, "train", data, "--world", "crossing7", "--out", file / "run")
+    line = refused(capsys, "train", "iq-learn", data, "--world", "crossing7", "--out", file / "run")
     assert "cannot make" in line
     assert "cannot write" in refused(
         capsys, "render", "crossing5", "--out", tmp_path / "missing" / "a.png"
@@ -159,7 +162,9 @@ def test_damaged_demonstrations(capsys, tmp_path, data):
     for name, content in cases.items():
         path = tmp_path / name
         path.write_bytes(content)
-        line = refused(capsys, "train", path, "--world", "crossing7", "--out", tmp_path / "run")
+        line = refused(
+            capsys, "train", "iq-learn", path, "--world", "crossing7", "--out", tmp_path / "run"
+        )
         assert "damaged" in line
     assert not (tmp_path / "run").exists()
 
@@ -170,7 +175,9 @@ def test_demonstrations_of_another_version(capsys, tmp_path, data, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(files, "SCHEMA_VERSION", 99)
         files.save(path, table)
-    line = refused(capsys, "train", path, "--world", "crossing7", "--out", tmp_path / "run")
+    line = refused(
+        capsys, "train", "iq-learn", path, "--world", "crossing7", "--out", tmp_path / "run"
+    )
     assert "version 99" in line and "make the file again" in line
 
 
@@ -218,7 +225,9 @@ def test_missing_extras_of_doors(capsys, monkeypatch, tmp_path, data):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     out, events = tmp_path / "run", tmp_path / "events"
     options = ("--value-term", "value_expert", "--tensorboard", events, "--out", out)
-    assert "pip install 'socialiq[tensorboard]'" in refused(capsys, "train", data, *options)
+    assert "pip install 'socialiq[tensorboard]'" in refused(
+        capsys, "train", "iq-learn", data, *options
+    )
     for module in ("h5py", "minari"):
         monkeypatch.setitem(sys.modules, module, None)
         line = refused(capsys, "data", "to-minari", data, "--out", out)
@@ -280,14 +289,24 @@ def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
 @pytest.mark.parametrize(
     "command",
     [
-        ("train", "DATA", "--out", "OUT", "--seed"),
-        ("train-dial", "crossing7", "--preset", "online-alone", "--out", "OUT", "--seed"),
+        ("train", "iq-learn", "DATA", "--out", "OUT", "--seed"),
+        (
+            "train",
+            "dial",
+            "--world",
+            "crossing7",
+            "--preset",
+            "online-alone",
+            "--out",
+            "OUT",
+            "--seed",
+        ),
         ("reproduce", "grid", "--out", "OUT", "--seeds"),
         ("reproduce", "intersection-dial", "--out", "OUT", "--seeds"),
-        ("compare", "priors", "--out", "OUT", "--seeds"),
+        ("reproduce", "compare-priors", "--out", "OUT", "--seeds"),
         ("demo", "--out", "OUT", "--seeds"),
     ],
-    ids=lambda command: " ".join(command[:2]),
+    ids=lambda command: " ".join(command[:3]),
 )
 def test_training_seeds_that_make_no_run(capsys, tmp_path, data, command):
     places = {"DATA": str(data), "OUT": str(tmp_path / "out")}
@@ -301,18 +320,20 @@ def test_training_seeds_that_make_no_run(capsys, tmp_path, data, command):
 def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
     out = tmp_path / "run"
     mends = {
-        "add --data FILE": (),
-        "leave --data out": ("--data", data, "--preset", "online-alone"),
+        "name their file": (),
+        "leave the file out": (data, "--preset", "online-alone"),
         "choose one of online": ("--preset", "uphill"),
-        "with a clock if it has one": ("--data", data),
-        "updates must be at least 1": ("--data", data, "--updates", -1),
-        "add --angle": ("--data", data, "--budget", 0.1),
-        "must be above 0": ("--data", data, "--angle", 45, "--budget", 0),
+        "with a clock if it has one": (data,),
+        "updates must be at least 1": (data, "--updates", -1),
+        "add --angle": (data, "--budget", 0.1),
+        "must be above 0": (data, "--angle", 45, "--budget", 0),
         "train for more": ("--angle", 45, "--budget", 1, "--updates", 250),
-        "outside [0, 360)": ("--data", data, "--angle", 400),
+        "outside [0, 360)": (data, "--angle", 400),
     }
     for mend, options in mends.items():
-        assert mend in refused(capsys, "train-dial", "crossing7", "--out", out, *options)
+        assert mend in refused(
+            capsys, "train", "dial", *options, "--world", "crossing7", "--out", out
+        )
         assert not out.exists()
 
 

@@ -15,7 +15,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 
-TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
+TINY = ["--updates", "20", "--set", "batch_size=8", "--hidden", "8"]
 
 
 def json_of(capsys, *arguments):
@@ -36,7 +36,16 @@ def demonstrations(tmp_path_factory):
 @pytest.fixture(scope="module")
 def run(demonstrations, tmp_path_factory):
     out = tmp_path_factory.mktemp("runs") / "run"
-    arguments = ["train", str(demonstrations), "--world", "crossing7", "--angle", "0", "90"]
+    arguments = [
+        "train",
+        "iq-learn",
+        str(demonstrations),
+        "--world",
+        "crossing7",
+        "--angle",
+        "0",
+        "90",
+    ]
     assert main([*arguments, "--seed", "1", "2", "--out", str(out), *TINY]) == 0
     return out
 
@@ -247,7 +256,15 @@ def test_evaluate_soft_differs_from_greedy(run, capsys):
 
 def test_offline_training_needs_no_world(demonstrations, tmp_path):
     out = tmp_path / "offline"
-    arguments = ["train", str(demonstrations), "--value-term", "value_expert", "--out", str(out)]
+    arguments = [
+        "train",
+        "iq-learn",
+        str(demonstrations),
+        "--value-term",
+        "value_expert",
+        "--out",
+        str(out),
+    ]
     assert main([*arguments, *TINY]) == 0
     assert (out / "policy_0.safetensors").is_file()
 
@@ -261,7 +278,7 @@ def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
     shown = rollout_env(gymnasium.make("CartPole-v1"), TASKS["CartPole"].expert, 1, 0)
     data, out = tmp_path / "cartpole.safetensors", tmp_path / "run"
     files.save(data, shown.transitions)
-    arguments = ["train", str(data), "--world", "CartPole-v1", "--prior", "none"]
+    arguments = ["train", "iq-learn", str(data), "--world", "CartPole-v1", "--prior", "none"]
     assert main([*arguments, "--out", str(out), *TINY]) == 0
     capsys.readouterr()
     found = json_of(
@@ -278,8 +295,16 @@ def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
 
 def test_a_broken_lane_is_named_and_the_status_is_1(demonstrations, tmp_path, capsys):
     out = tmp_path / "broken"
-    arguments = ["train", str(demonstrations), "--world", "crossing7", "--out", str(out)]
-    assert main([*arguments, "--learning-rate", "1e30", *TINY]) == 1
+    arguments = [
+        "train",
+        "iq-learn",
+        str(demonstrations),
+        "--world",
+        "crossing7",
+        "--out",
+        str(out),
+    ]
+    assert main([*arguments, "--set", "learning_rate=1e30", *TINY]) == 1
     assert "not finite" in capsys.readouterr().err
     weights = QPolicy.load(out / "policy_0.safetensors").weights
     assert all(np.isfinite(weight).all() for weight in weights)
@@ -311,7 +336,7 @@ def clocked(tmp_path_factory):
 @pytest.fixture(scope="module")
 def dial(clocked, tmp_path_factory):
     out = tmp_path_factory.mktemp("dials") / "run"
-    arguments = ["train-dial", "crossing7", "--data", str(clocked), "--out", str(out)]
+    arguments = ["train", "dial", str(clocked), "--world", "crossing7", "--out", str(out)]
     assert main([*arguments, "--preset", "offline-redrawn", "--updates", "20"]) == 0
     return out / "dial_0.safetensors"
 

@@ -1,4 +1,4 @@
-"""`socialiq compare`: what it prints and writes, and what it refuses."""
+"""`socialiq reproduce compare-priors`: what it prints and writes, and what it refuses."""
 
 import json
 
@@ -15,7 +15,7 @@ SMALL = "angles=0,90 development_angles=0 strengths=1 development_seeds=0 update
 def compared(tmp_path_factory):
     """A comparison of clones in the 5x5 world."""
     out = tmp_path_factory.mktemp("compare") / "found"
-    call = ["compare", "priors", "--set", "worlds=crossing5", "methods=clone,cql"]
+    call = ["reproduce", "compare-priors", "--set", "worlds=crossing5", "methods=clone,cql"]
     assert main([*call, *SMALL.split(), "--seeds", "20", "--out", str(out)]) == 0
     return out
 
@@ -32,7 +32,7 @@ def test_a_folder_of_results_is_written(folder):
 
 @pytest.mark.slow
 def test_results_are_shown_again(folder, capsys):
-    assert main(["compare", "priors", "--from", str(folder)]) == 0
+    assert main(["reproduce", "compare-priors", "--from", str(folder)]) == 0
     shown = capsys.readouterr().out
     assert "crossing5, greedy: regret at the target angle" in shown
     assert "BC, pooled" in shown and "90°" in shown
@@ -40,7 +40,7 @@ def test_results_are_shown_again(folder, capsys):
 
 @pytest.mark.slow
 def test_results_as_json(folder, capsys):
-    assert main(["compare", "priors", "--from", str(folder), "--json"]) == 0
+    assert main(["reproduce", "compare-priors", "--from", str(folder), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["study"] == "compare-priors"
     assert found["crossing5"]["clone"]["greedy"]["90"]["regret"] >= 0
@@ -49,24 +49,27 @@ def test_results_as_json(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "mend"),
     [
-        (["learners"], "choose one of priors, methods"),
-        (["methods", "--set", "methods=gale"], "choose one of clone, clone_of_mode"),
-        (["methods", "--seeds", "100"], "a seed of development can't be a seed of the table"),
+        (["compare-learners"], "unknown study"),
+        (["compare-methods", "--set", "methods=gale"], "choose one of clone, clone_of_mode"),
         (
-            ["priors", "--set", "worlds=crossing9"],
-            "choose one of crossing5, crossing7, intersection",
+            ["compare-methods", "--seeds", "100"],
+            "a seed of development can't be a seed of the table",
         ),
-        (["priors", "--set", "methods=gail"], "choose one of none, thesis, running"),
-        (["priors", "--seeds", "0"], "a seed of development can't be a seed of the table"),
-        (["priors", "--from", "nowhere"], "is not a results folder"),
-        (["priors", "--set", "worlds=crossing5", "--out", "file/x"], "file exists already"),
+        (
+            ["compare-priors", "--set", "worlds=crossing9"],
+            "choose one of crossing5, crossing7",
+        ),
+        (["compare-priors", "--set", "methods=gail"], "choose one of none, thesis, running"),
+        (["compare-priors", "--seeds", "0"], "a seed of development can't be a seed of the table"),
+        (["compare-priors", "--from", "nowhere"], "is not a results folder"),
+        (["compare-priors", "--set", "worlds=crossing5", "--out", "file/x"], "file exists already"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(arguments, mend, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     (tmp_path / "file").write_text("")
-    assert main(["compare", *arguments]) == 2
+    assert main(["reproduce", *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("socialiq: ") and captured.err.count("\n") == 1
@@ -79,11 +82,11 @@ def test_a_folder_of_another_study_is_refused(capsys, tmp_path, folder):
     results = store.load(folder)
     other = store.Results("poc", results.config, results.tables, {}, results.versions)
     store.save(other, tmp_path / "poc", {}, replace=False)
-    assert main(["compare", "priors", "--from", str(tmp_path / "poc")]) == 2
+    assert main(["reproduce", "compare-priors", "--from", str(tmp_path / "poc")]) == 2
     assert "holds poc" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_an_existing_folder_is_kept(capsys, folder):
-    assert main(["compare", "priors", "--out", str(folder)]) == 2
+    assert main(["reproduce", "compare-priors", "--out", str(folder)]) == 2
     assert "exists already" in capsys.readouterr().err

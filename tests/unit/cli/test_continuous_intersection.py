@@ -11,7 +11,7 @@ from socialiq.demonstrations import files
 from socialiq.nn.actor_policy import ActorDial
 
 WORLD = "intersection-continuous"
-SMALL = ("--hidden", "8", "--batch-size", "8", "--updates", "2", "--updates-per-round", "2")
+SMALL = ("--hidden", "8", "--set", "batch_size=8", "--updates", "2", "--set", "updates_per_round=2")
 
 pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
@@ -19,8 +19,8 @@ pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.fixture(scope="module")
 def dial(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("dial") / "run"
-    words = ["train", "--learner", "sac", "--world", WORLD, "--dial", "True", "--times", "20"]
-    assert main([*words, "--view", "set", *SMALL, "--out", str(out)]) == 0
+    words = ["train", "sac", "--world", WORLD, "--set", "dial=true", "times=20"]
+    assert main([*words, "--set", "view=set", *SMALL, "--out", str(out)]) == 0
     return out / "dial_0.safetensors"
 
 
@@ -43,12 +43,23 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
     assert table.n_episodes == 3 and (table.n_features, table.action_size) == (71, 1)
     starts = table.episode_starts
     np.testing.assert_array_equal(table.observation[starts, -1], 0.0)
-    words = ["train", str(data), "--world", WORLD, "--times", "20", "--view", "set", *SMALL]
+    words = [
+        "train",
+        "iq-learn",
+        str(data),
+        "--world",
+        WORLD,
+        "--set",
+        "times=20",
+        "--set",
+        "view=set",
+        *SMALL,
+    ]
     assert main([*words, "--angle", "0", "90", "--out", str(tmp_path / "run")]) == 0
     assert (tmp_path / "run" / "policy_1.safetensors").is_file()
     capsys.readouterr()
     other = ("--world", f"{WORLD}-steering", "--out", str(tmp_path / "other"))
-    assert main(["train", str(data), *SMALL, *other]) == 2
+    assert main(["train", "iq-learn", str(data), *SMALL, *other]) == 2
     assert "they belong to two worlds" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 

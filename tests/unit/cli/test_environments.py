@@ -142,10 +142,10 @@ def test_code_is_run_only_if_that_is_allowed(tmp_path, capsys):
 def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     assert collect(tmp_path / "data", "--episodes", "3") == 0
     world = ["--world", "a_cli_road.py:make", "--allow-code"]
-    tiny = ["--updates", "5", "--batch-size", "8", "--hidden", "4"]
-    assert main(["train", "data", *world, *tiny, "--out", "run"]) == 0
+    tiny = ["--updates", "5", "--set", "batch_size=8", "--hidden", "4"]
+    assert main(["train", "iq-learn", "data", *world, *tiny, "--out", "run"]) == 0
     offline = ["--value-term", "value_expert", "--out", "offline"]
-    assert main(["train", "data", *tiny, *offline]) == 0
+    assert main(["train", "iq-learn", "data", *tiny, *offline]) == 0
     capsys.readouterr()
     assert main(["evaluate", "run/policy_0.safetensors", *world, "--episodes", "2"]) == 0
     capsys.readouterr()
@@ -157,5 +157,5 @@ def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     assert main(calm) == 0
     assert json.loads(capsys.readouterr().out)["timeout"] == 1.0
     other = ["--world", "CartPole-v1", "--out", "other"]
-    assert main(["train", "data", *tiny, *other]) == 2
+    assert main(["train", "iq-learn", "data", *tiny, *other]) == 2
     assert "they belong to another world" in refused(capsys)

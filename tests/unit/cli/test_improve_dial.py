@@ -10,7 +10,16 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.worlds.intersection.options import Options
 
-SHORT = ["--updates", "3", "--states-per-update", "1", "--first-rounds", "1", "--batch-size", "8"]
+SHORT = [
+    "--updates",
+    "3",
+    "--set",
+    "states_per_update=1",
+    "--set",
+    "first_rounds=1",
+    "--set",
+    "batch_size=8",
+]
 
 
 def dial(path, pairs=True, n_features=71, view="set"):
@@ -24,7 +33,17 @@ def dial(path, pairs=True, n_features=71, view="set"):
 
 def test_a_dial_is_improved_into_a_folder(tmp_path, capsys):
     begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
-    arguments = ["improve-dial", str(begun), "--out", str(out), "--seed", "4", "--json", *SHORT]
+    arguments = [
+        "train",
+        "improve-dial",
+        str(begun),
+        "--out",
+        str(out),
+        "--seed",
+        "4",
+        "--json",
+        *SHORT,
+    ]
     assert main([*arguments, "--environments", "8"]) == 0
     assert json.loads(capsys.readouterr().out)["dials"][0]["seed"] == 4
     better = DialPolicy.load(out / "dial_0.safetensors")
@@ -43,12 +62,13 @@ def test_a_dial_is_improved_into_a_folder(tmp_path, capsys):
 )
 def test_another_dial_is_refused_in_a_line(tmp_path, capsys, changes, said):
     begun, out = dial(tmp_path / "dial.safetensors", **changes), tmp_path / "out"
-    assert main(["improve-dial", str(begun), "--out", str(out)]) == 2
+    assert main(["train", "improve-dial", str(begun), "--out", str(out)]) == 2
     assert said in capsys.readouterr().err and not out.exists()
 
 
 def test_bad_numbers_are_refused_before_the_folder_is_made(tmp_path, capsys):
     begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
-    for options in (["--environments", "0"], ["--high-share", "2"], ["--updates", "0"]):
-        assert main(["improve-dial", str(begun), "--out", str(out), *options]) == 2
-        assert options[0][2:].replace("-", "_") in capsys.readouterr().err and not out.exists()
+    for options in (["--environments", "0"], ["--set", "high_share=2"], ["--updates", "0"]):
+        assert main(["train", "improve-dial", str(begun), "--out", str(out), *options]) == 2
+        name = options[1].partition("=")[0] if options[0] == "--set" else options[0][2:]
+        assert name in capsys.readouterr().err and not out.exists()

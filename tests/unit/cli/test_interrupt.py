@@ -42,7 +42,7 @@ def test_ctrl_c_leaves_a_run_that_resumes_to_the_same_bits(tmp_path):
     main(["collect", "crossing7", "--episodes", "2", "--out", str(data)])
     stopped, whole = tmp_path / "stopped", tmp_path / "whole"
 
-    process = start("train", data, "--out", stopped, *SETTINGS)
+    process = start("train", "iq-learn", data, "--out", stopped, *SETTINGS)
     wait_for_first_chunk(process)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=120)
@@ -51,8 +51,8 @@ def test_ctrl_c_leaves_a_run_that_resumes_to_the_same_bits(tmp_path):
     assert (stopped / "checkpoint.safetensors").is_file()
     assert not (stopped / "run.json").exists()
 
-    assert main(["train", str(data), "--out", str(stopped), *SETTINGS, "--resume"]) == 0
-    assert main(["train", str(data), "--out", str(whole), *SETTINGS]) == 0
+    assert main(["train", "iq-learn", str(data), "--out", str(stopped), *SETTINGS, "--resume"]) == 0
+    assert main(["train", "iq-learn", str(data), "--out", str(whole), *SETTINGS]) == 0
     records = [json.loads((run / "run.json").read_text()) for run in (stopped, whole)]
     hashes = [[one["sha256"] for one in record["policies"]] for record in records]
     assert hashes[0] == hashes[1]
@@ -65,7 +65,7 @@ def test_a_finished_run_and_another_runs_checkpoint_are_not_resumed(tmp_path, ca
     main(["collect", "crossing7", "--episodes", "2", "--out", str(data)])
     out = tmp_path / "run"
     short = ["--world", "crossing7", "--updates", "10", "--hidden", "8"]
-    assert main(["train", str(data), "--out", str(out), *short]) == 0
+    assert main(["train", "iq-learn", str(data), "--out", str(out), *short]) == 0
     capsys.readouterr()
-    assert main(["train", str(data), "--out", str(out), *short, "--resume"]) == 2
+    assert main(["train", "iq-learn", str(data), "--out", str(out), *short, "--resume"]) == 2
     assert "holds a finished run" in capsys.readouterr().err

@@ -4,8 +4,9 @@ import sys
 
 import pytest
 
-from socialiq.cli import declared
-from socialiq.cli.commands import COMMANDS, GROUPS, command_class, help_page, options_of
+import socialiq.cli.main as main_module
+from socialiq.cli import declared, suggest
+from socialiq.cli.commands import COMMANDS, ELSEWHERE, GROUPS, command_class, help_page, options_of
 from socialiq.cli.main import main, parse
 from socialiq.cli.suggest import ALIASES, nearest_option, option_names
 from socialiq_lab.registry import STUDIES, declaration
@@ -90,9 +91,15 @@ def test_version(capsys):
 @pytest.mark.parametrize(
     ("words", "mend"),
     [
-        (["train", "d.safetensors", "--lambda", "1"], "did you mean --strength?"),
-        (["train", "d.safetensors", "--lr=1e-4"], "did you mean --learning-rate?"),
-        (["train", "d.safetensors", "--update", "7"], "did you mean --updates?"),
+        (["train", "iq-learn", "d.safetensors", "--lambda", "1"], "did you mean --strength?"),
+        (
+            ["train", "iq-learn", "d.safetensors", "--lr=1e-4"],
+            "--lr is a setting: give --set learning_rate=VALUE",
+        ),
+        (["train", "iq-learn", "d.safetensors", "--update", "7"], "did you mean --updates?"),
+        (["train", "cql", "d.safetensors", "--batch-size", "8"], "give --set batch_size=VALUE"),
+        (["train", "iq-lern", "d.safetensors"], "did you mean 'train iq-learn'?"),
+        (["train"], "name a command of train: iq-learn"),
         (["evaluate", "go", "--num-episodes", "7"], "did you mean --episodes?"),
         (["evaluate", "go", "--environment", "crossing7"], "did you mean --world?"),
         (["audit", "go", "--svo", "3"], "socialiq audit --help lists the options"),
@@ -114,11 +121,23 @@ def test_a_mistake_is_one_line_that_names_the_near_word(words, mend, capsys):
     assert err.startswith("socialiq: ") and mend in err
 
 
-def test_aliases_lead_to_options_that_some_command_has():
+def test_aliases_lead_to_options_or_settings():
     known = {option for name in COMMANDS for option in options_of(name) or ()}
+    known |= {name.replace("_", "-") for name in declared.learner_settings()}
     for word, targets in ALIASES.items():
         assert known & set(targets), word
         assert word not in known, word
+
+
+def test_a_missing_distribution_is_named(monkeypatch, capsys):
+    own = {name: place for name, place in COMMANDS.items() if place.startswith("socialiq.")}
+    elsewhere = {name for names in ELSEWHERE.values() for name in names}
+    assert elsewhere == COMMANDS.keys() - own.keys()
+    for module in (main_module, suggest):
+        monkeypatch.setattr(module, "COMMANDS", own)
+    line = "socialiq data import needs socialiq-recordings: pip install socialiq-recordings\n"
+    assert run(capsys, "data", "import", "x") == (2, "", f"socialiq: {line}")
+    assert "socialiq claims needs socialiq-lab" in run(capsys, "claims")[2]
 
 
 def test_the_last_part_of_a_nested_option_is_enough():

@@ -1,12 +1,12 @@
-"""`train-dial` from demonstrations alone."""
+"""`train offline-dial`: a dial from demonstrations alone."""
 
 import json
 
 import numpy as np
 import pytest
 
-from socialiq.cli import offline_dial
 from socialiq.cli.main import main
+from socialiq.cli.train import offline_dial
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.callbacks import Stopped
@@ -15,7 +15,6 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
 
 SMALL = ["--updates", "10", "--hidden", "8"]
-OFFLINE = ["--preset", "offline-regularised"]
 
 
 @pytest.fixture(name="crossing", scope="module")
@@ -27,7 +26,7 @@ def crossing_file(tmp_path_factory):
 
 def test_a_dial_of_a_gridworld(crossing, tmp_path, capsys) -> None:
     out = tmp_path / "run"
-    arguments = ["train-dial", "crossing5", *OFFLINE, *SMALL, "--data", str(crossing)]
+    arguments = ["train", "offline-dial", str(crossing), "--world", "crossing5", *SMALL]
     capsys.readouterr()
     assert main([*arguments, "--seed", "3", "4", "--out", str(out), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -54,8 +53,8 @@ def test_a_dial_of_the_intersection(tmp_path) -> None:
     )
     files.save(tmp_path / "data.safetensors", data)
     out = tmp_path / "run"
-    arguments = ["train-dial", "intersection", *OFFLINE, *SMALL, "--out", str(out)]
-    assert main([*arguments, "--data", str(tmp_path / "data.safetensors")]) == 0
+    arguments = ["train", "offline-dial", str(tmp_path / "data.safetensors"), *SMALL]
+    assert main([*arguments, "--world", "intersection", "--out", str(out)]) == 0
     dial = DialPolicy.load(out / "dial_0.safetensors")
     assert dial.turned.view is not None
     policy = dial.at(30.0)
@@ -71,7 +70,7 @@ def test_a_training_that_is_stopped_leaves_nothing(crossing, tmp_path, monkeypat
     out = tmp_path / "run"
     if made_before:
         out.mkdir()
-    arguments = ["train-dial", "crossing5", *OFFLINE, *SMALL, "--data", str(crossing)]
+    arguments = ["train", "offline-dial", str(crossing), "--world", "crossing5", *SMALL]
     assert main([*arguments, "--out", str(out)]) == 130
     assert list(tmp_path.iterdir()) == []
 
@@ -79,23 +78,23 @@ def test_a_training_that_is_stopped_leaves_nothing(crossing, tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("more", "line"),
     [
-        ([], "add --data FILE"),
-        (["--data", "DATA", "--budget", "0.1"], "takes no --budget"),
-        (["--data", "DATA", "--angle", "45"], "takes no --angle"),
-        (["--data", "DATA", "--resume"], "takes no --resume"),
-        (["--data", "DATA", "--environments", "3"], "has no 'environments'"),
+        (["--budget", "0.1"], "unknown option --budget"),
+        (["--angle", "45"], "unknown option --angle"),
+        (["--resume"], "unknown option --resume"),
+        (["--set", "environments=3"], "there is no setting environments: choose one of"),
+        (["--set", "one_hot=3"], "one_hot is no setting"),
+        (["--preset", "online"], "choose one of offline-regularised"),
     ],
 )
 def test_what_makes_no_sense_is_refused(more, line, crossing, tmp_path, capsys) -> None:
-    given = [str(crossing) if word == "DATA" else word for word in more]
-    out = ["--out", str(tmp_path / "run")]
-    assert main(["train-dial", "crossing5", *OFFLINE, *SMALL, *given, *out]) == 2
+    out = ["--world", "crossing5", "--out", str(tmp_path / "run")]
+    assert main(["train", "offline-dial", str(crossing), *SMALL, *more, *out]) == 2
     assert line in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
 def test_demonstrations_of_another_world_are_refused(crossing, tmp_path, capsys) -> None:
-    arguments = ["train-dial", "intersection", *OFFLINE, "--data", str(crossing)]
+    arguments = ["train", "offline-dial", str(crossing), "--world", "intersection"]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
     assert "they belong to another world" in capsys.readouterr().err
 

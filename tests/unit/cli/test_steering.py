@@ -95,8 +95,8 @@ def test_an_environment_shows_the_time_to_a_policy_that_takes_it(policies, capsy
     ("words", "says"),
     [
         (
-            ["train-dial", WORLD, "--out", "run"],
-            f"`socialiq train FILE --world {WORLD} --dial True` trains a dial of them",
+            ["train", "dial", "--world", WORLD, "--out", "run"],
+            f"`socialiq train sac --world {WORLD} --set dial=true` trains a dial of them",
         ),
         (["dial", "intersection", "--policy", "DIAL"], f"continuous actions: choose one of {ALL}"),
         (["dial", "crossing7", "--policy", "DIAL"], f"continuous actions: choose one of {ALL}"),

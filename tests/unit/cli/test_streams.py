@@ -120,8 +120,10 @@ def failed_audit(tmp_path_factory):
     data = str(folder / "mixed.safetensors")
     assert main(["collect", "crossing5", "--episodes", "3", "--out", data]) == 0
     run_folder = str(folder / "run")
-    tiny = ["--updates", "4", "--batch-size", "4", "--hidden", "4", "--angle", "90"]
-    assert main(["train", data, "--world", "crossing5", "--out", run_folder, *tiny]) == 0
+    tiny = ["--updates", "4", "--set", "batch_size=4", "--hidden", "4", "--angle", "90"]
+    assert (
+        main(["train", "iq-learn", data, "--world", "crossing5", "--out", run_folder, *tiny]) == 0
+    )
     return ["audit", f"{run_folder}/policy_0.safetensors", "--profile", profile, "--episodes", "60"]
 
 

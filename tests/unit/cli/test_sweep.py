@@ -63,7 +63,7 @@ def test_the_table_has_every_run_with_its_exact_metrics(done):
 
 def test_a_policy_is_the_one_that_train_makes(done, sweep, tmp_path):
     """The runs of a job share one program, as those of `train` do."""
-    words = ["train", str(sweep.with_name("mixed.safetensors")), "--world", "crossing5"]
+    words = ["train", "iq-learn", str(sweep.with_name("mixed.safetensors")), "--world", "crossing5"]
     words += ["--angle", "45", "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
     for ours, theirs in (("00002", "policy_0"), ("00003", "policy_1")):
@@ -90,8 +90,9 @@ def test_another_learner_is_trained_as_train_does_and_evaluated_exactly(sweep, t
     rows = found.tables["runs"]
     assert len(rows) == 2 * 4 * (2 if learner == "cql" else 1)
     assert all(row["regret"] >= 0 and row["failure"] == "" for row in rows)
-    words = ["train", str(data), "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
-    words += ["--learner", learner.replace("mine.py", str(mine)), "--allow-code"]
+    words = ["own", learner.replace("mine.py", str(mine))] if ":" in learner else [learner]
+    words = ["train", *words, str(data), "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
+    words += ["--allow-code"] if ":" in learner else []
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
     for ours, theirs in (("00000", "policy_0"), ("00001", "policy_1")):
         made = (tmp_path / "run" / f"{theirs}.safetensors").read_bytes()

@@ -40,22 +40,24 @@ OFFLINE = ("--standardise", "--value-term", "value_expert")
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--learner", "cql"], "choose one of iq-learn, sac, td3-bc, behaviour-cloning"),
-        (["--learner", "sac"], "sac learns from no demonstrations"),
-        (["--learner", "td3-bc", "--world", "Pendulum-v1"], "takes no world"),
-        (["--learner", "td3-bc", "--tuned", "True"], "no temperature to tune"),
-        (["--learner", "td3-bc", "--divergence", "js"], "this learner has no 'divergence'"),
-        (["--learner", "behaviour-cloning", "--world", "Pendulum-v1"], "leave --world out"),
+        (["cql"], "has continuous actions"),
+        (["td3-bc", "--world", "Pendulum-v1"], "unknown option --world"),
+        (["td3-bc", "--set", "tuned=true"], "no temperature to tune"),
+        (["td3-bc", "--set", "divergence=js"], "there is no setting divergence: choose one of"),
+        (["behaviour-cloning", "--world", "Pendulum-v1"], "unknown option --world"),
         (["--preset", "few-offline"], "choose intersection-continuous, or leave --preset out"),
-        (["--learner", "td3-bc", "--preset", PRESET], "is of sac and iq-learn, not of td3-bc"),
+        (["td3-bc", "--preset", PRESET], "unknown option --preset"),
         (["--world", "Pendulum-v1", "--preset", PRESET], "is not for Pendulum-v1: choose inter"),
         (["--loss", "mine.py:mine"], "leave it out"),
         (["--prior", "mine.py:mine"], "is for Python"),
-        (["--view", "set", "--value-term", "value_expert"], "use the view flat"),
-        (["--standardise", "--view", "set", "--value-term", "value_expert"], "leave --standardise"),
+        (["--set", "view=set", "--value-term", "value_expert"], "use the view flat"),
+        (
+            ["--standardise", "--set", "view=set", "--value-term", "value_expert"],
+            "leave --standardise",
+        ),
         (["--standardise", "--world", "intersection-continuous"], "leave --standardise out"),
         (["--standardise", "--world", "MountainCarContinuous-v0"], "belong to another world"),
-        (["--learner", "sac", "--standardise"], "by demonstrations or a world"),
+        (["sac", "--standardise"], "by demonstrations or a world"),
         (["--leave-out", "1", "--value-term", "value_expert"], "add --standardise"),
         (["--leave-out", "3", *OFFLINE], "no feature 3 to leave out: they are 0 to 2"),
         (["--leave-out", "-1", *OFFLINE], "no feature -1 to leave out"),
@@ -64,13 +66,19 @@ OFFLINE = ("--standardise", "--value-term", "value_expert")
         (["--world", "crossing7"], "has discrete actions"),
         (["--world", "CartPole-v1"], "has discrete actions"),
         (["--world", "MountainCarContinuous-v0"], "they belong to another world"),
-        (["--value-term", "value_expert", "--dial", "True", "--angle", "45"], "leave the angle"),
+        (
+            ["--value-term", "value_expert", "--set", "dial=true", "--angle", "45"],
+            "leave the angle",
+        ),
     ],
 )
 def test_mistakes_are_refused(words, says, data, tmp_path, capsys) -> None:
     out = tmp_path / "run"
-    given = [] if "sac" in words and "no dem" not in says else [str(data)]
-    assert main(["train", *given, *words, "--out", str(out)]) == 2
+    learner, options = ("iq-learn", words)
+    if words and not words[0].startswith("-"):
+        learner, *options = words
+    file = [] if learner == "sac" else [str(data)]
+    assert main(["train", learner, *file, *options, "--out", str(out)]) == 2
     line = capsys.readouterr().err
     assert says in line and line.count("\n") == 1
     assert not out.exists()
@@ -79,9 +87,11 @@ def test_mistakes_are_refused(words, says, data, tmp_path, capsys) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["train", "--out", "run"], "only --learner sac learns without"),
-        (["train", "--learner", "sac", "--out", "run"], "online training needs a world"),
-        (["train-dial", "crossing7", "--data", "DATA", "--out", "run"], "has continuous actions"),
+        (["train", "sac", "--out", "run"], "online training needs a world"),
+        (
+            ["train", "dial", "DATA", "--world", "crossing7", "--out", "run"],
+            "has continuous actions",
+        ),
         (["evaluate", "p.safetensors", "--data", "DATA"], "has continuous actions"),
     ],
 )
@@ -96,9 +106,9 @@ def test_options_of_continuous_actions_are_refused_with_discrete_ones(tmp_path, 
     path = tmp_path / "mixed.safetensors"
     assert main(["collect", "crossing5", "--episodes", "1", "--out", str(path)]) == 0
     capsys.readouterr()
-    words = ["train", str(path), "--dial", "True", "--out", str(tmp_path / "run")]
+    words = ["train", "iq-learn", str(path), "--set", "dial=true", "--out", str(tmp_path / "run")]
     assert main(words) == 2
-    assert "--dial is of continuous actions" in capsys.readouterr().err
+    assert "there is no setting dial" in capsys.readouterr().err
 
 
 def test_standardise_is_of_continuous_actions(tmp_path, capsys) -> None:
@@ -106,16 +116,19 @@ def test_standardise_is_of_continuous_actions(tmp_path, capsys) -> None:
     assert main(["collect", "crossing5", "--episodes", "1", "--out", str(path)]) == 0
     capsys.readouterr()
     for option in (["--standardise"], ["--leave-out", "1"]):
-        assert main(["train", str(path), *option, "--out", str(tmp_path / "run")]) == 2
+        assert main(["train", "iq-learn", str(path), *option, "--out", str(tmp_path / "run")]) == 2
         assert "--standardise and --leave-out are of continuous" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("more", [[], ["--world", "Pendulum-v1", "--updates-per-round", "20"]])
+@pytest.mark.parametrize("more", [[], ["--world", "Pendulum-v1", "--set", "updates_per_round=20"]])
 def test_standardised_policies_take_observations_as_they_are(more, data, tmp_path) -> None:
     out = tmp_path / "run"
-    words = ["--standardise", "--updates", "20", "--hidden", "8", "--batch-size", "4"]
+    words = ["--standardise", "--updates", "20", "--hidden", "8", "--set", "batch_size=4"]
     words += more or ["--value-term", "value_expert"]
-    assert main(["train", str(data), *words, "--random-steps", "0", "--out", str(out)]) == 0
+    assert (
+        main(["train", "iq-learn", str(data), *words, "--set", "random_steps=0", "--out", str(out)])
+        == 0
+    )
     policy = ActorPolicy.load(out / "policy_0.safetensors")
     record, seen = policy.provenance["standardised"], files.load(data, continuous=True).observation
     assert record["mean"] == pytest.approx(seen.mean(axis=0), abs=1e-6)
@@ -126,9 +139,9 @@ def test_standardised_policies_take_observations_as_they_are(more, data, tmp_pat
 
 def test_features_that_are_left_out_do_not_change_a_policy(data, tmp_path) -> None:
     out = tmp_path / "run"
-    words = ["--learner", "behaviour-cloning", "--standardise", "--leave-out", "0", "2"]
-    small = ["--updates", "20", "--hidden", "8", "--batch-size", "4", "--out", str(out)]
-    assert main(["train", str(data), *words, *small]) == 0
+    words = ["--standardise", "--leave-out", "0", "2"]
+    small = ["--updates", "20", "--hidden", "8", "--set", "batch_size=4", "--out", str(out)]
+    assert main(["train", "behaviour-cloning", str(data), *words, *small]) == 0
     policy = ActorPolicy.load(out / "policy_0.safetensors")
     assert (policy.weights[0][:, [0, 2]] == 0.0).all() and policy.weights[0][:, 1].all()
     assert [one is None for one in policy.provenance["standardised"]["deviation"]] == [

@@ -1,4 +1,4 @@
-"""`train-dial` with presets whose programs take long to compile."""
+"""`train dial` with presets whose programs take long to compile."""
 
 import json
 
@@ -24,7 +24,16 @@ def clocked(tmp_path_factory):
 @pytest.mark.slow
 def test_a_dial_can_be_trained_without_demonstrations(tmp_path):
     out = tmp_path / "run"
-    arguments = ["train-dial", "crossing5", "--preset", "online-alone", "--out", str(out)]
+    arguments = [
+        "train",
+        "dial",
+        "--world",
+        "crossing5",
+        "--preset",
+        "online-alone",
+        "--out",
+        str(out),
+    ]
     assert main([*arguments, "--updates", "5"]) == 0
     assert (out / "dial_0.safetensors").exists()
 
@@ -32,7 +41,7 @@ def test_a_dial_can_be_trained_without_demonstrations(tmp_path):
 @pytest.mark.slow
 def test_the_quick_preset_is_a_smaller_network_on_the_same_rows(clocked, tmp_path):
     out = tmp_path / "run"
-    arguments = ["train-dial", "crossing7", "--data", str(clocked), "--out", str(out)]
+    arguments = ["train", "dial", str(clocked), "--world", "crossing7", "--out", str(out)]
     assert main([*arguments, "--preset", "online-quick", "--updates", "5"]) == 0
     structure = json.loads((out / "run.json").read_text())["structure"]
     assert structure["hidden"] == list(QUICK.structure.hidden)
@@ -44,7 +53,7 @@ def test_the_quick_preset_is_a_smaller_network_on_the_same_rows(clocked, tmp_pat
 def test_a_strength_is_found_for_a_budget(clocked, tmp_path):
     """Far from its optimum after so few updates: the multiplier only rises, and says so."""
     out = tmp_path / "run"
-    arguments = ["train-dial", "crossing7", "--preset", "offline", "--data", str(clocked)]
+    arguments = ["train", "dial", str(clocked), "--world", "crossing7", "--preset", "offline"]
     arguments += ["--angle", "45", "--budget", "0.01", "--updates", "600", "--out", str(out)]
     assert main(arguments) == 0
     record = json.loads((out / "run.json").read_text())
@@ -66,9 +75,18 @@ def test_a_dial_of_the_intersection_sees_the_time_and_is_driven(tmp_path, capsys
     ]
     collect = ["collect", "socialiq/Intersection-v1", *drivers, "--episodes", "2"]
     assert main([*collect, "--out", str(data)]) == 0
-    arguments = ["train-dial", "intersection", "--data", str(data), "--out", str(out)]
-    small = ["--updates", "2", "--hidden", "8", "--expert-batch", "4", "--replay-batch", "4"]
-    assert main([*arguments, *small, "--replay-capacity", "3000"]) == 0
+    arguments = ["train", "dial", str(data), "--world", "intersection", "--out", str(out)]
+    small = [
+        "--updates",
+        "2",
+        "--hidden",
+        "8",
+        "--set",
+        "expert_batch=4",
+        "--set",
+        "replay_batch=4",
+    ]
+    assert main([*arguments, *small, "--set", "replay_capacity=3000"]) == 0
     record = json.loads((out / "run.json").read_text())
     assert record["preset"] == "intersection" and record["structure"]["redraw_times"] == 20
     dial, told = out / "dial_0.safetensors", tmp_path / "told.safetensors"
@@ -94,9 +112,28 @@ def test_a_dial_of_another_road_is_trained_and_driven(seeds, tmp_path, capsys):
     ]
     collect = ["collect", "socialiq/Roundabout-v1", *drivers, "--episodes", "2"]
     assert main([*collect, "--out", str(data)]) == 0
-    train = ["train-dial", "roundabout", "--data", str(data), "--seed", *seeds, "--out", str(out)]
-    small = ["--updates", "2", "--hidden", "8", "--expert-batch", "4", "--replay-batch", "4"]
-    assert main([*train, *small, "--replay-capacity", "3000"]) == 0
+    train = [
+        "train",
+        "dial",
+        str(data),
+        "--world",
+        "roundabout",
+        "--seed",
+        *seeds,
+        "--out",
+        str(out),
+    ]
+    small = [
+        "--updates",
+        "2",
+        "--hidden",
+        "8",
+        "--set",
+        "expert_batch=4",
+        "--set",
+        "replay_batch=4",
+    ]
+    assert main([*train, *small, "--set", "replay_capacity=3000"]) == 0
     record = json.loads((out / "run.json").read_text())
     assert record["structure"]["redraw_times"] == 11 and len(record["dials"]) == len(seeds)
     dial = str(out / "dial_0.safetensors")
@@ -137,5 +174,5 @@ def policy_file(folder, name, features=70, actions=3):
     ],
 )
 def test_what_does_not_fit_the_world_is_refused(words, line, tmp_path, capsys):
-    assert main(["train-dial", *words, "--out", str(tmp_path / "run")]) == 2
+    assert main(["train", "dial", "--world", *words, "--out", str(tmp_path / "run")]) == 2
     assert line in capsys.readouterr().err

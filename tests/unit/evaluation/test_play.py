@@ -12,7 +12,7 @@ from socialiq.evaluation.simulate import play
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy

@@ -9,8 +9,8 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.behaviour_cloning import (
     BehaviourCloning,
-    Hyperparameters,
-    StaticConfig,
+    CloningConfig,
+    CloningHyperparameters,
     effective_size,
     negative_log_likelihood,
 )
@@ -54,10 +54,10 @@ def test_the_likelihood_by_hand() -> None:
 def test_clones_recover_the_frequencies_of_their_own_sets() -> None:
     sets, static = (
         [counted(COUNTS), counted(COUNTS[::-1])],
-        StaticConfig(hidden=(), batch_size=256, updates=1500),
+        CloningConfig(hidden=(), batch_size=256, updates=1500),
     )
     hyperparameters = [
-        Hyperparameters(learning_rate=0.005, seed=seed, dataset=seed) for seed in (0, 1)
+        CloningHyperparameters(learning_rate=0.005, seed=seed, dataset=seed) for seed in (0, 1)
     ]
     cloned = BehaviourCloning.train_on(static, hyperparameters, sets, chunk=1500)
     expected = COUNTS / COUNTS.sum(axis=1, keepdims=True)
@@ -85,11 +85,11 @@ def two_episodes() -> Demonstrations:
 def test_weighted_clones_follow_the_totals_of_episodes() -> None:
     """Totals 2 and 0: at τ_w = 2 / ln 3 the weights of the episodes are 3/4 and 1/4."""
     temperature = 2 / np.log(3)
-    static = StaticConfig(hidden=(), batch_size=256, updates=1500, weighted=True)
+    static = CloningConfig(hidden=(), batch_size=256, updates=1500, weighted=True)
     hyperparameters = [
-        Hyperparameters(learning_rate=0.005, angle=0.0, reweight_temperature=temperature),
-        Hyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=temperature),
-        Hyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=1e6),
+        CloningHyperparameters(learning_rate=0.005, angle=0.0, reweight_temperature=temperature),
+        CloningHyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=temperature),
+        CloningHyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=1e6),
     ]
     cloned = BehaviourCloning.train_on(static, hyperparameters, [two_episodes()], chunk=1500)
     for run, first in enumerate([3 / 4, 1 / 4, 1 / 2]):
@@ -99,40 +99,40 @@ def test_weighted_clones_follow_the_totals_of_episodes() -> None:
 
 def test_the_effective_size_by_hand() -> None:
     """Weights 3/8, 3/8, 1/8, 1/8: 1 / (2 * 9/64 + 2 / 64) = 3.2 of 4 transitions."""
-    hyperparameters = Hyperparameters(reweight_temperature=2 / np.log(3))
+    hyperparameters = CloningHyperparameters(reweight_temperature=2 / np.log(3))
     assert effective_size(two_episodes(), hyperparameters) == pytest.approx(3.2, rel=1e-5)
-    hyperparameters = Hyperparameters(reweight_temperature=1e6)
+    hyperparameters = CloningHyperparameters(reweight_temperature=1e6)
     assert effective_size(two_episodes(), hyperparameters) == pytest.approx(4.0, rel=1e-5)
 
 
 def test_weights_need_whole_episodes() -> None:
     with pytest.raises(UserError, match="misses steps"):
         BehaviourCloning.train_on(
-            StaticConfig(weighted=True), [Hyperparameters()], [two_episodes().subsample(2)]
+            CloningConfig(weighted=True), [CloningHyperparameters()], [two_episodes().subsample(2)]
         )
 
 
 def test_runs_without_demonstrations_are_refused() -> None:
     data = counted(COUNTS)
-    for hyperparameters in ([], [Hyperparameters(dataset=1)]):
+    for hyperparameters in ([], [CloningHyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
-            BehaviourCloning.train_on(StaticConfig(), hyperparameters, [data])
+            BehaviourCloning.train_on(CloningConfig(), hyperparameters, [data])
 
 
 @pytest.mark.usefixtures("without_type_checker")
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(activation="gelu"),
-        lambda: StaticConfig(batch_size=0),
-        lambda: StaticConfig(updates=0),
-        lambda: StaticConfig(view="round"),
-        lambda: Hyperparameters(angle=360.0),
-        lambda: Hyperparameters(reweight_temperature=0.0),
-        lambda: Hyperparameters(learning_rate=float("nan")),
-        lambda: Hyperparameters(learning_rate=0.0),
-        lambda: Hyperparameters(seed=2**32),
-        lambda: Hyperparameters(dataset=-1),
+        lambda: CloningConfig(activation="gelu"),
+        lambda: CloningConfig(batch_size=0),
+        lambda: CloningConfig(updates=0),
+        lambda: CloningConfig(view="round"),
+        lambda: CloningHyperparameters(angle=360.0),
+        lambda: CloningHyperparameters(reweight_temperature=0.0),
+        lambda: CloningHyperparameters(learning_rate=float("nan")),
+        lambda: CloningHyperparameters(learning_rate=0.0),
+        lambda: CloningHyperparameters(seed=2**32),
+        lambda: CloningHyperparameters(dataset=-1),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners import checkpoint
+from socialiq.learners import fit
 from socialiq.learners.state import History, Runs, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.storage import load_arrays, save_arrays
@@ -25,7 +25,7 @@ def runs_of(seed):
 def saved(tmp_path):
     place = tmp_path / "state.safetensors"
     history = History([5, 9], {"loss": [np.ones(2), np.zeros(2)]})
-    checkpoint.save(place, "print", runs_of(0), history)
+    fit.save_checkpoint(place, "print", runs_of(0), history)
     return place
 
 
@@ -35,16 +35,16 @@ def plain(leaf):
 
 
 def test_the_same_state_comes_back(saved):
-    runs, done, values = checkpoint.load(saved, "print", runs_of(1))
+    runs, history = fit.load_checkpoint(saved, "print", runs_of(1))
     pairs = zip(jax.tree.leaves(runs), jax.tree.leaves(runs_of(0)), strict=True)
     assert all((plain(a) == plain(b)).all() for a, b in pairs)
-    assert done == [5, 9]
-    np.testing.assert_array_equal(values["loss"], [[1, 1], [0, 0]])
+    assert history.updates == [5, 9]
+    np.testing.assert_array_equal(history.values["loss"], [[1, 1], [0, 0]])
 
 
 def test_another_run_is_refused(saved):
     with pytest.raises(UserError, match="belongs to a run of other settings or data"):
-        checkpoint.load(saved, "other", runs_of(0))
+        fit.load_checkpoint(saved, "other", runs_of(0))
 
 
 def without_leaf(arrays):
@@ -65,9 +65,9 @@ def shorter_history(arrays):
 
 @pytest.mark.parametrize("change", [without_leaf, other_shape, other_kind, shorter_history])
 def test_a_state_that_is_not_of_the_run_is_refused(saved, change):
-    arrays, header = load_arrays(saved, "checkpoint", checkpoint.SCHEMA_VERSION)
+    arrays, header = load_arrays(saved, "checkpoint", fit.CHECKPOINT_VERSION)
     change(arrays)
     kept = {"fingerprint": header["fingerprint"]}
-    save_arrays(saved, "checkpoint", checkpoint.SCHEMA_VERSION, arrays, kept)
+    save_arrays(saved, "checkpoint", fit.CHECKPOINT_VERSION, arrays, kept)
     with pytest.raises(UserError, match="is not the state of this run: remove it"):
-        checkpoint.load(saved, "print", runs_of(0))
+        fit.load_checkpoint(saved, "print", runs_of(0))

@@ -7,14 +7,14 @@ import socialiq  # noqa: F401 - registers the worlds
 from socialiq.errors import UserError
 from socialiq.learners.collect import Collector, from_env, soft
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import IQLearn, train
 from socialiq.learners.state import Runs, stack
 from socialiq.types import Ending
 from socialiq.worlds import registry
 
-STRUCTURE = StaticConfig(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
-RUNS = [Hyperparameters(seed=3), Hyperparameters(seed=4)]
+STRUCTURE = IQLearnConfig(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
+RUNS = [IQLearnHyperparameters(seed=3), IQLearnHyperparameters(seed=4)]
 STEPS = 60
 
 

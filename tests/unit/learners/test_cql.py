@@ -8,8 +8,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.cql import (
     ConservativeQ,
-    Hyperparameters,
-    StaticConfig,
+    CQLConfig,
+    CQLHyperparameters,
     conservative_loss,
 )
 from socialiq.learners.expert_table import Batch
@@ -18,8 +18,8 @@ from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
-SMALL = StaticConfig(hidden=(8,), batch_size=8, updates=60)
-RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
+SMALL = CQLConfig(hidden=(8,), batch_size=8, updates=60)
+RUNS = (CQLHyperparameters(seed=0, angle=45.0), CQLHyperparameters(seed=1, angle=45.0))
 
 
 @pytest.fixture(name="data", scope="module")
@@ -60,11 +60,9 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
         jnp.array([int(ending)]),
         RewardPair(jnp.array([9.0]), jnp.array([0.4])),
     )
-    hyperparameters = Hyperparameters(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
+    hyperparameters = CQLHyperparameters(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
     run = stack([hyperparameters])[0]
-    loss, terms = conservative_loss(
-        network, target_network, batch, run, StaticConfig(endings=endings)
-    )
+    loss, terms = conservative_loss(network, target_network, batch, run, CQLConfig(endings=endings))
     error = 1 + 2 * np.log(3) - 0.5 * follows - 1.2
     assert terms["bellman"] == pytest.approx(error**2 / 2, rel=1e-5)
     assert terms["conservative"] == pytest.approx(0.7 * 2 * np.log(4 / 3), rel=1e-5)
@@ -105,7 +103,7 @@ def test_a_policy_carries_its_origin_and_temperature(data) -> None:
     hyperparameters = dataclasses.replace(RUNS[0], temperature=0.3)
     policy = ConservativeQ.train_on(SMALL, [hyperparameters], [data], chunk=60).policy(0)
     assert policy.provenance["learner"] == "cql"
-    assert Hyperparameters(**policy.provenance["numbers"]) == hyperparameters
+    assert CQLHyperparameters(**policy.provenance["numbers"]) == hyperparameters
     assert policy.temperature == 0.3
 
 
@@ -118,7 +116,7 @@ def test_a_network_that_blows_up_is_told(data) -> None:
 
 
 def test_runs_without_demonstrations_are_refused(data) -> None:
-    for hyperparameters in ([], [Hyperparameters(dataset=1)]):
+    for hyperparameters in ([], [CQLHyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
             ConservativeQ.train_on(SMALL, hyperparameters, [data])
 
@@ -127,19 +125,19 @@ def test_runs_without_demonstrations_are_refused(data) -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(activation="gelu"),
-        lambda: StaticConfig(view="round"),
-        lambda: StaticConfig(batch_size=0),
-        lambda: StaticConfig(updates=0),
-        lambda: Hyperparameters(angle=-1.0),
-        lambda: Hyperparameters(strength=-1.0),
-        lambda: Hyperparameters(conservatism=float("nan")),
-        lambda: Hyperparameters(temperature=0.0),
-        lambda: Hyperparameters(learning_rate=0.0),
-        lambda: Hyperparameters(discount=1.0),
-        lambda: Hyperparameters(polyak=0.0),
-        lambda: Hyperparameters(seed=-1),
-        lambda: Hyperparameters(dataset=-1),
+        lambda: CQLConfig(activation="gelu"),
+        lambda: CQLConfig(view="round"),
+        lambda: CQLConfig(batch_size=0),
+        lambda: CQLConfig(updates=0),
+        lambda: CQLHyperparameters(angle=-1.0),
+        lambda: CQLHyperparameters(strength=-1.0),
+        lambda: CQLHyperparameters(conservatism=float("nan")),
+        lambda: CQLHyperparameters(temperature=0.0),
+        lambda: CQLHyperparameters(learning_rate=0.0),
+        lambda: CQLHyperparameters(discount=1.0),
+        lambda: CQLHyperparameters(polyak=0.0),
+        lambda: CQLHyperparameters(seed=-1),
+        lambda: CQLHyperparameters(dataset=-1),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make) -> None:

@@ -11,17 +11,17 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners.extensions import checked_divergence, checked_prior, load
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.losses import DIVERGENCES
 from socialiq.learners.iq_learn.train import train
-from socialiq.learners.kernel import Hyperparameters as Numbers
 from socialiq.learners.kernel import Learner
+from socialiq.learners.kernel import LearnerHyperparameters as Numbers
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
-OFFLINE = StaticConfig(
+OFFLINE = IQLearnConfig(
     hidden=(8,), batch_size=8, updates=20, online=False, value_term="value_expert"
 )
-RUNS = [Hyperparameters(angle=45.0), Hyperparameters(angle=45.0, strength=2.0)]
+RUNS = [IQLearnHyperparameters(angle=45.0), IQLearnHyperparameters(angle=45.0, strength=2.0)]
 
 
 @pytest.fixture(name="data", scope="module")

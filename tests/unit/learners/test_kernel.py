@@ -7,15 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.behaviour_cloning import BehaviourCloning, Hyperparameters, StaticConfig
+from socialiq.learners.behaviour_cloning import (
+    BehaviourCloning,
+    CloningConfig,
+    CloningHyperparameters,
+)
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.state import TrainState, stack
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 
-SMALL = StaticConfig(hidden=(8,), batch_size=8, updates=40)
-RUN = Hyperparameters(learning_rate=0.01, seed=3)
+SMALL = CloningConfig(hidden=(8,), batch_size=8, updates=40)
+RUN = CloningHyperparameters(learning_rate=0.01, seed=3)
 
 
 @pytest.fixture(name="data", scope="module")

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import pytest
 
-from socialiq.learners.schedules import cosine, linear
+from socialiq.learners.state import cosine, linear
 
 
 def test_a_linear_rate_reaches_its_end_with_the_last_update():

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from socialiq.plotting.rows import band, line, spread
-from socialiq.plotting.style import figure
+from socialiq.plotting.style import band, figure, line, spread
 
 ROWS = [
     {"angle": angle, "seed": seed, "share": share}

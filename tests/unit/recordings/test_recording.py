@@ -28,7 +28,7 @@ def test_worlds_are_worlds():
     "arguments",
     [
         ["evaluate", "go", "--world", "r.safetensors", "--episodes", "5"],
-        ["train", "mixed.safetensors", "--world", "r.safetensors", "--out", "run"],
+        ["train", "iq-learn", "mixed.safetensors", "--world", "r.safetensors", "--out", "run"],
         ["profile", "new", "--world", "r.safetensors", "--angle", "45"],
     ],
 )

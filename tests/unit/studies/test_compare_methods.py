@@ -15,6 +15,7 @@ from studies.compare_methods.training import LEARNERS
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.collect import from_env
 from socialiq.learners.iq_learn import presets
 from socialiq.plotting.style import png
@@ -22,7 +23,6 @@ from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab import results as store
 from socialiq_lab.comparison_runs import Arena, Run, chances, product, rows_of, setting_name
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.intersection.demonstration_sets import (
     RECORDED_EPISODES,
     atlas_demonstrations,

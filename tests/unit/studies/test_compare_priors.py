@@ -16,6 +16,7 @@ from studies.compare_priors.study import (
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
 from socialiq.learners.collect import from_env
 from socialiq.learners.iq_learn import presets
 from socialiq.plotting.style import png
@@ -23,7 +24,6 @@ from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab import results as store
 from socialiq_lab.comparison import choose, nearest_mode
 from socialiq_lab.comparison_runs import Arena, Run, chances
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.study import run
 
 TINY = Config(

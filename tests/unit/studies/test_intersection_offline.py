@@ -9,7 +9,7 @@ from studies.intersection_offline.study import STUDY
 from studies.intersection_offline.tables import DEMONSTRATOR, OWN, verdict
 
 from socialiq.errors import UserError
-from socialiq.learners.offline.config import StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq_lab import results as store
@@ -30,7 +30,7 @@ TINY = Config(
     angles=(0.0, 45.0, 90.0),
     methods=DRIVEN,
     method_angles=(0.0, 90.0),
-    structure=StaticConfig(view="flat", hidden=(8,), updates=20, batch_size=8),
+    structure=OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8),
     updates=20,
     together=2,
     pool_episodes=12,

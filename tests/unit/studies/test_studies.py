@@ -9,12 +9,12 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import sweep
+from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.settings import changed
 from socialiq.storage import packaged_results
 from socialiq_lab import results as store
-from socialiq_lab.gridworld_runs import Ground, with_clock
 from socialiq_lab.registry import STUDIES, find, study_and_declaration
-from socialiq_lab.settings import changed
 from socialiq_lab.study import run, save
 from socialiq_lab.tables import matching
 

@@ -7,10 +7,10 @@ from studies.theory.study import STUDY, Config
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory.semi_gradient import demonstrated_policy
-from socialiq_lab.gridworld_runs import Ground
 from socialiq_lab.study import run
 
 

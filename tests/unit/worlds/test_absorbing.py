@@ -9,7 +9,7 @@ from socialiq.demonstrations.absorbing import with_absorbing_states
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.types import Ending
-from socialiq.worlds.absorbing import AbsorbingStates
+from socialiq.worlds.wrapper import AbsorbingStates
 
 
 class Falls(gymnasium.Env):

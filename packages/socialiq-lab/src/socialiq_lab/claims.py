@@ -49,7 +49,7 @@ _COMMANDS = {
     "theory": "pytest tests/identities",
     "intersection-world": "socialiq reproduce intersection-world",
     "intersection": "socialiq reproduce intersection --set parts=main",
-    "compare-priors": "socialiq compare priors",
+    "compare-priors": "socialiq reproduce compare-priors",
     "audits": "socialiq reproduce audits",
     "none": "",
 }

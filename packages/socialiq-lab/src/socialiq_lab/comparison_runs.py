@@ -19,16 +19,16 @@ from jaxtyping import Float
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
+from socialiq.learners import dqn
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Act, Collector, Source, from_env, soft
-from socialiq.learners.dqn import config as dqn
-from socialiq.learners.dqn.train import train as train_dqn
+from socialiq.learners.dqn import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.types import Row
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import nearest_mode, of_modes
-from socialiq_lab.gridworld_runs import Ground
 
 Setting = tuple[tuple[str, float], ...]
 """Settings by name that differ from the world's."""
@@ -296,7 +296,7 @@ def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
                 return train_iq(static, numbers, datasets, world, *rest)
             return learner.of(static, datasets, world).train(numbers, *rest)
 
-        kinds = iq.StaticConfig, iq.Hyperparameters
+        kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
         if learner is not None:
             kinds = learner.StaticConfig, learner.Hyperparameters
         return in_programs([arena.settings(*kinds, run, **fixed) for run in runs], program)
@@ -310,12 +310,12 @@ def reinforcement(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[An
     source = arena.source(arena.updates, per_update)
 
     def settings(run: Run) -> tuple[Any, Any]:
-        static = shared_values(dqn.StaticConfig, arena.structure)
+        static = shared_values(dqn.DQNConfig, arena.structure)
         static |= {"steps": arena.updates * per_update, "steps_per_update": per_update}
-        numbers = shared_values(dqn.Hyperparameters, arena.numbers)
+        numbers = shared_values(dqn.DQNHyperparameters, arena.numbers)
         numbers |= {"angle": run.angle, "seed": run.seed} | dict(run.setting)
         numbers["final_learning_rate"] = numbers["learning_rate"]
-        return dqn.StaticConfig(**static), dqn.Hyperparameters(**numbers)
+        return dqn.DQNConfig(**static), dqn.DQNHyperparameters(**numbers)
 
     return in_programs(
         [settings(run) for run in runs],
@@ -341,8 +341,8 @@ class GridRuns:
 
     world: str
     method: str
-    structure: iq.StaticConfig
-    numbers: iq.Hyperparameters
+    structure: iq.IQLearnConfig
+    numbers: iq.IQLearnHyperparameters
     updates: int
     """Of each network."""
     angles: tuple[float, ...]

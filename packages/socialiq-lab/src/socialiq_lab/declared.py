@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from socialiq.demonstrations.dataset import Demonstrations
+    from socialiq.evaluation.ground import Ground
     from socialiq.nn.q_policy import QPolicy
-    from socialiq_lab.gridworld_runs import Ground
     from socialiq_lab.results import Results
 
 
@@ -150,7 +150,7 @@ def _function(module: Any, name: str) -> Callable[..., Any]:
 
 def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Context) -> Findings:
     """Train every variant, then compute the tables and the summary in their order."""
-    from socialiq_lab.gridworld_runs import Ground
+    from socialiq.evaluation.ground import Ground
 
     state = State(config, Ground.of(resolved(content["world"], config)))
     for variant in variants(content, config):

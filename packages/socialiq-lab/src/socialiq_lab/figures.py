@@ -17,8 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.errors import one_of
-from socialiq.plotting.rows import spread
-from socialiq.plotting.style import COLORS, figure, finish
+from socialiq.plotting.style import COLORS, figure, finish, spread
 from socialiq.types import Row
 from socialiq_lab.results import Results
 from socialiq_lab.tables import where

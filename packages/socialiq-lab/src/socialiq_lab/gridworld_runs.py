@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,62 +13,37 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import one_of
 from socialiq.evaluation.exact import (
     READOUTS,
-    Optimum,
     Readout,
     action_table,
     evaluate_exactly,
     exact_monitor,
 )
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.budget import Regret
-from socialiq.learners.dial.train import dial_of
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.state import History
-from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.settings import changed
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.registry import make_grid
-from socialiq_lab.settings import changed
+from socialiq.worlds.enumerate import Table
 from socialiq_lab.tables import groups
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """From the `TrainState` of all runs to named values, each (runs,)."""
 
 
-class Ground(NamedTuple):
-    """A world made ready for a study.
-
-    Attributes:
-        table: All its states.
-        part: Its reachable states.
-        optimum: The best that any policy can do there, by angle.
-    """
-
-    table: Table
-    part: Table
-    optimum: Optimum
-
-    @staticmethod
-    def of(world: str) -> Ground:
-        """Enumerate a world with its default options."""
-        table = tabulate(make_grid(world))
-        part = table.reachable_part()
-        return Ground(table, part, Optimum(part))
-
-
 def grid_of(
-    angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Hyperparameters
-) -> list[Hyperparameters]:
+    angles: Sequence[float],
+    strengths: Sequence[float],
+    seeds: Sequence[int],
+    base: IQLearnHyperparameters,
+) -> list[IQLearnHyperparameters]:
     """Return hyperparameters for every angle, strength and seed; seed i learns from data set i."""
     return [
         dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
@@ -80,8 +55,8 @@ def grid_of(
 
 def train_runs(
     ground: Ground,
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IQLearnConfig,
+    hyperparameters: Sequence[IQLearnHyperparameters],
     datasets: Sequence[Demonstrations],
     on_report: Callable[[Report], None] | None,
     chunk: int = 500,
@@ -117,7 +92,10 @@ def learner_of(variant: Mapping[str, Any]) -> tuple[Any, Any]:
     learner = variant.get("learner", "iq_learn")
     one_of("learner", learner, ("iq_learn", "behaviour_cloning"))
     if learner == "behaviour_cloning":
-        static, numbers = behaviour_cloning.StaticConfig(), behaviour_cloning.Hyperparameters()
+        static, numbers = (
+            behaviour_cloning.CloningConfig(),
+            behaviour_cloning.CloningHyperparameters(),
+        )
     else:
         one_of("preset", variant["preset"], tuple(presets.PRESETS))
         static, numbers = presets.PRESETS[variant["preset"]]
@@ -139,13 +117,13 @@ def train_variant(
     Args:
         ground: The world.
         static: Static configuration of IQ-Learn or of behaviour cloning.
-        runs: Hyperparameters.
+        runs: IQLearnHyperparameters.
         datasets: Data sets of the runs.
         on_report: Shows the progress.
         chunk: Number of updates between two exact evaluations; None for no evaluation.
         prior: Penalty of the user's own in place of the quadratic one.
     """
-    if isinstance(static, behaviour_cloning.StaticConfig):
+    if isinstance(static, behaviour_cloning.CloningConfig):
         callbacks = Callbacks(on_report=on_report)
         return behaviour_cloning.BehaviourCloning.train_on(static, runs, datasets, callbacks)
     monitor = None
@@ -220,22 +198,6 @@ def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     return means
 
 
-def with_clock(ground: Ground, clock: bool) -> Ground:
-    """Return the ground with the time in the observations, or unchanged."""
-    if not clock:
-        return ground
-    table, part = (
-        dataclasses.replace(one, world=one.world.with_clock())
-        for one in (ground.table, ground.part)
-    )
-    return Ground(table, part, ground.optimum)
-
-
-def seen(world: GridWorld) -> tuple[tuple[int, int], ...]:
-    """Return the one-hot code of a gridworld: least value and number of values by feature."""
-    return tuple((feature.low, feature.size) for feature in world.observed)
-
-
 def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
     """Return the actions of a greedy episode in a deterministic world, W for Wait, G for Go."""
     mdp, letters = table.mdp, ""
@@ -247,28 +209,3 @@ def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
             break
         state = int(mdp.successor[state, action, 0])
     return letters
-
-
-def exact_regret(
-    ground: Ground,
-    static: dial.StaticConfig,
-    numbers: Sequence[dial.Hyperparameters],
-    readout: Readout = "soft",
-) -> Regret:
-    """Return the regret of a run's policy at the angle of its static config.
-
-    The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
-    in jumps, so that no multiplier may meet a budget.
-    """
-
-    def regret(network: DialNetwork, run: int, multiplier: float) -> float:
-        policy = dial_of(static, numbers[run], network, multiplier)
-        return regret_at(ground, policy, static.low, readout)
-
-    return regret
-
-
-def regret_at(ground: Ground, policy: DialPolicy, angle: float, readout: Readout) -> float:
-    """Return the regret of a dial at an angle in degrees, evaluated exactly."""
-    chances = action_table(policy.at(angle), ground.part, readout)
-    return ground.optimum.regret(evaluate_exactly(ground.part, chances), angle)

@@ -70,7 +70,7 @@ def job_environment(work: Path) -> dict[str, str]:
     The cache is the folder that the caller's environment names, else a folder of the jobs. Several
     processes may share a GPU, so none takes its memory in advance.
     """
-    from socialiq.worlds.highway.conformance import PORTABLE
+    from socialiq.worlds.highway import PORTABLE
 
     compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
     threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")

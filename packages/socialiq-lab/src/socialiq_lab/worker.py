@@ -17,7 +17,7 @@ from distributed import Worker, get_worker
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Stopped, StopRequest
 from socialiq.storage import write_atomically
-from socialiq.worlds.highway.conformance import PORTABLE
+from socialiq.worlds.highway import PORTABLE
 from socialiq_lab.jobs import Job, do
 from socialiq_lab.results import versions
 

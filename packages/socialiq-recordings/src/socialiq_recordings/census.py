@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from socialiq.plotting.style import COLORS, figure, plain
 from socialiq.social.angle import angle_of, direction_interval, estimate_angle
 from socialiq.types import Ending
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq_recordings.identity.identify import Identified
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import Replayed

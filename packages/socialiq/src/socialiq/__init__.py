@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from socialiq.evaluation.expert_demonstrations import trajectory_datasets as expert_datasets
     from socialiq.evaluation.rollout import rollout_env
     from socialiq.learners.collect import acting_in
-    from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+    from socialiq.learners.iq_learn.config import IQLearnConfig as StaticConfig
+    from socialiq.learners.iq_learn.config import IQLearnHyperparameters as Hyperparameters
     from socialiq.learners.iq_learn.train import train
     from socialiq.mdp.front import attainable_set
     from socialiq.nn.q_policy import QPolicy
@@ -71,11 +72,11 @@ _PLACES = {
     "Demonstrations": "demonstrations.dataset",
     "Ending": "types",
     "Margin": "audit.profile.profile",
-    "Hyperparameters": "learners.iq_learn.config",
+    "Hyperparameters": "learners.iq_learn.config:IQLearnHyperparameters",
     "QPolicy": "nn.q_policy",
     "RewardPair": "types",
     "RewardPairWrapper": "worlds.wrapper",
-    "StaticConfig": "learners.iq_learn.config",
+    "StaticConfig": "learners.iq_learn.config:IQLearnConfig",
     "Transition": "worlds.wrapper",
     "UserError": "errors",
     "acting_in": "learners.collect",

@@ -6,7 +6,7 @@ import pytest
 
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.template import _rounded_up, possible_loss
-from socialiq.worlds.intersection.episode_range import env_range, social_range
+from socialiq.worlds.intersection.world import env_range, social_range
 from socialiq.worlds.registry import make
 
 

@@ -151,7 +151,7 @@ def test_another_learner_has_its_own_settings_and_learns_from_data_alone(read):
     plan = read(text + "[hyperparameters]\nconservatism = [1, 2]")
     found = [(c.world, one.conservatism) for c in configs(plan) for one in c.hyperparameters]
     assert found == [("crossing5", 1.0), ("crossing5", 2.0), ("", 1.0), ("", 2.0)]
-    assert all(c.static == cql.StaticConfig() and c.learner == "cql" for c in configs(plan))
+    assert all(c.static == cql.CQLConfig() and c.learner == "cql" for c in configs(plan))
     with pytest.raises(UserError, match="worlds: this learner trains offline: leave 'm:A-v0' out"):
         read(text.replace('"offline"', '"m:A-v0"'))
 

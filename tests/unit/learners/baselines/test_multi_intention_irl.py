@@ -50,8 +50,8 @@ def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
     batch = rows_of([0, 1, 1], [1.0, 2.0, 3.0], ending=0)
     run = stack([Hyperparameters(discount=0.9)])[0]
     found = weighted_iq_loss(network, slow, batch, jnp.ones(3), run, StaticConfig())
-    static = iq.StaticConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
-    same = stack([iq.Hyperparameters(discount=0.9)])[0]
+    static = iq.IQLearnConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
+    same = stack([iq.IQLearnHyperparameters(discount=0.9)])[0]
     theirs, _ = objective(network, slow, Batches(batch, None, None), same, static)
     assert found == pytest.approx(float(theirs), rel=1e-5)
 

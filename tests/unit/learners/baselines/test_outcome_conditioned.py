@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.outcome_conditioned import (
     Hyperparameters,
     OutcomeConditioned,
@@ -13,7 +13,7 @@ from socialiq.learners.baselines.outcome_conditioned import (
 def test_it_asks_for_the_outcome_that_scores_best(bandit) -> None:
     """Action 0 comes to (1, 0) and action 1 to (0, 1): 0 degrees wants the first, 90 the second."""
     data = bandit([0, 1] * 10, [1.0, 0.0] * 10, [0.0, 1.0] * 10)
-    static = config.StaticConfig(hidden=(16,), batch_size=16, updates=300)
+    static = settings.LearnerConfig(hidden=(16,), batch_size=16, updates=300)
     trained = OutcomeConditioned.train_on(static, [Hyperparameters(learning_rate=0.01)], [data])
     policy = trained.policy(0)
     for angle, action in ((0.0, 0), (30.0, 0), (60.0, 1), (90.0, 1)):
@@ -32,7 +32,7 @@ def test_the_outcomes_are_the_episodes_totals(demonstrations) -> None:
 
 def test_a_quantile_asks_for_a_lesser_outcome(bandit) -> None:
     data = bandit([0, 0, 1], [3.0, 2.0, 1.0], [0.0, 0.0, 0.0])
-    static = config.StaticConfig(hidden=(), batch_size=4, updates=1)
+    static = settings.LearnerConfig(hidden=(), batch_size=4, updates=1)
     runs = [Hyperparameters(quantile=one) for one in (1.0, 0.0)]
     trained = OutcomeConditioned.train_on(static, runs, [data])
     best, worst = (trained.policy(run).at(0.0) for run in (0, 1))

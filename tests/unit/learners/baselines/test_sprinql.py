@@ -35,8 +35,8 @@ def test_one_level_without_a_reference_is_offline_iq_learn(constant, rows_of) ->
     _, terms = sprinql_loss(
         own, Networks(slow, own.reference), graded(batch, [0, 0, 0]), run, StaticConfig()
     )
-    static = iq.StaticConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
-    same = stack([iq.Hyperparameters(chi2_alpha=0.5, discount=0.9)])[0]
+    static = iq.IQLearnConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
+    same = stack([iq.IQLearnHyperparameters(chi2_alpha=0.5, discount=0.9)])[0]
     _, theirs = objective(network, slow, Batches(batch, None, None), same, static)
     for ours, name in (("expert", "expert"), ("value", "value"), ("distance", "chi2")):
         assert terms[ours] == pytest.approx(float(theirs[name]), rel=1e-5), name

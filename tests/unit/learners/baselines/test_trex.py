@@ -6,7 +6,7 @@ import pytest
 
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.learners.baselines.trex import TREX, Drawn, Networks, StaticConfig, learned_sums
-from socialiq.learners.iq_learn.config import Hyperparameters
+from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import network_of
 
@@ -28,7 +28,7 @@ def test_the_loss_by_hand(constant, rows_of) -> None:
     drawn = Drawn(own, pairs, inside, jnp.array([-1.0]))
     np.testing.assert_allclose(learned_sums(network.reward, drawn), [[2.0], [-1.0]])
     learner = TREX(StaticConfig(), (1, 2))
-    run = stack([Hyperparameters(strength=2.0, discount=0.5)])[0]
+    run = stack([IQLearnHyperparameters(strength=2.0, discount=0.5)])[0]
     _, terms = learner.loss(network, slow, drawn, run)
     assert terms["ranks"] == pytest.approx(np.log1p(np.exp(3.0)), rel=1e-5)
     assert terms["bellman"] == pytest.approx((5 - 2 - 0.5 * np.log(2)) ** 2 / 2, rel=1e-5)
@@ -39,7 +39,7 @@ def test_the_learned_reward_ranks_the_demonstrators(table5) -> None:
     """In the 5x5 world at 0 degrees: GGGG, WGGGG, WWWWGGGG, the shorter the better."""
     data = trajectory_datasets(table5, [0], 1)
     static = StaticConfig(hidden=(16,), batch_size=8, updates=300, prior="none")
-    numbers = [dataclasses.replace(Hyperparameters(), angle=0.0, learning_rate=0.01)]
+    numbers = [dataclasses.replace(IQLearnHyperparameters(), angle=0.0, learning_rate=0.01)]
     trained = TREX.of(static, data, table5.world).train(numbers)
     assert trained.failures == ()
     network = network_of(trained.networks, 0)

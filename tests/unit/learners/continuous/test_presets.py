@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.learners.continuous.presets import NAME, PRESETS
+from socialiq.learners.continuous.config import NAME, PRESETS
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.storage import packaged_results, read_json
 
@@ -35,9 +35,18 @@ def test_the_study_s_experts_differ_in_what_counts_in_a_dial_alone() -> None:
 
 
 def test_a_preset_is_laid_under_the_options(tmp_path, as_a_user_runs_it) -> None:
-    words = ["train", "--learner", "sac", "--world", f"{NAME}-steering", "--preset", NAME]
-    small = ["--hidden", "8", "--batch-size", "8", "--updates", "2", "--updates-per-round", "2"]
-    assert main([*words, *small, "--dial", "True", "--out", str(tmp_path / "run")]) == 0
+    words = ["train", "sac", "--world", f"{NAME}-steering", "--preset", NAME]
+    small = [
+        "--hidden",
+        "8",
+        "--set",
+        "batch_size=8",
+        "--updates",
+        "2",
+        "--set",
+        "updates_per_round=2",
+    ]
+    assert main([*words, *small, "--set", "dial=true", "--out", str(tmp_path / "run")]) == 0
     dial = ActorDial.load(tmp_path / "run" / "dial_0.safetensors")
     assert (dial.n_features, dial.action_size) == (71, 2)  # the preset's view and clock
     assert dial.turned.weights[0].shape[0] == 8

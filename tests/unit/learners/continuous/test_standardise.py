@@ -105,8 +105,8 @@ def test_a_clone_learns_from_features_of_unequal_units(random_drives) -> None:
         n_actions=0,
     )
     change = Standardisation.of(seen)
-    static = bc.StaticConfig(hidden=(32,), updates=1500, batch_size=64)
-    runs = [bc.Hyperparameters(learning_rate=3e-3)]
+    static = bc.CloningConfig(hidden=(32,), updates=1500, batch_size=64)
+    runs = [bc.CloningHyperparameters(learning_rate=3e-3)]
     misses = []
     for data, restore in ((change.transitions(shown), change.policy), (shown, lambda one: one)):
         clone = restore(BehaviourCloning.train_on(static, runs, [data]).policy(0))

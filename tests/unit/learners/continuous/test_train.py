@@ -9,22 +9,21 @@ from socialiq.errors import UserError
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.td3_bc import TD3BC
+from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.continuous.train import train
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.iq_learn.config import Hyperparameters as DiscreteHyperparameters
-from socialiq.learners.iq_learn.config import StaticConfig as DiscreteStaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig as DiscreteStaticConfig
+from socialiq.learners.iq_learn.config import IQLearnHyperparameters as DiscreteHyperparameters
 from socialiq.learners.iq_learn.train import train as train_discrete
 from socialiq.learners.state import stack
 
 TINY = {"hidden": (8,), "batch_size": 8, "updates": 20}
-SAC = config.StaticConfig(**TINY, random_steps=5, replay_capacity=50)
-IQ = config.IQStaticConfig(**TINY, random_steps=5, replay_capacity=50)
+SAC = config.SACConfig(**TINY, random_steps=5, replay_capacity=50)
+IQ = config.ActorIQLearnConfig(**TINY, random_steps=5, replay_capacity=50)
 OFFLINE = dataclasses.replace(IQ, online=False, value_term="value_expert")
-TD3 = config.OfflineStaticConfig(**TINY)
-NUMBERS = config.Hyperparameters(seed=3)
-IQ_NUMBERS = config.IQHyperparameters(45.0, seed=3)
+TD3 = config.TD3BCConfig(**TINY)
+NUMBERS = config.SACHyperparameters(seed=3)
+IQ_NUMBERS = config.ActorIQLearnHyperparameters(45.0, seed=3)
 
 
 def sound(learner, static, numbers, *given, **named):
@@ -86,7 +85,7 @@ def test_endings_by_occupancy_and_bounded_values_train_soundly(line, drives) -> 
         bounded=True,
         endings=Endings("occupancy", "occupancy", "bootstrap", "occupancy"),
     )
-    sound(ContinuousIQLearn, static, config.IQHyperparameters(), [drives], line)
+    sound(ContinuousIQLearn, static, config.ActorIQLearnHyperparameters(), [drives], line)
 
 
 def test_a_dial_without_demonstrations_is_soft_actor_critic_at_all_angles(line) -> None:
@@ -117,16 +116,18 @@ def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_sa
 
 
 def test_td3_bc_is_deterministic(drives) -> None:
-    policy = sound(TD3BC, TD3, config.OfflineHyperparameters(), [drives]).policy(0)
+    policy = sound(TD3BC, TD3, config.TD3BCHyperparameters(), [drives]).policy(0)
     assert not policy.is_stochastic
 
 
 def test_a_prior_and_the_quadratic_term_are_one_shifted_quadratic(drives) -> None:
     """c r̂² + w (r̂ - λR)² = κ (r̂ - w λ R / κ)² + constant: the critics' gradients are equal."""
     numbers = {"temperature": 0.3, "seed": 0}
-    apart = config.IQHyperparameters(30.0, 2.0, prior_weight=1.5, **numbers)
+    apart = config.ActorIQLearnHyperparameters(30.0, 2.0, prior_weight=1.5, **numbers)
     kappa = 0.5 + 1.5
-    merged = config.IQHyperparameters(30.0, 2.0 * 1.5 / kappa, prior_weight=kappa / 0.5, **numbers)
+    merged = config.ActorIQLearnHyperparameters(
+        30.0, 2.0 * 1.5 / kappa, prior_weight=kappa / 0.5, **numbers
+    )
 
     def gradient(prior, run):
         static = dataclasses.replace(OFFLINE, prior=prior)
@@ -164,11 +165,9 @@ def test_weighted_clones_follow_their_angle(random_drives) -> None:
         (lambda line, data: train(SoftActorCritic, SAC, [NUMBERS], [data], line), "leave them out"),
         (lambda line, data: train(SoftActorCritic, SAC, [NUMBERS]), "needs a world"),
         (lambda line, data: train(SoftActorCritic, SAC, [], simulator=line), "no runs"),
-        (lambda line, data: train(TD3BC, TD3, [config.OfflineHyperparameters()]), "no demonstr"),
+        (lambda line, data: train(TD3BC, TD3, [config.TD3BCHyperparameters()]), "no demonstr"),
         (
-            lambda line, data: train(
-                TD3BC, TD3, [config.OfflineHyperparameters(dataset=1)], [data]
-            ),
+            lambda line, data: train(TD3BC, TD3, [config.TD3BCHyperparameters(dataset=1)], [data]),
             "beyond the 1 given",
         ),
         (
@@ -207,7 +206,7 @@ def test_what_does_not_fit_is_refused_in_one_line(call, says, line, drives) -> N
 
 def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
     with pytest.raises(UserError, match="the demonstrations have discrete actions"):
-        train(TD3BC, TD3, [config.OfflineHyperparameters()], [demonstrations()])
+        train(TD3BC, TD3, [config.TD3BCHyperparameters()], [demonstrations()])
     with pytest.raises(UserError, match="the demonstrations have discrete ones"):
         BehaviourCloning.of(BehaviourCloning.StaticConfig(), [demonstrations()])
 
@@ -215,17 +214,17 @@ def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: config.StaticConfig(low=90.0, high=0.0), "give the smaller first"),
-        (lambda: config.StaticConfig(actions_per_state=0), "actions_per_state"),
-        (lambda: config.StaticConfig(view="set", input_scale=0.1), "only for view flat"),
-        (lambda: config.OfflineStaticConfig(tuned=True), "no temperature to tune"),
-        (lambda: config.IQStaticConfig(form="dueling"), "use the form plain"),
-        (lambda: config.IQStaticConfig(dial=True, prior="none"), "no angle of a row"),
-        (lambda: config.Hyperparameters(entropy_target=np.nan), "entropy_target"),
-        (lambda: config.IQHyperparameters(entropy_target=np.inf), "entropy_target"),
-        (lambda: config.OfflineHyperparameters(q_weight=-1.0), "q_weight"),
-        (lambda: config.OfflineHyperparameters(actor_rate=0.0), "actor_rate"),
-        (lambda: config.IQHyperparameters(actor_rate=np.nan), "actor_rate"),
+        (lambda: config.SACConfig(low=90.0, high=0.0), "give the smaller first"),
+        (lambda: config.SACConfig(actions_per_state=0), "actions_per_state"),
+        (lambda: config.SACConfig(view="set", input_scale=0.1), "only for view flat"),
+        (lambda: config.TD3BCConfig(tuned=True), "no temperature to tune"),
+        (lambda: config.ActorIQLearnConfig(form="dueling"), "use the form plain"),
+        (lambda: config.ActorIQLearnConfig(dial=True, prior="none"), "no angle of a row"),
+        (lambda: config.SACHyperparameters(entropy_target=np.nan), "entropy_target"),
+        (lambda: config.ActorIQLearnHyperparameters(entropy_target=np.inf), "entropy_target"),
+        (lambda: config.TD3BCHyperparameters(q_weight=-1.0), "q_weight"),
+        (lambda: config.TD3BCHyperparameters(actor_rate=0.0), "actor_rate"),
+        (lambda: config.ActorIQLearnHyperparameters(actor_rate=np.nan), "actor_rate"),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make, says) -> None:
@@ -234,6 +233,6 @@ def test_settings_that_make_no_run_are_refused(make, says) -> None:
 
 
 def test_a_view_that_does_not_fit_the_world_is_refused(line) -> None:
-    static = config.StaticConfig(view="set")
+    static = config.SACConfig(view="set")
     with pytest.raises(UserError, match="use the view flat"):
-        train(SoftActorCritic, static, [config.Hyperparameters()], simulator=line)
+        train(SoftActorCritic, static, [config.SACHyperparameters()], simulator=line)

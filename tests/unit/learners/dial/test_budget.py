@@ -5,18 +5,17 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.dial.budget import Budget
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-from socialiq.learners.dial.train import train, weighed
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
+from socialiq.learners.dial.train import Budget, train, weighed
 from socialiq.learners.state import stack
 
-OFFLINE = StaticConfig(
+OFFLINE = DialConfig(
     online=False, scored="demonstrations", hidden=(8,), expert_batch=4, updates=2000
 )
 
 
 def test_a_multiplier_weighs_the_score_and_keeps_the_entropy() -> None:
-    hyperparameters = stack([Hyperparameters(prior_weight=4.0, temperature=0.5)])
+    hyperparameters = stack([DialHyperparameters(prior_weight=4.0, temperature=0.5)])
     found = weighed(hyperparameters, jnp.array([2.0]))
     assert found.prior_weight.tolist() == [8.0]
     assert found.temperature.tolist() == [0.25]
@@ -27,7 +26,7 @@ def test_a_multiplier_weighs_the_score_and_keeps_the_entropy() -> None:
 def test_the_multiplier_finds_the_budget(demonstrations) -> None:
     """A regret of 1/μ: budgets of 0.5 and 0.1 are met at μ = 2 and μ = 10."""
     budget = Budget(lambda _network, _run, mu: 1.0 / mu, np.array([0.5, 0.1]), step=0.5)
-    runs = [Hyperparameters(seed=0), Hyperparameters(seed=1)]
+    runs = [DialHyperparameters(seed=0), DialHyperparameters(seed=1)]
     trained = train(OFFLINE, runs, [demonstrations()], chunk=50, budget=budget)
     np.testing.assert_allclose(trained.kept, [2.0, 10.0], rtol=0.02)
     assert [look.updates for look in budget.path] == list(range(50, 2000, 50))
@@ -38,13 +37,15 @@ def test_the_multiplier_finds_the_budget(demonstrations) -> None:
 def test_a_budget_out_of_reach_stops_at_the_largest_multiplier(demonstrations) -> None:
     budget = Budget(lambda *_: 1.0, np.array([0.1]), step=1.0, high=5.0)
     static = dataclasses.replace(OFFLINE, updates=500)
-    trained = train(static, [Hyperparameters()], [demonstrations()], chunk=50, budget=budget)
+    trained = train(static, [DialHyperparameters()], [demonstrations()], chunk=50, budget=budget)
     assert trained.kept.tolist() == [5.0]
 
 
 def test_without_a_budget_the_multiplier_is_one(demonstrations) -> None:
     static = dataclasses.replace(OFFLINE, updates=20)
-    assert train(static, [Hyperparameters()], [demonstrations()], chunk=20).kept.tolist() == [1.0]
+    assert train(static, [DialHyperparameters()], [demonstrations()], chunk=20).kept.tolist() == [
+        1.0
+    ]
 
 
 def test_budgets_that_mean_nothing_are_refused() -> None:

@@ -7,20 +7,26 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners import replay
-from socialiq.learners.dial.clock import at_other_times
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.objective import Networks, objective
-from socialiq.learners.dial.rows import Driven, Rows, draw_directions, draw_rows, empty_ring
+from socialiq.learners.dial.rows import (
+    Driven,
+    Rows,
+    at_other_times,
+    draw_directions,
+    draw_rows,
+    empty_ring,
+)
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import stack
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
-STRUCTURE = StaticConfig(hidden=(4,))
+STRUCTURE = DialConfig(hidden=(4,))
 NUMBERS = stack(
     [
-        Hyperparameters(
+        DialHyperparameters(
             strength=2.0,
             prior_weight=3.0,
             temperature=0.5,

@@ -9,7 +9,7 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.train import train
 from socialiq.types import Ending, RewardPair, Step
 
@@ -52,7 +52,7 @@ def always(action: int, episodes: int = 20) -> Demonstrations:
     )
 
 
-SHARED = StaticConfig(
+SHARED = DialConfig(
     hidden=(16,),
     skill_hidden=(8,),
     demonstrators=(0.0, 90.0),
@@ -60,7 +60,7 @@ SHARED = StaticConfig(
     replay_batch=24,
     updates=1500,
 )
-NUMBERS = Hyperparameters(temperature=0.1, learning_rate=5e-3, prior_weight=1.0, discount=0.9)
+NUMBERS = DialHyperparameters(temperature=0.1, learning_rate=5e-3, prior_weight=1.0, discount=0.9)
 
 
 @pytest.mark.slow

@@ -7,17 +7,17 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import registry
 
 WORLD = registry.make_grid("crossing7").with_clock()
-ONLINE = StaticConfig(
+ONLINE = DialConfig(
     hidden=(8,), expert_batch=4, replay_batch=8, updates=60, environments=2, replay_capacity=50
 )
 OFFLINE = dataclasses.replace(ONLINE, online=False, scored="demonstrations", redraw_times=25)
-RUNS = (Hyperparameters(seed=0), Hyperparameters(seed=1))
+RUNS = (DialHyperparameters(seed=0), DialHyperparameters(seed=1))
 
 
 @pytest.fixture(name="data", scope="module")
@@ -70,7 +70,7 @@ def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
     dial = whole.policy(1)
     assert (dial.low, dial.high) == (0.0, 90.0)
     assert dial.provenance["learner"] == "dial"
-    assert Hyperparameters(**dial.provenance["numbers"]) == RUNS[1]
+    assert DialHyperparameters(**dial.provenance["numbers"]) == RUNS[1]
 
 
 def test_a_network_with_knots_covers_the_drawn_angles(data) -> None:
@@ -91,7 +91,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
     refused = {
         "no runs": (ONLINE, (), [data], WORLD),
         "no demonstrations": (ONLINE, RUNS, [], WORLD),
-        "beyond the 1 given": (ONLINE, (Hyperparameters(dataset=1),), [data], WORLD),
+        "beyond the 1 given": (ONLINE, (DialHyperparameters(dataset=1),), [data], WORLD),
         "needs a world": (ONLINE, RUNS, [data], None),
         "takes no world": (OFFLINE, RUNS, [data], WORLD),
         "with a clock if it has one": (ONLINE, RUNS, [demonstrations(n_features=6)], WORLD),
@@ -117,7 +117,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
 )
 def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> None:
     with pytest.raises(UserError, match=line):
-        dataclasses.replace(StaticConfig(), **changes)
+        dataclasses.replace(DialConfig(), **changes)
 
 
 @pytest.mark.parametrize(
@@ -131,4 +131,4 @@ def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> No
 )
 def test_numbers_outside_their_range_are_refused(changes: dict, line: str) -> None:
     with pytest.raises(UserError, match=line):
-        dataclasses.replace(Hyperparameters(), **changes)
+        dataclasses.replace(DialHyperparameters(), **changes)

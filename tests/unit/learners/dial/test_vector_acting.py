@@ -8,10 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
-from socialiq.learners.dial.acting import DialCollector
-from socialiq.learners.dial.config import INTERSECTION, Hyperparameters
+from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
+from socialiq.learners.dial.config import INTERSECTION, DialHyperparameters
 from socialiq.learners.dial.train import Dial
-from socialiq.learners.dial.vector_acting import DialVectorCollector
 from socialiq.learners.fit import _start_all
 from socialiq.learners.state import stack
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
@@ -21,7 +20,7 @@ from socialiq_lab.intersection.fitting import CHUNK, sizes_of, source_of
 STATIC = dataclasses.replace(
     INTERSECTION.structure, hidden=(8,), environments=4, replay_capacity=500
 )
-NUMBERS = [Hyperparameters(seed=seed, temperature=0.5) for seed in (3, 8)]
+NUMBERS = [DialHyperparameters(seed=seed, temperature=0.5) for seed in (3, 8)]
 
 
 def vector_env(count: int) -> IntersectionVectorEnv:

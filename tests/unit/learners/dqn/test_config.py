@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
+from socialiq.learners.dqn import DQNConfig, DQNHyperparameters
 
 NAN, INF = float("nan"), float("inf")
 
@@ -24,7 +24,7 @@ NAN, INF = float("nan"), float("inf")
 )
 def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(UserError) as caught:
-        StaticConfig(**fields)
+        DQNConfig(**fields)
     assert "\n" not in str(caught.value)
     assert next(iter(fields)) in str(caught.value)
 
@@ -45,7 +45,7 @@ def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> Non
 )
 def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(UserError) as caught:
-        Hyperparameters(**fields)
+        DQNHyperparameters(**fields)
     assert "\n" not in str(caught.value)
     assert next(iter(fields)) in str(caught.value)
 
@@ -64,12 +64,12 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     ids=str,
 )
 def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
-    hyperparameters = Hyperparameters(**fields)
+    hyperparameters = DQNHyperparameters(**fields)
     assert all(getattr(hyperparameters, name) == value for name, value in fields.items())
 
 
 def test_exploration_falls_in_a_straight_line_and_stays() -> None:
-    hyperparameters = Hyperparameters(exploration=0.2, exploration_fall=0.5)
+    hyperparameters = DQNHyperparameters(exploration=0.2, exploration_fall=0.5)
     found = [hyperparameters.exploring(progress) for progress in (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)]
     assert found == pytest.approx([1.0, 0.8, 0.6, 0.2, 0.2, 0.2])
 
@@ -78,4 +78,4 @@ def test_exploration_falls_in_a_straight_line_and_stays() -> None:
     ("steps", "updates"), [(480, 10), (479, 9), (48, 1), (1, 1), (5_000_000, 104_166)]
 )
 def test_updates_are_the_whole_ones_that_the_steps_pay_for(steps: int, updates: int) -> None:
-    assert StaticConfig(steps=steps, steps_per_update=48).updates == updates
+    assert DQNConfig(steps=steps, steps_per_update=48).updates == updates

@@ -12,8 +12,9 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.collect import Act, Source
-from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
-from socialiq.learners.dqn.train import (
+from socialiq.learners.dqn import (
+    DQNConfig,
+    DQNHyperparameters,
     acting,
     bootstrapped_target,
     next_value,
@@ -27,10 +28,10 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
 CHUNK, SEEN = 40, np.eye(2, dtype=np.float32)
-STRUCTURE = StaticConfig(
+STRUCTURE = DQNConfig(
     hidden=(8,), batch_size=16, steps=240, steps_per_update=2, replay_capacity=120
 )  # 120 updates
-NUMBERS = Hyperparameters(learning_rate=0.02, final_learning_rate=0.02, polyak=0.1, seed=3)
+NUMBERS = DQNHyperparameters(learning_rate=0.02, final_learning_rate=0.02, polyak=0.1, seed=3)
 RUNS = (NUMBERS, dataclasses.replace(NUMBERS, seed=4))
 
 
@@ -48,15 +49,15 @@ def bandit(social: float = 0.0) -> Source:
 
 
 def learn(
-    *hyperparameters: Hyperparameters,
-    static: StaticConfig = STRUCTURE,
+    *hyperparameters: DQNHyperparameters,
+    static: DQNConfig = STRUCTURE,
     callbacks: Callbacks | None = None,
 ) -> Trained:
     sources = [bandit() for _ in hyperparameters]
     return train(static, hyperparameters, sources, (2, 2), callbacks, chunk=CHUNK)
 
 
-def learnt_nothing(static: StaticConfig) -> QNetwork:
+def learnt_nothing(static: DQNConfig) -> QNetwork:
     """The network that a run of `NUMBERS` begins with."""
     _, key = jax.random.split(jax.random.key(jnp.uint32(NUMBERS.seed)))
     return QNetwork.initialise(key, 2, static.hidden, 2)
@@ -189,8 +190,8 @@ def test_random_actions_become_as_rare_as_the_numbers_say(done: int, share: floa
 def test_a_policy_carries_its_origin(whole: Trained) -> None:
     record = whole.policy(1).provenance
     assert record["learner"] == "dqn"
-    assert Hyperparameters(**record["numbers"]) == RUNS[1]
-    assert StaticConfig(**record["structure"]) == STRUCTURE
+    assert DQNHyperparameters(**record["numbers"]) == RUNS[1]
+    assert DQNConfig(**record["structure"]) == STRUCTURE
 
 
 @pytest.mark.parametrize(("runs", "sources"), [(0, 0), (2, 1), (1, 2)])

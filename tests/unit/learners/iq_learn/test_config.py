@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.types import Ending
 
 NAN, INF = float("nan"), float("inf")
@@ -11,7 +11,7 @@ untyped = pytest.mark.usefixtures("without_type_checker")
 
 
 def test_defaults_are_the_gridworld_column_of_table_c_1() -> None:
-    hyperparameters, static = Hyperparameters(), StaticConfig()
+    hyperparameters, static = IQLearnHyperparameters(), IQLearnConfig()
     assert (hyperparameters.temperature, hyperparameters.discount, hyperparameters.chi2_alpha) == (
         1.0,
         0.99,
@@ -58,7 +58,7 @@ def test_defaults_are_the_gridworld_column_of_table_c_1() -> None:
 )
 def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(UserError) as caught:
-        StaticConfig(**fields)
+        IQLearnConfig(**fields)
     assert "\n" not in str(caught.value)
 
 
@@ -74,14 +74,14 @@ def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> Non
     ids=str,
 )
 def test_a_structure_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
-    static = StaticConfig(**fields)
+    static = IQLearnConfig(**fields)
     assert all(getattr(static, name) == value for name, value in fields.items())
 
 
 @untyped
 def test_an_unknown_name_is_told_with_the_known_ones() -> None:
     with pytest.raises(UserError, match="unknown value term 'v1': choose one of value, value_expe"):
-        StaticConfig(value_term="v1")
+        IQLearnConfig(value_term="v1")
 
 
 @untyped
@@ -119,7 +119,7 @@ def test_endings_by_kind_name_every_ending() -> None:
 )
 def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(UserError) as caught:
-        Hyperparameters(**fields)
+        IQLearnHyperparameters(**fields)
     assert "\n" not in str(caught.value)
     assert next(iter(fields)) in str(caught.value)
 
@@ -138,5 +138,5 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     ids=str,
 )
 def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
-    hyperparameters = Hyperparameters(**fields)
+    hyperparameters = IQLearnHyperparameters(**fields)
     assert all(getattr(hyperparameters, name) == value for name, value in fields.items())

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import IQLearn, train
 from socialiq.learners.state import stack
 
-STATIC = StaticConfig(
+STATIC = IQLearnConfig(
     form="dueling",
     prior="none",
     online=False,
@@ -20,7 +20,7 @@ STATIC = StaticConfig(
     batch_size=16,
     updates=20,
 )
-NUMBERS = Hyperparameters(temperature=0.2)
+NUMBERS = IQLearnHyperparameters(temperature=0.2)
 
 
 @pytest.fixture(name="data", scope="module")

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.iq_learn import priors
+from socialiq.learners.iq_learn import losses
 
 REWARD, TARGET = jnp.array([1.0, 2.0]), jnp.array([2.0, -1.0])
 EVERY = jnp.ones(4, bool)
@@ -12,7 +12,7 @@ SCORES = jnp.array([0.0, 1.0, 2.0, 2.0])
 
 def test_social_prior_by_hand() -> None:
     """Eq 4.4 at λ = 0.5: the mean of (1 - 1)² and (2 + 0.5)²."""
-    assert priors.social_prior(REWARD, TARGET, 0.5) == pytest.approx(3.125)
+    assert losses.social_prior(REWARD, TARGET, 0.5) == pytest.approx(3.125)
 
 
 def test_gradient_of_the_social_prior_is_equation_4_6() -> None:
@@ -22,44 +22,44 @@ def test_gradient_of_the_social_prior_is_equation_4_6() -> None:
     reward = np.tanh(x @ theta)
     slope = (1 - reward**2)[:, None] * x
     expected = 2 * ((reward - 0.7 * target)[:, None] * slope).mean(axis=0)
-    found = jax.grad(lambda t: priors.social_prior(jnp.tanh(x @ t), jnp.asarray(target), 0.7))(
+    found = jax.grad(lambda t: losses.social_prior(jnp.tanh(x @ t), jnp.asarray(target), 0.7))(
         jnp.asarray(theta)
     )
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
 def test_bellman_shift_by_hand() -> None:
-    np.testing.assert_allclose(priors.bellman_shift(REWARD, TARGET, 0.5), [0.0, 2.5])
+    np.testing.assert_allclose(losses.bellman_shift(REWARD, TARGET, 0.5), [0.0, 2.5])
 
 
 def test_shifted_chi2_by_hand() -> None:
-    assert priors.shifted_chi2(REWARD, TARGET, 0.5, 0.5) == pytest.approx(1.5625)
+    assert losses.shifted_chi2(REWARD, TARGET, 0.5, 0.5) == pytest.approx(1.5625)
 
 
 def test_demonstration_weights_by_hand() -> None:
     """exp of (0, ln 2) at τ_w = 1 and (0, 2 ln 2) at τ_w = 0.5; the last is not allowed."""
     target, allowed = jnp.array([0.0, jnp.log(2.0), 50.0]), jnp.array([True, True, False])
-    found = priors.demonstration_weights(target, allowed, 1.0)
+    found = losses.demonstration_weights(target, allowed, 1.0)
     np.testing.assert_allclose(found, [1 / 3, 2 / 3, 0], rtol=1e-5)
-    found = priors.demonstration_weights(target, allowed, 0.5)
+    found = losses.demonstration_weights(target, allowed, 0.5)
     np.testing.assert_allclose(found, [1 / 5, 4 / 5, 0], rtol=1e-5)
-    assert priors.effective_sample_size(jnp.array([1 / 3, 2 / 3, 0])) == pytest.approx(1.8)
+    assert losses.effective_sample_size(jnp.array([1 / 3, 2 / 3, 0])) == pytest.approx(1.8)
 
 
 def test_weights_sum_to_one_and_spread_less_as_the_temperature_falls() -> None:
     sizes = []
     for temperature in (100.0, 10.0, 1.0, 0.3, 0.1):
-        weights = priors.demonstration_weights(SCORES, EVERY, temperature)
+        weights = losses.demonstration_weights(SCORES, EVERY, temperature)
         assert weights.sum() == pytest.approx(1.0, rel=1e-6)
-        sizes.append(float(priors.effective_sample_size(weights)))
+        sizes.append(float(losses.effective_sample_size(weights)))
     assert (np.diff(sizes) < 0).all()
     assert sizes[0] == pytest.approx(4.0, rel=1e-3)
 
 
 def test_weights_at_the_limits_are_uniform_or_on_the_best_and_always_finite() -> None:
-    hot = priors.demonstration_weights(1e4 * SCORES, EVERY, 1e12)
+    hot = losses.demonstration_weights(1e4 * SCORES, EVERY, 1e12)
     np.testing.assert_allclose(hot, 0.25, rtol=1e-6)
-    cold = priors.demonstration_weights(1e4 * SCORES, EVERY, 1e-4)
+    cold = losses.demonstration_weights(1e4 * SCORES, EVERY, 1e-4)
     np.testing.assert_allclose(cold, [0, 0, 0.5, 0.5])
-    negative = priors.demonstration_weights(-1e4 * SCORES, EVERY, 1e-4)
+    negative = losses.demonstration_weights(-1e4 * SCORES, EVERY, 1e-4)
     np.testing.assert_allclose(negative, [1, 0, 0, 0])

@@ -10,16 +10,16 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import IQLearn, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.state import HyperparameterArrays, stack
 from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 
-ONLINE = StaticConfig(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
+ONLINE = IQLearnConfig(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
 OFFLINE = dataclasses.replace(ONLINE, online=False, value_term="value_expert")
-RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
+RUNS = (IQLearnHyperparameters(seed=0, angle=45.0), IQLearnHyperparameters(seed=1, angle=45.0))
 CROSSING7 = registry.make_grid("crossing7")
 
 
@@ -110,7 +110,7 @@ def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None
     policy = whole.policy(1)
     assert policy.temperature == 1.0
     assert policy.provenance["learner"] == "iq_learn"
-    assert Hyperparameters(**policy.provenance["numbers"]) == RUNS[1]
+    assert IQLearnHyperparameters(**policy.provenance["numbers"]) == RUNS[1]
     assert policy.provenance["structure"]["hidden"] == (8,)
 
 
@@ -120,7 +120,7 @@ def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data
     static = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
     table = ExpertTable.of([data], "running", 0.99)
     hyperparameters = stack(
-        [Hyperparameters(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)]
+        [IQLearnHyperparameters(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)]
     )
 
     learner = IQLearn(static, (6, 3), table, CROSSING7)
@@ -153,28 +153,28 @@ def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data
 
 
 # Together these runs, ONLINE and OFFLINE have every value of every choice; each has its program.
-VARIANTS: dict[str, tuple[dict[str, Any], Hyperparameters]] = {
+VARIANTS: dict[str, tuple[dict[str, Any], IQLearnHyperparameters]] = {
     "shifted_chi2": (
         {"prior": "shifted_chi2", "target_kind": "instantaneous", "chi2_on": "mixture"}
         | {"endings": Endings(collision="absorbing", timeout="bootstrap")}
         | {"online": True, "value_term": "value", "env_steps_per_update": 2},
-        Hyperparameters(angle=90.0),
+        IQLearnHyperparameters(angle=90.0),
     ),
     "bellman_shift": (
         {"prior": "bellman_shift", "shift_term_3": True, "target_kind": "to_go"}
         | {"value_term": "v0", "next_value": "online"},
-        Hyperparameters(),
+        IQLearnHyperparameters(),
     ),
     "kl": (
         {"divergence": "kl", "prior": "none", "value_term": "v0", "activation": "elu"},
-        Hyperparameters(),
+        IQLearnHyperparameters(),
     ),
     "reverse_kl": (
         {"divergence": "reverse_kl", "prior": "reweighting", "next_value": "online"},
-        Hyperparameters(reweight_temperature=0.5),
+        IQLearnHyperparameters(reweight_temperature=0.5),
     ),
-    "hellinger": ({"divergence": "hellinger", "prior": "bellman_shift"}, Hyperparameters()),
-    "js": ({"divergence": "js", "target_kind": "trajectory"}, Hyperparameters()),
+    "hellinger": ({"divergence": "hellinger", "prior": "bellman_shift"}, IQLearnHyperparameters()),
+    "js": ({"divergence": "js", "target_kind": "trajectory"}, IQLearnHyperparameters()),
 }
 
 
@@ -197,12 +197,12 @@ def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
         (ONLINE, [], CROSSING7, "no runs"),
         (ONLINE, RUNS, None, "online training needs a world"),
         (OFFLINE, RUNS, CROSSING7, "offline training takes no world"),
-        (ONLINE, [Hyperparameters(dataset=1)], CROSSING7, "beyond the 1 given"),
+        (ONLINE, [IQLearnHyperparameters(dataset=1)], CROSSING7, "beyond the 1 given"),
         (ONLINE, RUNS, registry.make_grid("crossing5"), "they belong to another world"),
     ],
 )
 def test_settings_that_do_not_fit_together_are_refused(
-    data, static: StaticConfig, hyperparameters: Any, world: Any, words: str
+    data, static: IQLearnConfig, hyperparameters: Any, world: Any, words: str
 ) -> None:
     with pytest.raises(UserError, match=words):
         train(static, list(hyperparameters), [data], world)

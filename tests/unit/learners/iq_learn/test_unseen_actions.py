@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
@@ -17,7 +17,7 @@ SHOWN, OWN = (3, 1, 0), (1, 1, 2)
 """Number of rows of demonstrations and of replay, by action of the only state."""
 
 REWARD = (0.3, -0.2, 0.6)
-NUMBERS = Hyperparameters(angle=0.0, strength=1.5, prior_weight=2.0, chi2_alpha=0.25)
+NUMBERS = IQLearnHyperparameters(angle=0.0, strength=1.5, prior_weight=2.0, chi2_alpha=0.25)
 
 
 def rows(counts: tuple[int, ...]) -> Batch:
@@ -30,7 +30,7 @@ def rows(counts: tuple[int, ...]) -> Batch:
 
 def gradient(q: np.ndarray, **choices: str) -> np.ndarray:
     """Return the derivative of the loss in Q(s, a)."""
-    static = StaticConfig(batch_size=4, hidden=(), **choices)
+    static = IQLearnConfig(batch_size=4, hidden=(), **choices)
     numbers = stack([NUMBERS])[0]
     network = QNetwork.initialise(jax.random.key(0), 1, (), 3)
     batches = Batches(expert=rows(SHOWN), replay=rows(OWN), initial=None)

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.offline.config import StaticConfig
-from socialiq.learners.offline.critic import Critic
+from socialiq.learners.offline.config import OfflineDialConfig
 from socialiq.learners.offline.objective import (
+    Critic,
     Rows,
     behaviour_loss,
     critic_loss,
@@ -26,7 +26,7 @@ ALONG_BOTH = RewardPair(jnp.array([0.6]), jnp.array([0.8]))
 
 def constant(values: list[list[float]]) -> Critic:
     """An ensemble whose members tell these pairs, in units of reward, of each action."""
-    static = StaticConfig(view="flat", hidden=(), members=len(values))
+    static = OfflineDialConfig(view="flat", hidden=(), members=len(values))
     drawn = Critic.ensemble(jax.random.key(0), (1, 2), static)
     biases = jnp.array(values).reshape(len(values), 2, 2) / UNIT
     leaves = [jnp.zeros_like(jax.tree.leaves(drawn)[0]), biases.reshape(len(values), 4)]

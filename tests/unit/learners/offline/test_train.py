@@ -9,16 +9,16 @@ import pytest
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.dial.rows import draw_directions
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.offline.train import STAGES, recorded, train, train_together
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Ending, RewardPair
 
 FULL_COMPILER = True
-STATIC = StaticConfig(
+STATIC = OfflineDialConfig(
     view="flat", hidden=(32,), one_hot=((0, 3),), batch_size=64, updates=400, high_share=None
 )
-NUMBERS = Hyperparameters(learning_rate=1e-2, end_temperature=0.1)
+NUMBERS = OfflineDialHyperparameters(learning_rate=1e-2, end_temperature=0.1)
 STATES = np.array([[0.0], [1.0]], np.float32)
 
 
@@ -75,7 +75,7 @@ def test_what_earns_nothing_is_imitated(trained) -> None:
 @pytest.mark.slow
 def test_a_high_temperature_clones() -> None:
     prices = dict.fromkeys(("temperature", "end_temperature"), 1e3)
-    cold = Hyperparameters(learning_rate=1e-2, **prices)
+    cold = OfflineDialHyperparameters(learning_rate=1e-2, **prices)
     dial = train(STATIC, cold, two_steps(), chunk=200)["dial"].policy(0)
     found = dial.at(45.0).probabilities(STATES)
     np.testing.assert_allclose(found, [[0.7, 0.3, 0.0], [0.9, 0.1, 0.0]], atol=0.1)
@@ -83,18 +83,18 @@ def test_a_high_temperature_clones() -> None:
 
 @pytest.mark.slow
 def test_a_run_repeats_and_its_record_names_it() -> None:
-    short = StaticConfig(view="flat", hidden=(8,), updates=20, batch_size=8, members=2)
+    short = OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8, members=2)
     runs = [train(short, NUMBERS, two_steps(20), chunk=10)["dial"] for _ in range(2)]
     first, second = (one.policy(0) for one in runs)
     np.testing.assert_array_equal(first.turned.weights[0], second.turned.weights[0])
     assert first.provenance["learner"] == "offline_dial"
-    assert Hyperparameters(**first.provenance["numbers"]) == NUMBERS
+    assert OfflineDialHyperparameters(**first.provenance["numbers"]) == NUMBERS
     assert runs[0].history.updates == [10, 20]
 
 
 def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
     """Two in five beyond 77 degrees; of a range that ends at 60, all alike."""
-    for static, share in ((StaticConfig(), 0.4), (StaticConfig(high=60.0), 0.0)):
+    for static, share in ((OfflineDialConfig(), 0.4), (OfflineDialConfig(high=60.0), 0.0)):
         drawn = draw_directions(jax.random.key(0), 20_000, static.drawn)
         angles = np.rad2deg(np.arctan2(drawn.social, drawn.env))
         assert (angles > 77.0).mean() == pytest.approx(share, abs=0.02)
@@ -102,7 +102,7 @@ def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
 
 
 def test_the_critics_take_more_steps() -> None:
-    short = StaticConfig(view="flat", hidden=(8,), updates=10, critic_factor=3, batch_size=8)
+    short = OfflineDialConfig(view="flat", hidden=(8,), updates=10, critic_factor=3, batch_size=8)
     stages = train(short, NUMBERS, two_steps(20), chunk=10)
     assert [stages[name].history.updates[-1] for name in STAGES] == [10, 30, 10]
 
@@ -156,32 +156,32 @@ def test_episodes_with_missing_steps_are_refused() -> None:
 
 
 def test_a_stage_that_blows_up_is_told() -> None:
-    short = StaticConfig(view="flat", hidden=(8,), updates=20, batch_size=8)
+    short = OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8)
     told = r"stage behaviour, seed 0 stopped at update \d+: .* not finite; lower learning_rate$"
     with pytest.raises(UserError, match=told):
-        train(short, Hyperparameters(learning_rate=1e30), two_steps(20))
+        train(short, OfflineDialHyperparameters(learning_rate=1e30), two_steps(20))
 
 
 @pytest.mark.usefixtures("without_type_checker")
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(low=50.0, high=20.0),
-        lambda: StaticConfig(high=400.0),
-        lambda: StaticConfig(margin=-1.0),
-        lambda: StaticConfig(high_share=2.0),
-        lambda: StaticConfig(members=0),
-        lambda: StaticConfig(critic_factor=0),
-        lambda: StaticConfig(view="round"),
-        lambda: StaticConfig(averaging=0.1),
-        lambda: StaticConfig(schedule="linear"),
-        lambda: StaticConfig(view="flat", input_scale=2.0),
-        lambda: Hyperparameters(temperature=0.0),
-        lambda: Hyperparameters(end_temperature=0.0),
-        lambda: Hyperparameters(discount=1.1),
-        lambda: Hyperparameters(polyak=0.0),
-        lambda: Hyperparameters(final_rate=2.0),
-        lambda: Hyperparameters(seed=-1),
+        lambda: OfflineDialConfig(low=50.0, high=20.0),
+        lambda: OfflineDialConfig(high=400.0),
+        lambda: OfflineDialConfig(margin=-1.0),
+        lambda: OfflineDialConfig(high_share=2.0),
+        lambda: OfflineDialConfig(members=0),
+        lambda: OfflineDialConfig(critic_factor=0),
+        lambda: OfflineDialConfig(view="round"),
+        lambda: OfflineDialConfig(averaging=0.1),
+        lambda: OfflineDialConfig(schedule="linear"),
+        lambda: OfflineDialConfig(view="flat", input_scale=2.0),
+        lambda: OfflineDialHyperparameters(temperature=0.0),
+        lambda: OfflineDialHyperparameters(end_temperature=0.0),
+        lambda: OfflineDialHyperparameters(discount=1.1),
+        lambda: OfflineDialHyperparameters(polyak=0.0),
+        lambda: OfflineDialHyperparameters(final_rate=2.0),
+        lambda: OfflineDialHyperparameters(seed=-1),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make) -> None:

@@ -9,18 +9,22 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching
 from socialiq.learners.dial.rows import stratified_angles
-from socialiq.learners.policy_iteration.config import Hyperparameters
-from socialiq.learners.policy_iteration.dial import DialIteration, StaticConfig, greedy, train
-from socialiq.learners.policy_iteration.train import Labelled
+from socialiq.learners.policy_iteration.dial import (
+    DialIteration,
+    DialIterationConfig,
+    greedy,
+    train,
+)
+from socialiq.learners.policy_iteration.train import IterationHyperparameters, Labelled
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
-SMALL = StaticConfig(
+SMALL = DialIterationConfig(
     hidden=(32,), batch_size=64, updates=600, states_per_update=4, replay_capacity=2_000, knots=5
 )
-NUMBERS = Hyperparameters(
+NUMBERS = IterationHyperparameters(
     learning_rate=1e-2, final_learning_rate=1e-3, polyak=0.05, temperature=0.3, seed=1
 )
 
@@ -59,7 +63,7 @@ def test_regression_learns_the_returns_of_both_rewards():
 
 
 def test_fast_greedy_actions_are_those_of_the_dial_at_each_angle():
-    static = StaticConfig(view="set", times=20, hidden=(16,), knots=5)
+    static = DialIterationConfig(view="set", times=20, hidden=(16,), knots=5)
     batch = Batch(Options(), 30)
     sizes = (batch.observation.shape[1] + 1, 3)
     network = DialIteration(static, sizes).network(jax.random.key(0))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.policy_iteration.config import Hyperparameters, StaticConfig
 from socialiq.learners.policy_iteration.train import (
+    IterationConfig,
+    IterationHyperparameters,
     Labelled,
     PolicyIteration,
     expected_return,
@@ -20,10 +21,10 @@ from socialiq.types import RewardPair
 
 LENGTH = 5
 LEFT, RIGHT = 0, 1
-SMALL = StaticConfig(
+SMALL = IterationConfig(
     hidden=(32,), batch_size=64, updates=600, states_per_update=4, replay_capacity=2_000
 )
-NUMBERS = Hyperparameters(
+NUMBERS = IterationHyperparameters(
     learning_rate=1e-2, final_learning_rate=1e-3, polyak=0.05, temperature=0.3, seed=1
 )
 
@@ -152,11 +153,11 @@ def test_runs_need_a_labeller_each():
 @pytest.mark.parametrize(
     ("kind", "change"),
     [
-        (StaticConfig, {"updates": 0}),
-        (StaticConfig, {"view": "round"}),
-        (Hyperparameters, {"temperature": 0.0}),
-        (Hyperparameters, {"regression": 1.5}),
-        (Hyperparameters, {"angle": 400.0}),
+        (IterationConfig, {"updates": 0}),
+        (IterationConfig, {"view": "round"}),
+        (IterationHyperparameters, {"temperature": 0.0}),
+        (IterationHyperparameters, {"regression": 1.5}),
+        (IterationHyperparameters, {"angle": 400.0}),
     ],
 )
 def test_impossible_settings_are_refused(kind, change):

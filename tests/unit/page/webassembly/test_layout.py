@@ -6,7 +6,7 @@ import json
 import numpy as np
 
 from socialiq.page.webassembly.layout import layout
-from socialiq.worlds.highway.settings import SETTINGS, SIGNALS
+from socialiq.worlds.highway.options import SETTINGS, SIGNALS
 from socialiq.worlds.highway.state import Buffers
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import VEHICLE, buffers_of

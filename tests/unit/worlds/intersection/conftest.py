@@ -8,8 +8,7 @@ import pytest
 
 from socialiq.worlds.highway.state import ANNOTATE, Buffers, Contact
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.intersection.options import Options, settings_of
 from socialiq.worlds.intersection.state import VEHICLE, buffers_of
 from socialiq.worlds.world import Decisions
 

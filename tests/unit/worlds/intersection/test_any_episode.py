@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.pictures.scenes import weight_of
-from socialiq.worlds.highway.settings import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS
+from socialiq.worlds.highway.options import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS
+from socialiq.worlds.highway.pictures.render import weight_of
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import VEHICLE

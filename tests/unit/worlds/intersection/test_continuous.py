@@ -10,8 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from socialiq.errors import UserError
 from socialiq.worlds import CONTINUOUS_IDS
-from socialiq.worlds.intersection.actions import commands, space_of, width
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.batch import Batch, commands, space_of, width
 from socialiq.worlds.intersection.gym import IntersectionEnv, IntersectionVectorEnv
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection

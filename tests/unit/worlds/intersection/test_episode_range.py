@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from socialiq.worlds.highway.settings import SOCIAL_SIGNALS
+from socialiq.worlds.highway.options import SOCIAL_SIGNALS
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.episode_range import (
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import (
     Range,
     decisions,
     env_range,
     largest_progress,
     social_range,
 )
-from socialiq.worlds.intersection.options import Options
 
 
 def test_the_defaults_by_hand():

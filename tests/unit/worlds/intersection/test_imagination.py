@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.imagination import imagined
+from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import Options
 
 N = 60

@@ -7,9 +7,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.worlds import registry
-from socialiq.worlds.highway.settings import SIGNALS
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.highway.options import SIGNALS
+from socialiq.worlds.intersection.options import Options, settings_of
 
 THESIS = {
     "simulation_frequency": 10,

@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 import socialiq
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError, one_of
 
 BENCHMARKS = (
@@ -28,7 +28,7 @@ BENCHMARKS = (
 
 
 @dataclass(frozen=True)
-class Bench:
+class Bench(Printing):
     """Measure speed in comparison with reference implementations.
 
     learners: against eager PyTorch. continuous: soft actor-critic against Stable-Baselines3's.
@@ -45,8 +45,6 @@ class Bench:
     """learners, continuous, devices, worlds, experts, dial, recordings, page or junction."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Find the benchmark beside the sources, run it, print."""

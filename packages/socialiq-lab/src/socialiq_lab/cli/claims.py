@@ -6,7 +6,7 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
-from socialiq.cli.output import print_json
+from socialiq.cli.output import Printing, print_json
 from socialiq.errors import one_of
 from socialiq.storage import packaged_results
 from socialiq.types import Row
@@ -14,7 +14,7 @@ from socialiq_lab import claims
 
 
 @dataclass(frozen=True)
-class Claims:
+class Claims(Printing):
     """Print each checkable claim of the thesis, the value found, and the verdict.
 
     Example: socialiq claims --verdict not
@@ -26,8 +26,6 @@ class Claims:
     """Only this verdict: reproduced, partly, not or untested."""
     study: str = ""
     """Only claims tested by this study."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Resolve the values and print."""

@@ -4,7 +4,6 @@ COMMANDS = {
     "demo": "socialiq_lab.cli.demo:Demo",
     "sweep": "socialiq_lab.cli.sweep:Sweep",
     "reproduce": "socialiq_lab.cli.studies:Reproduce",
-    "compare": "socialiq_lab.cli.studies:Compare",
     "claims": "socialiq_lab.cli.claims:Claims",
     "bench": "socialiq_lab.cli.bench:Bench",
 }

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.learners.config import check_seeds
+from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.scenes import episode_scenes
+from socialiq.worlds.highway.pictures.render import episode_scenes
 from socialiq.worlds.highway.pictures.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
@@ -30,7 +30,7 @@ RULES = ("gap_3s", "go")
 
 
 @dataclass(frozen=True)
-class Demo:
+class Demo(Printing):
     """Train the 7x7 baseline and three targets, then drive the intersection with the atlas.
 
     Example: socialiq demo
@@ -42,8 +42,6 @@ class Demo:
     """Training seeds."""
     episodes: int = 200
     """Episodes of each policy at the intersection."""
-    json: bool = False
-    """Print one JSON object."""
 
     def drive(self) -> list[Row]:
         """Outcomes of the atlas' learners, its best egoist and a rule; and a film of one."""
@@ -90,6 +88,6 @@ class Demo:
         print(
             f"\n{self.out}/intersection.gif shows an episode.\n"
             "Next: socialiq claims (what of the thesis holds), docs/reproduction/grid.md (why),\n"
-            "socialiq train --help (your own angle)."
+            "socialiq train iq-learn --help (your own angle)."
         )
         return 0

@@ -1,4 +1,4 @@
-"""`reproduce` and `compare`: run a study, or show its results.
+"""`reproduce`: run a study, or show its results.
 
 The settings of a study are the fields of its configuration. `--seeds`, `--set` and `--preset`
 change them, and `--settings` lists them.
@@ -15,26 +15,33 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.outputs import claimed
+from socialiq.settings import assignments, changed, described
 from socialiq_lab import registry
 from socialiq_lab import results as store
 from socialiq_lab import study as experiment
 from socialiq_lab.engine import Engine
 from socialiq_lab.results import Results
-from socialiq_lab.settings import assignments, changed, described
 from socialiq_lab.study import Study
-
-COMPARISONS = {"priors": "compare-priors", "methods": "compare-methods"}
-"""Name on the command line, and the study."""
 
 
 @dataclass(frozen=True)
-class _StudyCommand:
-    """Options of every study."""
+class Reproduce(Printing):
+    """Run a study, or show its results.
 
+    `socialiq reproduce STUDY --settings` lists a study's settings. The long studies, those of the
+    intersection, take hours; they keep what is done in FOLDER.work, so the same command resumes.
+
+    Example: socialiq reproduce grid --seeds 0 1 --set updates=500 --out my-results
+    """
+
+    study: Annotated[str, tyro.conf.Positional] = ""
+    """One of the studies above; or a STUDY.toml or FILE.py:NAME, a study of your own."""
+    allow_code: bool = False
+    """Run the code of FILE.py, or of study.py beside STUDY.toml, with your rights."""
     seeds: tuple[int, ...] | None = None
     """Training seeds; by default those of the committed results."""
     set_: Annotated[
@@ -57,14 +64,12 @@ class _StudyCommand:
     """Show the results of this folder, or of the study's in it, without running anything; where
     ./results is not there, results/STUDY are those that came with the package. With --out the
     figures are drawn there."""
-    json: bool = False
-    """Print one JSON object."""
 
     output = None  # claimed in `_computed`, which knows the folder
 
-    def run_study(self, name: str, allow_code: bool = False) -> int:
+    def run(self) -> int:
         """Run or read, then print."""
-        study, content = registry.study_and_declaration(name, allow_code)
+        study, content = registry.study_and_declaration(self.study, self.allow_code)
         if self.from_ is not None:
             results = experiment.load(study, self.from_)
             if self.out is not None:
@@ -114,7 +119,7 @@ def _check(config: Any) -> None:
         UserError: If there are any.
     """
     from socialiq.cli.checks import check_options
-    from socialiq.learners.config import check_seeds
+    from socialiq.learners.settings import check_seeds
     from socialiq.social.returns import TARGET_KINDS
 
     check_seeds(getattr(config, "seeds", ()))
@@ -142,44 +147,4 @@ def _listed() -> str:
     )
 
 
-@dataclass(frozen=True)
-class Reproduce(_StudyCommand):
-    """Run a study, or show its results.
-
-    `socialiq reproduce STUDY --settings` lists a study's settings. The long studies, those of the
-    intersection, take hours; they keep what is done in FOLDER.work, so the same command resumes.
-
-    Example: socialiq reproduce grid --seeds 0 1 --set updates=500 --out my-results
-    """
-
-    study: Annotated[str, tyro.conf.Positional] = ""
-    """One of the studies above; or a STUDY.toml or FILE.py:NAME, a study of your own."""
-    allow_code: bool = False
-    """Run the code of FILE.py, or of study.py beside STUDY.toml, with your rights."""
-
-    def run(self) -> int:
-        """Run or read, then print."""
-        return self.run_study(self.study, self.allow_code)
-
-
 Reproduce.__doc__ = f"{inspect.cleandoc(Reproduce.__doc__ or '')}\n\nStudies:\n{_listed()}\n"
-
-
-@dataclass(frozen=True)
-class Compare(_StudyCommand):
-    """Compare at one budget every place where the prior can enter, or our methods with others'.
-
-    Settings are chosen on development seeds, the table is of other seeds. What is done is kept in
-    FOLDER.work, so the same command resumes. Methods of other libraries run in environments that
-    are made there with pip; `--set methods=` without them needs none.
-
-    Example: socialiq compare priors --set worlds=crossing7 --out my-comparison
-    """
-
-    comparison: Annotated[str, tyro.conf.Positional] = ""
-    """priors or methods: `socialiq reproduce` compare-priors or compare-methods."""
-
-    def run(self) -> int:
-        """Run or read, then print."""
-        one_of("comparison", self.comparison, tuple(COMPARISONS))
-        return self.run_study(COMPARISONS[self.comparison])

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.cli.output import complain, print_json, print_table
+from socialiq.cli.output import Printing, complain, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
@@ -26,7 +26,7 @@ OUTCOMES = ("readout", "angle", "r_env", "r_social", "arrival", "regret")
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Printing):
     """Train every combination of hyperparameters, seeds, data sets and worlds that a file names.
 
     Runs that share static settings train together in one compiled program. What is finished is
@@ -50,8 +50,6 @@ class Sweep:
     """Import modules of environments, or a learner: their authors' code runs with your rights."""
     replace: bool = False
     """Replace the results that are in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     @property
     def output(self) -> Path | None:

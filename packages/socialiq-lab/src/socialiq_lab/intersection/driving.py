@@ -89,7 +89,7 @@ def drive_highway(
     config: HighwayRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Compare both decision by decision; write one row for each episode."""
-    from socialiq.worlds.intersection.reference.conformance import compare
+    from socialiq.worlds.intersection.conformance import compare
 
     driver = driver_of(config.driver, inputs, config.first_seed)
     rows: list[Row] = []

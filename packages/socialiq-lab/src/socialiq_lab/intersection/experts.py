@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.learners.dqn import config as dqn
+from socialiq.learners import dqn
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import load_values
 from socialiq.storage import kind_of, read_json
@@ -44,12 +44,12 @@ def expert_name(network: str, mode: str, seed: int) -> str:
 def flat_expert(mode: str, seed: int, steps: int) -> Job:
     """Return the job of an expert with the thesis' network and settings."""
     run = ExpertRun(
-        dqn.StaticConfig(steps=steps), dqn.Hyperparameters(angle=MODES[mode], seed=seed)
+        dqn.DQNConfig(steps=steps), dqn.DQNHyperparameters(angle=MODES[mode], seed=seed)
     )
     return Job(expert_name("flat", mode, seed), train_expert, run, cost=900.0)
 
 
-def finer(numbers: dqn.Hyperparameters) -> dqn.Hyperparameters:
+def finer(numbers: dqn.DQNHyperparameters) -> dqn.DQNHyperparameters:
     """Return hyperparameters whose exploration and step size fall further."""
     return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
 

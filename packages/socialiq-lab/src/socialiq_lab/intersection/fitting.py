@@ -174,7 +174,7 @@ def soft_collector(
     options: Options,
     environments: int,
     steps_per_update: int,
-    numbers: Sequence[iq.Hyperparameters],
+    numbers: Sequence[iq.IQLearnHyperparameters],
 ) -> Collector:
     """Return what collects experience of softmax policies, from intersections of each run."""
     sources = [source_of(options, environments, steps_per_update) for _ in numbers]

@@ -41,8 +41,8 @@ def run_file(seed: int, angle: float | None = None) -> str:
 class OfflineDialRuns:
     """Offline dials, each on a mixture of the three experts' demonstrations."""
 
-    structure: offline.StaticConfig
-    numbers: offline.Hyperparameters
+    structure: offline.OfflineDialConfig
+    numbers: offline.OfflineDialHyperparameters
     seeds: tuple[int, ...]
     size: int
     """Transitions of each expert."""
@@ -104,8 +104,8 @@ class AngleRuns:
 class CloneRuns(AngleRuns):
     """Behaviour clones."""
 
-    structure: bc.StaticConfig
-    numbers: bc.Hyperparameters
+    structure: bc.CloningConfig
+    numbers: bc.CloningHyperparameters
     nearest: bool = False
     """Whether a run sees the demonstrator of the nearest angle alone."""
 
@@ -134,8 +134,8 @@ def _of_the_nearest(data: Demonstrations, angle: float) -> Demonstrations:
 class IQLearnRuns(AngleRuns):
     """IQ-Learn, offline, or online beside a mixture."""
 
-    structure: iq.StaticConfig
-    numbers: iq.Hyperparameters
+    structure: iq.IQLearnConfig
+    numbers: iq.IQLearnHyperparameters
     environments: int = 12
     options: Options = field(default_factory=Options)
 

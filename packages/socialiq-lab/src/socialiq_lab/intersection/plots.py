@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from socialiq.plotting.rows import band
-from socialiq.plotting.style import COLORS, MARKS, figure, finish, plain
+from socialiq.plotting.style import COLORS, MARKS, band, figure, finish, plain
 from socialiq.types import Row
 from socialiq_lab.results import Results
 

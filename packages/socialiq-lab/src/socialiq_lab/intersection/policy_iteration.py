@@ -13,8 +13,8 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching
 from socialiq.learners.dial.rows import stratified_angles
-from socialiq.learners.policy_iteration import config as one_angle
 from socialiq.learners.policy_iteration import dial
+from socialiq.learners.policy_iteration import train as one_angle
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.worlds.intersection.options import Options
@@ -22,7 +22,7 @@ from socialiq_lab.intersection.episodes import DIAL
 from socialiq_lab.intersection.fitting import CHUNK, Checks, fit, sizes_of
 from socialiq_lab.jobs import ProgressCallback
 
-ITERATION = dial.StaticConfig(
+ITERATION = dial.DialIterationConfig(
     batch_size=512,
     updates=20_000,
     states_per_update=40,
@@ -31,7 +31,7 @@ ITERATION = dial.StaticConfig(
 )
 """Static config that improves dials of the intersection's preset; the network is the dial's."""
 
-ITERATION_NUMBERS = one_angle.Hyperparameters(
+ITERATION_NUMBERS = one_angle.IterationHyperparameters(
     learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
 )
 """Hyperparameters beside it."""
@@ -41,8 +41,8 @@ ITERATION_NUMBERS = one_angle.Hyperparameters(
 class DialIterationRun:
     """One run of direct policy iteration of a dial, which begins with the job's input."""
 
-    structure: dial.StaticConfig
-    numbers: one_angle.Hyperparameters
+    structure: dial.DialIterationConfig
+    numbers: one_angle.IterationHyperparameters
     environments: int = 256
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
@@ -100,7 +100,7 @@ def observes_time(start: DialPolicy, options: Options) -> bool:
 
 
 def dial_labeller(
-    structure: dial.StaticConfig, options: Options, environments: int, clock: bool
+    structure: dial.DialIterationConfig, options: Options, environments: int, clock: bool
 ) -> Branching:
     """Return the labeller of one run, whose episodes have angles of their own."""
 

@@ -18,12 +18,10 @@ from gymnasium.vector import AutoresetMode
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
+from socialiq.learners import dqn
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
-from socialiq.learners.dial.acting import DialCollector
-from socialiq.learners.dial.vector_acting import DialVectorCollector
-from socialiq.learners.dqn import config as dqn
-from socialiq.learners.dqn import train as dqn_training
+from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
@@ -54,8 +52,8 @@ from socialiq_lab.jobs import ProgressCallback
 class ExpertRun:
     """One DQN expert (thesis 5.2)."""
 
-    structure: dqn.StaticConfig
-    numbers: dqn.Hyperparameters
+    structure: dqn.DQNConfig
+    numbers: dqn.DQNHyperparameters
     environments: int = 12
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=Checks)
@@ -68,14 +66,14 @@ def train_expert(
     structure, numbers = config.structure, config.numbers
 
     def measure(state: Any, done: int) -> dict[str, float]:
-        policy = dqn_training.policy_of(structure, numbers, network_of(state.network, 0))
+        policy = dqn.policy_of(structure, numbers, network_of(state.network, 0))
         found = config.checks.measured(config.options, policy, numbers.angle)
         made = {"updates": done, "total": found["total"], "episodes": config.checks.episodes}
         _keep_best(policy, made, folder / BEST)
         return found
 
     source = source_of(config.options, config.environments, structure.steps_per_update)
-    train = partial(dqn_training.train, structure, [numbers], [source], sizes_of(config.options))
+    train = partial(dqn.train, structure, [numbers], [source], sizes_of(config.options))
     monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
     fit(train, folder, on_progress, [LAST], monitor)
 
@@ -91,8 +89,8 @@ def _keep_best(policy: QPolicy, made: Row, file: Path) -> None:
 class LearnerRun:
     """One IQ-Learn run on a mixture of the three experts' demonstrations."""
 
-    structure: iq.StaticConfig
-    numbers: iq.Hyperparameters
+    structure: iq.IQLearnConfig
+    numbers: iq.IQLearnHyperparameters
     mixture: str
     size: int
     """Episodes of each mode, or transitions in a mixture of equal transitions."""
@@ -127,8 +125,8 @@ STEPS_PER_UPDATE = 12
 
 
 def dial_collector(
-    structure: dial.StaticConfig,
-    numbers: Sequence[dial.Hyperparameters],
+    structure: dial.DialConfig,
+    numbers: Sequence[dial.DialHyperparameters],
     world: Intersection | SceneWorld,
     environments: int,
     steps_per_update: int,
@@ -154,12 +152,12 @@ def dial_collector(
     return DialVectorCollector(env, rounds, structure, numbers)
 
 
-DIAL_STRUCTURE = dial.StaticConfig(
+DIAL_STRUCTURE = dial.DialConfig(
     view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
 )
 """Static config of dials and agents, without ranges and updates: network of the set experts."""
 
-DIAL_NUMBERS = dial.Hyperparameters(
+DIAL_NUMBERS = dial.DialHyperparameters(
     temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
 )
 """Rates of the set experts; an intersection has no clock, hence their discount."""
@@ -169,8 +167,8 @@ DIAL_NUMBERS = dial.Hyperparameters(
 class DialRun:
     """One dial, or an agent: a dial of one angle."""
 
-    structure: dial.StaticConfig
-    numbers: dial.Hyperparameters
+    structure: dial.DialConfig
+    numbers: dial.DialHyperparameters
     size: int
     """Transitions of each expert."""
     steps_per_update: int = STEPS_PER_UPDATE

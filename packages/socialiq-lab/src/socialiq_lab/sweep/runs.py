@@ -16,6 +16,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import READOUTS
+from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.metrics import Metrics
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
@@ -28,7 +29,7 @@ from socialiq.storage import read_json, write_json
 from socialiq.types import Row
 from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.registry import GRIDWORLDS
-from socialiq_lab.gridworld_runs import Ground, evaluate
+from socialiq_lab.gridworld_runs import evaluate
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import Results, rounded
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
@@ -27,7 +27,7 @@ MOST_PICTURES = 200
 
 
 @dataclass(frozen=True)
-class FindConflicts:
+class FindConflicts(Printing):
     """List conflicts of recorded vehicles with PET, TTC, gaps and required decelerations.
 
     Example: socialiq data conflicts junction.safetensors --out conflicts --pictures 20
@@ -53,8 +53,6 @@ class FindConflicts:
     """Seed of that choice."""
     replace: bool = False
     """Replace earlier results in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Find, measure, write, print."""

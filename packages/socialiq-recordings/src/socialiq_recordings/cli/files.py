@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table, say
+from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.outputs import whole_folder
@@ -32,7 +32,7 @@ from socialiq_recordings.simulated_source import signs_of_simulation
 
 
 @dataclass(frozen=True)
-class Import:
+class Import(Printing):
     """Import recorded traffic, without implausible tracks, which are listed with reasons.
 
     Example: socialiq data import commonroad USA_Lanker-1_1_T-1.xml --out lankershim
@@ -54,8 +54,6 @@ class Import:
     """Standard error of positions, m; by default the column map's, or 0.25."""
     speed_error: float | None = None
     """Standard error of speeds, m/s; by default the column map's, or 0.25."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read all files, write the folder atomically, print."""
@@ -162,7 +160,7 @@ def _refused_csv(rows: list[dict[str, Any]]) -> str:
 
 
 @dataclass(frozen=True)
-class Inspect:
+class Inspect(Printing):
     """Count the sites, the independent chains and the different vehicles of recordings.
 
     Sites are compared by the geometry of their lanes, vehicles by their motion.
@@ -172,8 +170,6 @@ class Inspect:
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Files of `socialiq data import`."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, identify, print."""

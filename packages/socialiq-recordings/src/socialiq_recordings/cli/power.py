@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.learners.callbacks import Clock
 from socialiq.plotting.style import png
@@ -28,7 +28,7 @@ _Config = tyro.conf.OmitArgPrefixes[PowerConfig]
 
 
 @dataclass(frozen=True)
-class Power:
+class Power(Printing):
     """Simulate drivers of known angles at recorded moments: what is found, and what it would take.
 
     Example: socialiq data power a.safetensors b.safetensors --out power
@@ -45,8 +45,6 @@ class Power:
     """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
     replace: bool = False
     """Replace earlier results in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, simulate, count, write, print."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table, say
+from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
@@ -36,7 +36,7 @@ LIMITS = (
 
 
 @dataclass(frozen=True)
-class Predict:
+class Predict(Printing):
     """Fit driver models and predict held-out drivers: next acceleration, position after 3 s.
 
     Example: socialiq data predict a.safetensors b.safetensors --out prediction
@@ -62,8 +62,6 @@ class Predict:
     """Leave out the test of a driver's angle, inferred from its first half, on its second."""
     replace: bool = False
     """Replace earlier results in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Fit, predict, score, write, print."""

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table, say
+from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -67,7 +67,7 @@ _Choices = tyro.conf.OmitArgPrefixes[Choices]
 
 
 @dataclass(frozen=True)
-class MakeWorld:
+class MakeWorld(Printing):
     """Make recorded junctions an environment: calibrated drivers, that enter as the recorded did.
 
     The file is driven in by its name: socialiq evaluate POLICY --world W --episodes 100, or
@@ -96,8 +96,6 @@ class MakeWorld:
     """Seed of their drivers."""
     replace: bool = False
     """Replace an earlier report in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, calibrate, write, print."""
@@ -161,7 +159,7 @@ class MakeWorld:
 
 
 @dataclass(frozen=True)
-class ToDemonstrations:
+class ToDemonstrations(Printing):
     """Write the decisions of recorded drivers as demonstrations, in the form of their world.
 
     The same table as `data world --demonstrations`, without the world.
@@ -181,8 +179,6 @@ class ToDemonstrations:
     for each vehicle."""
     as_human: bool = False
     """Give vehicles of simulated recordings the mode human, too; otherwise it is simulated."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Convert, write, and print the counts."""
@@ -203,7 +199,7 @@ class ToDemonstrations:
 
 
 @dataclass(frozen=True)
-class TakeCensus:
+class TakeCensus(Printing):
     """Locate recorded drivers in the plane of the two rewards, with confidence regions.
 
     Example: socialiq data census junction.safetensors --out census
@@ -222,8 +218,6 @@ class TakeCensus:
     """Seed of the resampling."""
     replace: bool = False
     """Replace an earlier census in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Count, estimate, write, print."""

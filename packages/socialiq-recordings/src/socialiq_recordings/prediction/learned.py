@@ -26,9 +26,9 @@ from scipy.special import log_softmax, logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import behaviour_cloning
-from socialiq.learners.config import check_counts
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.offline.train import train_together
+from socialiq.learners.settings import check_counts
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
@@ -240,7 +240,7 @@ def _dials(
 ) -> list[Chances]:
     """Return the family of a dial of each table, all trained in one program."""
     longest = max(int(np.bincount(table.episode).max()) for table in tables)
-    shape = StaticConfig(
+    shape = OfflineDialConfig(
         low=float(ANGLES[0]),
         high=float(ANGLES[-1]),
         high_share=None,
@@ -251,7 +251,13 @@ def _dials(
         whole_episode=longest + 1,  # a vehicle that leaves the view drives on
     )
     numbers = [
-        Hyperparameters(TEMPERATURE, TEMPERATURE, settings.discount, _RATE, seed=seed)
+        OfflineDialHyperparameters(
+            temperature=TEMPERATURE,
+            end_temperature=TEMPERATURE,
+            discount=settings.discount,
+            learning_rate=_RATE,
+            seed=seed,
+        )
         for seed in seeds
     ]
     stages = train_together(shape, numbers, tables)
@@ -344,11 +350,11 @@ def trained(
     tables = [demonstrations(task.train, settings.levels) for task in tasks]
     seeds = [task.seed for task in tasks]
     if CLONE in names:
-        shape = behaviour_cloning.StaticConfig(
+        shape = behaviour_cloning.CloningConfig(
             hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
         )
         runs = [
-            behaviour_cloning.Hyperparameters(learning_rate=1e-3, seed=seed, dataset=fold)
+            behaviour_cloning.CloningHyperparameters(learning_rate=1e-3, seed=seed, dataset=fold)
             for fold, seed in enumerate(seeds)
         ]
         clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)

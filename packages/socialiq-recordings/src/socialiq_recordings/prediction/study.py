@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.learners.config import check_seed
+from socialiq.learners.settings import check_seed
 from socialiq.types import Row
 from socialiq_recordings.identity.identify import identify
 from socialiq_recordings.prediction import learned

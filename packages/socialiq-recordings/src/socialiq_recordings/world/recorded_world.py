@@ -14,7 +14,7 @@ from gymnasium import spaces
 from socialiq import storage
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
-from socialiq.worlds.highway.settings import SIGNALS, reward_definition
+from socialiq.worlds.highway.options import SIGNALS, reward_definition
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.world import ConstantPolicy, World
@@ -148,6 +148,11 @@ class RecordedWorld(World):
     def options(self) -> Options:
         """Options of the reward pair."""
         return self.config.options(self.max_speed)
+
+    @property
+    def whole_episode(self) -> int:
+        """Decisions of an episode; recorded vehicles leave the view before theirs is over."""
+        return self.config.decisions
 
     @property
     def reward(self) -> dict[str, Any]:

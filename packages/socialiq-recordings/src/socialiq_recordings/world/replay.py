@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int32, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.intersection.options import settings_of
 from socialiq_recordings.world.batch import Made, Traffic
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld

@@ -17,13 +17,13 @@ from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known, number, others, outcome, percent
 from socialiq.audit.request import Collection, Request, collect_in_parts
 from socialiq.cli.code_options import CodeOptions
-from socialiq.cli.output import print_table, say
+from socialiq.cli.output import Printing, print_table, say
 from socialiq.cli.progress import Display
 from socialiq.evaluation.parts import check_processes
 
 
 @dataclass(frozen=True)
-class Audit:
+class Audit(Printing):
     """Audit whether a policy behaves as declared, by comparison with reference drivers.
 
     POLICY is a file (.safetensors of socialiq, .zip of Stable-Baselines3, .onnx), "process:COMMAND
@@ -72,8 +72,6 @@ class Audit:
     """Processes among which the episodes are split, by seed; by default this one runs all."""
     replace: bool = False
     """Replace an earlier report in the folder."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Audit, write the report, print the verdict."""

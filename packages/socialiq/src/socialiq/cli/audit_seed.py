@@ -17,7 +17,7 @@ from socialiq.audit.looks.look import of_beacon, of_nonce
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import address_of, round_after, time_of, write_nonce
 from socialiq.cli.code_options import CodeOptions
-from socialiq.cli.output import print_json, say
+from socialiq.cli.output import Printing, print_json, say
 from socialiq.errors import UserError
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
@@ -42,7 +42,7 @@ class WriteNonce:
 
 
 @dataclass(frozen=True)
-class Commit:
+class Commit(Printing):
     """Commit to a policy and a declaration in the audit log, before their episodes can be known.
 
     The seed comes later: from the auditor's nonce, whose hash is named here, or from a round of the
@@ -70,8 +70,6 @@ class Commit:
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
     code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Commit, and print the hash and what comes next."""

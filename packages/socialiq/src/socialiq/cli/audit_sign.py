@@ -12,7 +12,7 @@ import tyro
 from socialiq.audit.report.folder import REPORT, SIGNATURES, STATEMENT
 from socialiq.audit.report.signature import key_id, read_private_key, signed
 from socialiq.audit.report.verify import check_folder, content_of, read_report
-from socialiq.cli.output import complain, print_json
+from socialiq.cli.output import Printing, complain, print_json
 from socialiq.errors import UserError
 from socialiq.policies.model_signature import path_of_signature, sign_model
 from socialiq.reading import sha256_of_file
@@ -20,7 +20,7 @@ from socialiq.storage import write_atomically
 
 
 @dataclass(frozen=True)
-class Sign:
+class Sign(Printing):
     """Sign the statement of a report, which has the hash of every file.
 
     A report that `audit verify` finds different, or can't check, is not signed: status 1 or 3.
@@ -36,8 +36,6 @@ class Sign:
     policy: Path | None = None
     """The policy's file, to sign it too: FILE.sig, in the format of OpenSSF Model Signing, which
     takes a P-256 key and needs the extra `signing`."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Check the folder, sign, write `statement.dsse.json`, and the policy's signature."""

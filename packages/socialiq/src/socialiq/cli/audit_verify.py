@@ -23,7 +23,7 @@ from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.code_options import CodeOptions
-from socialiq.cli.output import complain, print_json, say
+from socialiq.cli.output import Printing, complain, print_json, say
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies.model_signature import fault_of_model, path_of_signature
@@ -31,7 +31,7 @@ from socialiq.provenance import package_sha256
 
 
 @dataclass(frozen=True)
-class Verify:
+class Verify(Printing):
     """Check that a report follows from its episodes; with --rerun repeat the audit and compare.
 
     It prints what was checked and what was not. Exit status: 0 consistent, 1 different, 2 a mistake
@@ -61,8 +61,6 @@ class Verify:
     key: Path | None = None
     """The signer's public key, a PEM file, to check that the report is signed by it; with --policy
     also the signature FILE.sig of the policy, if there is one."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Check, optionally rerun, and print what was checked and what differs."""

@@ -11,7 +11,7 @@ import tyro
 
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.drivers import continuous_driver_of
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -40,7 +40,7 @@ _OF_MIXTURE = {
 
 
 @dataclass(frozen=True)
-class Collect:
+class Collect(Printing):
     """Roll out drivers of different intent and mix their episodes.
 
     In a gridworld the drivers are the egoistic, prosocial and altruistic experts. In an
@@ -80,8 +80,6 @@ class Collect:
     """Of the rollouts and of the draw; episode i of an environment is reset with seed + i."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Collect, mix, write, print the counts."""

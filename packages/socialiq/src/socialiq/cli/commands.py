@@ -19,9 +19,15 @@ _OWN = {
     "page": "socialiq.cli.page:Page",
     "view": "socialiq.cli.view:View",
     "collect": "socialiq.cli.collect:Collect",
-    "train": "socialiq.cli.train:Train",
-    "train-dial": "socialiq.cli.train_dial:TrainDial",
-    "improve-dial": "socialiq.cli.improve_dial:ImproveDial",
+    "train iq-learn": "socialiq.cli.train.iq_learn:IQLearn",
+    "train dial": "socialiq.cli.train.dial:Dial",
+    "train offline-dial": "socialiq.cli.train.offline_dial:OfflineDial",
+    "train improve-dial": "socialiq.cli.train.dial:ImproveDial",
+    "train sac": "socialiq.cli.train.actors:SAC",
+    "train td3-bc": "socialiq.cli.train.actors:TD3BC",
+    "train behaviour-cloning": "socialiq.cli.train.iq_learn:Cloning",
+    "train cql": "socialiq.cli.train.iq_learn:ConservativeQ",
+    "train own": "socialiq.cli.train.iq_learn:Own",
     "dial": "socialiq.cli.dial:Dial",
     "turn": "socialiq.cli.export:Turn",
     "ensemble": "socialiq.cli.export:Ensemble",
@@ -53,11 +59,26 @@ def _installed() -> dict[str, str]:
 COMMANDS = _installed()
 """Each command's module and class, in the order of the help page."""
 
-GROUPS = {"profile": "declarations for an audit", "data": "data sets and recorded traffic"}
+GROUPS = {
+    "profile": "declarations for an audit",
+    "data": "data sets and recorded traffic",
+    "train": "learners: the first word, iq-learn if it is a file",
+}
 """First words that need a second one, and the subject of their commands."""
+
+ELSEWHERE = {
+    "socialiq-recordings": (
+        *(f"data {word}" for word in ("import", "inspect", "conflicts", "world", "demonstrations")),
+        *(f"data {word}" for word in ("census", "predict", "power")),
+        "train practised-dial",
+    ),
+    "socialiq-lab": ("demo", "sweep", "reproduce", "claims", "bench"),
+}
+"""Commands of other distributions, which may be missing."""
 
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
+    "With --json a command prints its result as one JSON object. "
     "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "
     "nothing, 130 stopped by Ctrl-C."
 )

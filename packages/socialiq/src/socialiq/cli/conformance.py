@@ -13,11 +13,11 @@ from typing import Any, Literal
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
-from socialiq.cli.output import print_table
+from socialiq.cli.output import Printing, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
-from socialiq.worlds.highway.conformance import PORTABLE, Compared
+from socialiq.worlds.highway import PORTABLE, Compared
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 _COUNTS = ("episodes", "steps", "off_road")
@@ -25,7 +25,7 @@ _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviati
 
 
 @dataclass(frozen=True)
-class Conformance:
+class Conformance(Printing):
     """Compare the compiled roads with the real highway-env, decision by decision.
 
     Exit status 1 if they differ.
@@ -53,8 +53,6 @@ class Conformance:
     default_numpy: bool = False
     """Use NumPy's AVX-512 routines, with which highway-env itself differs by an ulp. Tolerates
     deviations, but no discrete difference."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Compare, by default in a process with portable arithmetic."""
@@ -129,7 +127,7 @@ class Conformance:
             from socialiq.worlds.highway.reference import compare as compare_scene
 
             return compare_scene(self.scene, self.episodes, self.seed)
-        from socialiq.worlds.intersection.reference.conformance import compare
+        from socialiq.worlds.intersection.conformance import compare
 
         driver = driver_of(self.driver, self.seed, options) if self.driver else None
         return compare(options, self.episodes, self.seed, driver)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.datasets.actions import Bounds
 from socialiq.datasets.minari_read import read_minari
 from socialiq.datasets.minari_write import id_of, write_minari
@@ -22,7 +22,7 @@ from socialiq.social.angle import check_angle
 
 
 @dataclass(frozen=True)
-class FromArrays:
+class FromArrays(Printing):
     """Read plain arrays (.npz, .csv, .parquet, .hdf5), one row for each step, as demonstrations.
 
     Example: socialiq data from-arrays steps.csv --n-actions 3 --out mine.safetensors
@@ -47,8 +47,6 @@ class FromArrays:
     default actions are in [-1, 1]."""
     action_high: tuple[float, ...] = ()
     """Their upper ends."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, write, print the counts."""
@@ -68,7 +66,7 @@ class FromArrays:
 
 
 @dataclass(frozen=True)
-class ToArrays:
+class ToArrays(Printing):
     """Write demonstrations as plain arrays (.npz, .csv, .parquet, .hdf5), one row for each step.
 
     Example: socialiq data to-arrays mixed.safetensors --out mixed.parquet
@@ -78,8 +76,6 @@ class ToArrays:
     """Demonstrations file."""
     out: Path
     """File to write; its ending names the format. Must not exist."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, write, print the counts."""
@@ -92,7 +88,7 @@ class ToArrays:
 
 
 @dataclass(frozen=True)
-class FromTrajectories:
+class FromTrajectories(Printing):
     """Read trajectories under the imitation library's names, from .npz, .csv or .parquet.
 
     Pickled infos of an archive are not read.
@@ -120,8 +116,6 @@ class FromTrajectories:
     default actions are in [-1, 1]."""
     action_high: tuple[float, ...] = ()
     """Their upper ends."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, write, print the counts."""
@@ -142,7 +136,7 @@ class FromTrajectories:
 
 
 @dataclass(frozen=True)
-class ToMinari:
+class ToMinari(Printing):
     """Write demonstrations as a Minari data set (HDF5), the reward pair in its infos.
 
     Example: socialiq data to-minari mixed.safetensors --out crossing7-v0
@@ -156,8 +150,6 @@ class ToMinari:
     """Minari's name of the data set, NAME-v0; by default the folder's."""
     angle: float = 0.0
     """Social angle in degrees of the scalar reward that Minari stores beside the pair."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, write, print the place."""
@@ -175,7 +167,7 @@ class ToMinari:
 
 
 @dataclass(frozen=True)
-class FromMinari:
+class FromMinari(Printing):
     """Read a Minari data set (HDF5) as demonstrations; no environment is made.
 
     Example: socialiq data from-minari crossing7-v0 --out mixed.safetensors
@@ -196,8 +188,6 @@ class FromMinari:
     default those of the data set's own space."""
     action_high: tuple[float, ...] = ()
     """Their upper ends."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, write, print the counts."""

@@ -1,4 +1,4 @@
-"""Docstrings and options of dataclasses, read from their sources without an import.
+"""Docstrings and options of commands, read from their sources without an import.
 
 A command's module may import a learner or a simulator, which takes seconds. The help page and a
 mistyped option don't wait for that.
@@ -12,21 +12,10 @@ import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 
-_PACKAGES = ("socialiq", "socialiq_recordings", "socialiq_lab", "studies")
-_PLAIN = {
-    "str",
-    "int",
-    "float",
-    "bool",
-    "tuple",
-    "list",
-    "Path",
-    "Literal",
-    "Annotated",
-    "Any",
-    "tyro",
-}
+_PACKAGES = ("socialiq", "socialiq_recordings", "socialiq_lab")
+_PLAIN = ("str", "int", "float", "bool", "tuple", "Path", "Literal", "Annotated", "Any", "tyro")
 """Names in an annotation that make no options of their own."""
+_OF_SETTINGS = ("Config", "Hyperparameters")
 
 
 def summary(module: str, name: str) -> str:
@@ -39,10 +28,10 @@ def summary(module: str, name: str) -> str:
     Raises:
         LookupError: If the module has no such class.
     """
-    found = _class(module, name)
-    if found is None:
+    definition = _class(module, name)
+    if definition is None:
         raise LookupError(f"{module} has no class {name}")
-    return (ast.get_docstring(found) or "").partition("\n")[0]
+    return (ast.get_docstring(definition) or "").partition("\n")[0]
 
 
 def options(module: str, name: str) -> list[str] | None:
@@ -56,16 +45,19 @@ def options(module: str, name: str) -> list[str] | None:
         The options, or None where an annotation is not understood.
     """
     module, name = _defined(module, name)
-    found = _class(module, name)
-    if found is None:
+    alias = _assigned(module, name)
+    if alias is not None:
+        return _options_below(module, alias)
+    definition = _class(module, name)
+    if definition is None:
         return None
-    made: list[str] = []
-    for base in found.bases:
-        inherited = options(*_defined(module, ast.unparse(base)))
+    names: list[str] = []
+    for base in definition.bases:
+        inherited = options(module, ast.unparse(base))
         if inherited is None:
             return None
-        made += inherited
-    for field in found.body:
+        names += inherited
+    for field in definition.body:
         if not isinstance(field, ast.AnnAssign) or not isinstance(field.target, ast.Name):
             continue
         if field.target.id == "_":  # `_: KW_ONLY` separates fields and is none
@@ -73,60 +65,65 @@ def options(module: str, name: str) -> list[str] | None:
         below = _options_below(module, field.annotation)
         if below is None:
             return None
-        words = _attributes(module, field.annotation)
+        marks = _marks(module, field.annotation)
         option = _renamed(field.annotation) or field.target.id.replace("_", "-")
         if below:
-            prefix = "" if "OmitArgPrefixes" in words else f"{option}."
-            made += [prefix + one for one in below]
-        elif "Positional" not in words:
-            made.append(f"no-{option}" if _is_true(field.value) else option)
-    return list(dict.fromkeys(made))
+            prefix = "" if "OmitArgPrefixes" in marks else f"{option}."
+            names += [prefix + nested for nested in below]
+        elif "Positional" not in marks:
+            is_true = isinstance(field.value, ast.Constant) and field.value.value is True
+            names.append(f"no-{option}" if is_true else option)
+    return list(dict.fromkeys(names))
+
+
+def learner_settings() -> frozenset[str]:
+    """Return the names of all settings of learners, which --set takes."""
+    spec = importlib.util.find_spec("socialiq.learners")
+    assert spec is not None and spec.origin is not None
+    names = set()
+    for path in Path(spec.origin).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.ClassDef) and (
+                path.stem in ("config", "settings") or node.name.endswith(_OF_SETTINGS)
+            ):
+                fields = [line for line in node.body if isinstance(line, ast.AnnAssign)]
+                names |= {ast.unparse(field.target) for field in fields}
+    return frozenset(names)
 
 
 def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
     """Return the options of the dataclasses in an annotation; none for plain types."""
-    made: list[str] = []
-    optional = _optional(module, annotation)
-    if optional is not None:
-        return optional
+    names: list[str] = []
     for name in _types(annotation):
-        place, original = _defined(module, name)
-        alias = _assigned(place, original)
-        below = _options_below(place, alias) if alias else options(place, original)
-        if below is None:
+        alias = _assigned(*_defined(module, name))
+        below = options(module, name)
+        if below is None and alias is None:
             return None
-        made += below
-    return made
-
-
-def _optional(module: str, annotation: ast.expr) -> list[str] | None:
-    """Return the options of `optional(Config, "left out", ...)`, or None for anything else."""
-    for node in ast.walk(annotation):
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == "optional":
-            config, *leave_out = node.args
-            below = options(module, ast.unparse(config)) or []
-            left_out = {ast.literal_eval(one).replace("_", "-") for one in leave_out}
-            made = [one.rpartition(".")[2].removeprefix("no-") for one in below]
-            return [one for one in made if one not in left_out]
-    return None
+        names += below or ()
+    return names
 
 
 def _types(annotation: ast.expr) -> Iterator[str]:
     """Yield the names in an annotation that may make options, as `Config` or `module.Config`."""
-    parents = {node.value: node for node in ast.walk(annotation) if isinstance(node, ast.Attribute)}
-    for node in ast.walk(annotation):
-        if isinstance(node, ast.Name) and node.id not in _PLAIN:
+    nodes = list(ast.walk(annotation))
+    parents = {node.value: node for node in nodes if isinstance(node, ast.Attribute)}
+    metadata = {
+        inner
+        for node in nodes
+        if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated"
+        for extra in getattr(node.slice, "elts", [])[1:]
+        for inner in ast.walk(extra)
+    }
+    for node in nodes:
+        if isinstance(node, ast.Name) and node.id not in _PLAIN and node not in metadata:
             yield ast.unparse(parents.get(node, node))
 
 
-def _names(annotation: ast.expr) -> Iterator[str]:
-    return (node.id for node in ast.walk(annotation) if isinstance(node, ast.Name))
-
-
-def _attributes(module: str, annotation: ast.expr) -> set[str]:
+def _marks(module: str, annotation: ast.expr) -> set[str]:
     """Return the attributes in an annotation, the module's own aliases spelled out."""
-    aliases = [alias for name in _names(annotation) if (alias := _assigned(module, name))]
-    nodes = (node for part in (annotation, *aliases) for node in ast.walk(part))
+    names = [node.id for node in ast.walk(annotation) if isinstance(node, ast.Name)]
+    aliases = [alias for name in names if (alias := _assigned(*_defined(module, name)))]
+    nodes = (node for tree in (annotation, *aliases) for node in ast.walk(tree))
     return {node.attr for node in nodes if isinstance(node, ast.Attribute)}
 
 
@@ -137,11 +134,6 @@ def _renamed(annotation: ast.expr) -> str | None:
             if word.arg == "name" and isinstance(word.value, ast.Constant):
                 return str(word.value.value)
     return None
-
-
-def _is_true(default: ast.expr | None) -> bool:
-    """Whether a field is a flag that is on by default, so that its option turns it off."""
-    return isinstance(default, ast.Constant) and default.value is True
 
 
 def _class(module: str, name: str) -> ast.ClassDef | None:
@@ -161,11 +153,13 @@ def _assigned(module: str, name: str) -> ast.expr | None:
 def _defined(module: str, name: str) -> tuple[str, str]:
     """Return the module that a name is imported from and its name there, or the module itself."""
     first, _, rest = name.partition(".")
-    for node in tree.body if (tree := _source(module)) else ():
-        for alias in node.names if isinstance(node, ast.ImportFrom) else ():
+    tree = _source(module)
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)] if tree else []
+    for node in imports:
+        for alias in node.names:
             if first == (alias.asname or alias.name):
-                place = str(node.module)  # pyright: ignore[reportAttributeAccessIssue]
-                return (f"{place}.{alias.name}", rest) if rest else (place, alias.name)
+                origin = str(node.module)
+                return (f"{origin}.{alias.name}", rest) if rest else (origin, alias.name)
     return module, name
 
 

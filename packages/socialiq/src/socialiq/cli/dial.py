@@ -10,12 +10,12 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import gridworld_of, refuse_misfit, road_named
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
-from socialiq.learners.config import check_seed
+from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import refuse_existing
@@ -29,7 +29,7 @@ from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 
 @dataclass(frozen=True)
-class Dial:
+class Dial(Printing):
     """Evaluate a dial at each angle: exactly in a gridworld, by episodes on a road.
 
     Each row is an angle. First it has the dial's policy at this angle: its mean sums, and in a
@@ -47,8 +47,8 @@ class Dial:
     intersection-continuous, or intersection-continuous-steering (with -offroad: leaving the road
     ends an episode)."""
     policy: Path
-    """Dial file, of `socialiq train-dial`, or of `socialiq train --dial True` where actions are
-    continuous."""
+    """Dial file, of `socialiq train dial`; where actions are continuous, of `train sac` or
+    `iq-learn` with --set dial=true."""
     every: int = 5
     """Degrees between the rows. In a gridworld the summary has two mean regrets: that of the rows,
     mean_regret_every_N, and that of every degree, mean_regret_every_1."""
@@ -61,8 +61,6 @@ class Dial:
     calibrated: Path | None = None
     """Dial file to write, which answers each angle with the best of the policies of the rows at
     that angle; must not exist. Of discrete actions alone."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Query, evaluate, print."""

@@ -21,7 +21,7 @@ from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld, world_of
 from socialiq.worlds.intersection import atlas, policies
-from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, make_grid

@@ -17,7 +17,7 @@ import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
 from socialiq.cli.evaluate_data import evaluate_data
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
 from socialiq.demonstrations.mixture import concatenate
@@ -28,7 +28,7 @@ from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.simulate import SoftPolicy
-from socialiq.learners.config import check_seed
+from socialiq.learners.settings import check_seed
 from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.interface import Loaded
 from socialiq.policies.load import load_policy
@@ -54,7 +54,7 @@ Measure = Callable[[ValuePolicy], dict[str, Any]]
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Printing):
     """Measure saved policies: exactly in a gridworld, or by rollouts anywhere.
 
     Several policies, for instance one for each training seed, are also pooled: the angle is that of
@@ -97,8 +97,6 @@ class Evaluate:
     by default this one plays all."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Evaluate and print."""

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
@@ -32,7 +32,7 @@ FORMATS = ("onnx", "torch", "card", "bom")
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(Printing):
     """Write a policy as ONNX, as weights for PyTorch, as a model card, or its bill of materials.
 
     ONNX has the values of all actions and the best action as outputs, or of continuous actions the
@@ -51,9 +51,7 @@ class Export:
     angle: float | None = None
     """Social angle of a dial, in degrees."""
     evaluation: Path | None = None
-    """File with the output of `socialiq evaluate POLICY --json`, for the card."""
-    json: bool = False
-    """Print one JSON object."""
+    """JSON output of `socialiq evaluate POLICY --json`, for the card."""
 
     def run(self) -> int:
         """Read the policy, write the file and print what was written."""
@@ -144,22 +142,20 @@ def _run_of(path: Path, policy: Exported) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Turn:
+class Turn(Printing):
     """Write a dial's policy at one angle, or at an angle that follows a rule, as a policy file.
 
     Example: socialiq turn run/dial_0.safetensors --angle 30 --out prosocial.safetensors
     """
 
     dial: Annotated[Path, tyro.conf.Positional]
-    """Dial file, of `socialiq train-dial`."""
+    """Dial file, of `socialiq train dial`."""
     out: Path
     """Policy file to write."""
     angle: float | None = None
     """Social angle in degrees."""
     angle_rule: Path | None = None
     """TOML file of a rule that gives the angle by the situation, in the place of --angle."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Turn and write."""
@@ -191,7 +187,7 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Ensemble:
+class Ensemble(Printing):
     """Write the mean of several policies' action values as one policy file.
 
     The members may have different networks, but must be of one world, and should be trained for one
@@ -204,8 +200,6 @@ class Ensemble:
     """Policy files, of `socialiq train`."""
     out: Path
     """Policy file to write."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, join and write."""

@@ -21,6 +21,7 @@ from socialiq.cli.commands import (
     help_page,
     options_of,
 )
+from socialiq.cli.forward import OLD_WORDS, forwarded
 from socialiq.cli.streams import exit_status
 from socialiq.cli.suggest import option_names, unknown_command, unknown_option
 from socialiq.errors import UserError
@@ -80,8 +81,9 @@ def parse(arguments: list[str] | None) -> Any:
         UserError: If the command line can't be understood.
         SystemExit: After a help page, the version or a completion script.
     """
-    words = sys.argv[1:] if arguments is None else arguments
-    check_words(words)
+    every = sys.argv[1:] if arguments is None else arguments
+    check_words(every)
+    words = [word for word in every if word != "--json"]
     first = words[0] if words else ""
     if first in ("-h", "--help"):
         _print_and_exit(help_page())
@@ -89,19 +91,37 @@ def parse(arguments: list[str] | None) -> Any:
         _print_and_exit(f"socialiq {_version()}\n")
     if first.startswith(("--tyro-print-completion", "--tyro-write-completion")):
         return _options_of(every_command(), "socialiq", words, DESCRIPTION)
+    if first in OLD_WORDS:
+        learners = [name.partition(" ")[2] for name in COMMANDS if name.startswith("train ")]
+        words = forwarded(words, learners)
+        first = words[0]
     for length in (2, 1):
         name = " ".join(words[:length])
         if name in COMMANDS:
-            return _command(name, words[length:])
+            command = _command(name, words[length:])
+            if "--json" in every:
+                _print_json(command, name)
+            return command
     if first in GROUPS and words[1:2] in (["-h"], ["--help"]):
         _print_and_exit(help_page(first))
     raise unknown_command(words)
 
 
+def _print_json(command: Any, name: str) -> None:
+    """Let a command print its result as JSON.
+
+    Raises:
+        UserError: If it prints none.
+    """
+    if not hasattr(command, "json"):
+        raise UserError(f"socialiq {name} prints no result: leave --json out")
+    object.__setattr__(command, "json", True)
+
+
 def _command(name: str, words: list[str]) -> Any:
     """Parse a command's options; a mistyped one is refused before anything else is imported."""
     program, known = f"socialiq {name}", options_of(name)
-    unknown = unknown_option(program, words, known) if known else None
+    unknown = None if known is None else unknown_option(program, words, known)
     if unknown:
         raise unknown
     return _options_of(command_class(name), program, words)

@@ -16,6 +16,15 @@ _PIPED_WIDTH = 160  # width of a table in a file or a pipe
 _LEAST_WIDTH = 100  # a narrower terminal breaks lines, but numbers stay complete
 
 
+class Printing:
+    """Base of commands that print a result: tables, or one JSON object with --json.
+
+    `--json` is an option of the program, which the command line takes out before a command's own.
+    """
+
+    json = False
+
+
 def print_json(value: Mapping[str, Any]) -> None:
     """Print one JSON object on standard output."""
     sys.stdout.write(json.dumps(rounded(value), allow_nan=False) + "\n")

@@ -14,7 +14,7 @@ from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.profile import Profile as Declaration
 from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.template import declare, possible_loss
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
@@ -87,7 +87,7 @@ class New:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Printing):
     """Read and check a declaration as an audit does, and print it.
 
     Example: socialiq profile check profile.toml
@@ -97,8 +97,6 @@ class Check:
     """The declaration."""
     allow_code: bool = False
     """Import the environment's module, to compare its hashes with the declared hashes."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, print."""

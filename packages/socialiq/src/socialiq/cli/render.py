@@ -72,7 +72,7 @@ class Render:
 
     def road(self, world: Intersection | SceneWorld) -> None:
         """Draw the first state, an episode's decisions, or a film of all its sub-steps."""
-        from socialiq.worlds.highway.pictures import render, scenes, sheet
+        from socialiq.worlds.highway.pictures import render, sheet
 
         batch = world.batch(1, traced=True)
         if not self.driver:
@@ -81,11 +81,11 @@ class Render:
             if self.angle is not None:
                 raise UserError(f"{self.world} has no --angle of its own: add --driver, a dial")
             batch.reset([self.seed])
-            drawn = sheet.picture(scenes.present_scene(batch), world.view)
+            drawn = sheet.picture(render.present_scene(batch), world.view)
             write_atomically(self.out, png({"picture": drawn})["picture"])
             return
         driver = driver_on(world, self.driver, self.angle, self.seed)
-        episode = scenes.episode_scenes(batch, driver, self.seed)
+        episode = render.episode_scenes(batch, driver, self.seed)
         if self.out.suffix in FILMS:
             sheet.save(self.out, episode, world.view, world.options.simulation_frequency)
             return

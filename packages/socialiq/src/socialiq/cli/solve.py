@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of, target_norm
 from socialiq.mdp.horizon import horizon_optimum
@@ -22,7 +22,7 @@ World = Annotated[str, tyro.conf.Positional]
 
 
 @dataclass(frozen=True)
-class Solve:
+class Solve(Printing):
     """Compute the exact optimum of a world at a social angle.
 
     Example: socialiq solve crossing7 --angle 45
@@ -34,8 +34,6 @@ class Solve:
     """Social angle in degrees: 0 egoistic, 45 prosocial, 90 altruistic."""
     stationary: bool = False
     """Use value iteration at discount 0.99, independent of time, as in the thesis."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Solve, evaluate exactly, print."""
@@ -71,7 +69,7 @@ class Solve:
 
 
 @dataclass(frozen=True)
-class Front:
+class Front(Printing):
     """Compute all trade-offs of r_env and r_social in a world: vertices, angles, radii.
 
     Example: socialiq front crossing7
@@ -79,8 +77,6 @@ class Front:
 
     world: World
     """crossing5 or crossing7."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Compute the attainable set, print its front."""
@@ -111,7 +107,7 @@ class Front:
 
 
 @dataclass(frozen=True)
-class PredictLambda:
+class PredictLambda(Printing):
     """Predict the λ at which each state's greedy action flips, by the closed form.
 
     For the pool of the experts of 0, 45 and 90 degrees in a gridworld. Assumptions: τ → 0,
@@ -134,8 +130,6 @@ class PredictLambda:
     """Discounted occupancies, as in the theorems; or uniformly drawn rows, as in batches."""
     next_value: Literal["online", "target"] = "online"
     """Gradient through V(s') (online), or V(s') of a target network (target)."""
-    json: bool = False
-    """Print one JSON object."""
 
     def run(self) -> int:
         """Compute the lines and print their crossings."""

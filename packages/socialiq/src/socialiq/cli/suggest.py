@@ -8,7 +8,8 @@ import io
 import re
 from collections.abc import Callable, Sequence
 
-from socialiq.cli.commands import COMMANDS, GROUPS
+from socialiq.cli.commands import COMMANDS, ELSEWHERE, GROUPS
+from socialiq.cli.declared import learner_settings
 from socialiq.errors import UserError
 
 ALIASES = {
@@ -38,6 +39,8 @@ ALIASES = {
 }
 """Common names of options, and the names here; the first that a command has is taken."""
 
+_DECIDED = ("angle", "strength", "seed", "updates", "hidden")
+"""Settings that may be options of other names; a typo is answered with the option."""
 _OPTION = re.compile(r"^\W*(?:-\w, )?--([a-z][\w-]*(?:\.[\w-]+)*)", re.MULTILINE)
 
 
@@ -49,17 +52,21 @@ def unknown_command(words: Sequence[str]) -> UserError:
     """
     if not words:
         return UserError("name a command: socialiq --help lists them")
+    for distribution, names in ELSEWHERE.items():
+        for name in {words[0], " ".join(words[:2])} & {*names}:
+            return UserError(f"socialiq {name} needs {distribution}: pip install {distribution}")
     group = f"{words[0]} " if words[0] in GROUPS else ""
     known = [name.removeprefix(group) for name in COMMANDS if name.startswith(group)]
     page = f"socialiq {group}--help lists the commands"
     if len(words) == 1 and group:
         return UserError(f"name a command of {words[0]}: {', '.join(known)}")
-    given = words[1] if group else words[0]
-    near = difflib.get_close_matches(given, known, 1) or difflib.get_close_matches(
+    word = words[1] if group else words[0]
+    firsts = [] if group else list(GROUPS)
+    near = difflib.get_close_matches(word, [*known, *firsts], 1) or difflib.get_close_matches(
         " ".join(words[:2]), known, 1, 0.8
     )
     hint = f"did you mean '{group}{near[0]}'? {page}" if near else page
-    return UserError(f"unknown command '{group}{given}': {hint}")
+    return UserError(f"unknown command '{group}{word}': {hint}")
 
 
 def option_names(show_help: Callable[[], object]) -> list[str]:
@@ -83,27 +90,40 @@ def unknown_option(program: str, words: Sequence[str], known: Sequence[str]) -> 
         known: The command's options, without their dashes.
     """
     for word in words:
-        given = word.removeprefix("--").partition("=")[0].replace("_", "-")
-        if not word.startswith("--") or not given or given in (*known, "help"):
+        name = word.removeprefix("--").partition("=")[0].replace("_", "-")
+        if not word.startswith("--") or not name or name in (*known, "help"):
             continue
-        near = nearest_option(given, known)
+        setting = _setting(name) if program.startswith("socialiq train ") else None
+        if setting is not None:
+            return UserError(f"--{name} is a setting: give --set {setting}=VALUE")
+        near = nearest_option(name, known)
         hint = f"did you mean --{near}? " if near else ""
-        return UserError(f"unknown option --{given}: {hint}{program} --help lists the options")
+        return UserError(f"unknown option --{name}: {hint}{program} --help lists the options")
     return None
 
 
-def nearest_option(given: str, known: Sequence[str]) -> str | None:
+def _setting(option: str) -> str | None:
+    """Return the setting of a learner that an option means exactly, or by an alias."""
+    settings = learner_settings()
+    for name in (option, *ALIASES.get(option, ())):
+        setting = name.replace("-", "_")
+        if setting in settings and setting not in _DECIDED:
+            return setting
+    return None
+
+
+def nearest_option(name: str, known: Sequence[str]) -> str | None:
     """Return the known option that is meant most likely.
 
     Args:
-        given: The unknown option, without dashes.
+        name: The unknown option, without dashes.
         known: The command's options, without dashes; nested ones with dots.
     """
     plain = {option.rpartition(".")[2]: option for option in reversed(known)}
-    shortened = re.sub(r"^(n|num|nb|number-of|total)-", "", given)
-    for word in (given, shortened):
-        for name in (word, *ALIASES.get(word, ()), f"{word}s", word.removesuffix("s")):
-            if name in plain:
-                return plain[name]
-    near = difflib.get_close_matches(given, list(plain), 1)
+    shortened = re.sub(r"^(n|num|nb|number-of|total)-", "", name)
+    for word in (name, shortened):
+        for spelling in (word, *ALIASES.get(word, ()), f"{word}s", word.removesuffix("s")):
+            if spelling in plain:
+                return plain[spelling]
+    near = difflib.get_close_matches(name, list(plain), 1)
     return plain[near[0]] if near else None

@@ -51,9 +51,9 @@ def rollouts(
     """
     action, deciding = first.copy(), running.copy()
     while deciding.any():
-        made = copies.step(action, auto_reset=False, rows=deciding)
-        yield deciding, made
-        deciding = deciding & (made.ending == int(Ending.NONE))
+        decisions = copies.step(action, auto_reset=False, rows=deciding)
+        yield deciding, decisions
+        deciding = deciding & (decisions.ending == int(Ending.NONE))
         rows = np.flatnonzero(deciding)
         if len(rows):
             action[rows] = follow(rows)
@@ -87,14 +87,14 @@ def branched_returns(
     turned = None if angles is None else np.repeat(angles, count)
 
     def act(rows: np.ndarray) -> np.ndarray:
-        seen = observed(copies, clock, turned)[rows]
-        action = follow(seen)
+        observation = observed(copies, clock, turned)[rows]
+        action = follow(observation)
         if worth:
-            total[rows] += np.stack(worth(seen), axis=-1)[np.arange(len(rows)), action]
+            total[rows] += np.stack(worth(observation), axis=-1)[np.arange(len(rows)), action]
         return action
 
-    for decided, made in rollouts(copies, np.tile(np.arange(count), size), running, act):
-        total[decided] += np.column_stack(made.rewards)[decided]
+    for decided, decisions in rollouts(copies, np.tile(np.arange(count), size), running, act):
+        total[decided] += np.column_stack(decisions.rewards)[decided]
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
     if worth:
         first = np.stack(worth(observed(batch, clock, angles)), axis=-1)
@@ -169,10 +169,10 @@ class Branching:
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
         angles = self._angles(batch.size, rng) if self._angles else None
         for _ in range(-(-self._states // batch.size)):
-            seen = observed(batch, self._clock, angles)
+            observation = observed(batch, self._clock, angles)
             returns = branched_returns(batch, follow, self._clock, angles, self._worth)
-            labelled.append((seen, *returns))
-            batch.step(visit(seen))
+            labelled.append((observation, *returns))
+            batch.step(visit(observation))
         states, env, social = (
             np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
         )

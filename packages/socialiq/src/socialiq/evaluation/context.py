@@ -354,18 +354,18 @@ class LossActor:
     ) -> Float64[np.ndarray, "row angle"]:
         """Return the loss of each row's action at each of its angles."""
         count, columns = len(rows), angles.shape[1]
-        seen = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
-        best = self._reference.q_values_at(seen, angles.ravel()).argmax(axis=1)
-        state, each = self._batch.save().rows(rows), np.repeat(np.arange(count), columns)
-        same = equivalent_actions(state, self._batch.options)[each]
-        taken, cells = action[each], np.arange(len(each))
-        losses = np.zeros(len(each))
+        observation = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
+        best = self._reference.q_values_at(observation, angles.ravel()).argmax(axis=1)
+        state, origin = self._batch.save().rows(rows), np.repeat(np.arange(count), columns)
+        same = equivalent_actions(state, self._batch.options)[origin]
+        taken, cells = action[origin], np.arange(len(origin))
+        losses = np.zeros(len(origin))
         differing = np.flatnonzero(same[cells, taken] != same[cells, best])
         for first in range(0, len(differing), _COPIES // 2):
             chosen = differing[first : first + _COPIES // 2]
             pairs = np.concatenate([best[chosen], taken[chosen]])
             turned = np.tile(angles.ravel()[chosen], 2)
-            values = self._played(state.rows(np.tile(each[chosen], 2)), pairs, turned)
+            values = self._played(state.rows(np.tile(origin[chosen], 2)), pairs, turned)
             losses[chosen] = values[: len(chosen)] - values[len(chosen) :]
         return losses.reshape(count, columns)
 
@@ -379,11 +379,13 @@ class LossActor:
         radians, total = np.deg2rad(turned), np.zeros(copies.size)
 
         def follow(rows: np.ndarray) -> np.ndarray:
-            seen = copies.seen_by(self._reference)[rows]
-            return self._reference.q_values_at(seen, turned[rows]).argmax(axis=1)
+            observation = copies.seen_by(self._reference)[rows]
+            return self._reference.q_values_at(observation, turned[rows]).argmax(axis=1)
 
         running = np.arange(copies.size) < used
-        for decided, made in rollouts(copies, np.resize(action, copies.size), running, follow):
-            scored = np.cos(radians) * made.rewards.env + np.sin(radians) * made.rewards.social
+        for decided, decisions in rollouts(copies, np.resize(action, copies.size), running, follow):
+            scored = (
+                np.cos(radians) * decisions.rewards.env + np.sin(radians) * decisions.rewards.social
+            )
             total[decided] += scored[decided]
         return total[:used]

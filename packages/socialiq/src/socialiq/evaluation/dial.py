@@ -39,12 +39,14 @@ class Sweep:
     @property
     def points(self) -> Float[np.ndarray, "angle 2"]:
         """Return the expected sums (r_env, r_social) at each angle."""
-        return np.array([one.totals for one in self.metrics])
+        return np.array([metrics.totals for metrics in self.metrics])
 
     def regrets(self, best: AttainableSet) -> Float[np.ndarray, " angle"]:
         """Return the regret J*(α) - J(α) at each angle."""
         pairs = zip(self.angles, self.metrics, strict=True)
-        return np.array([best.optimum(angle).value - one.value(angle) for angle, one in pairs])
+        return np.array(
+            [best.optimum(angle).value - policy.value(angle) for angle, policy in pairs]
+        )
 
     def backward_steps(self) -> RewardPair:
         """Return the largest changes in the wrong direction between successive angles.
@@ -93,9 +95,9 @@ def calibrated(dial: DialPolicy, found: Sweep) -> DialPolicy:
     best = int(np.argmax(points @ np.array(exact_weights(at))))
     settings = [(at, found.angles[best])]
     while True:
-        less, more = points[best] - points, points - points[best]
-        rises = more[:, 1] > 0.0
-        turn = np.where(rises, np.degrees(np.arctan2(less[:, 0], more[:, 1])), np.inf)
+        less, gain = points[best] - points, points - points[best]
+        rises = gain[:, 1] > 0.0
+        turn = np.where(rises, np.degrees(np.arctan2(less[:, 0], gain[:, 1])), np.inf)
         best = int(np.lexsort((-points[:, 1], turn))[0])
         if not turn[best] <= dial.high:
             return dataclasses.replace(dial, settings=tuple(settings))
@@ -126,7 +128,7 @@ def ceiling_regrets(
 ) -> Float[np.ndarray, " angle"]:
     """Return the regret of the support at each angle: J*(α) less its best value."""
     return np.array(
-        [best.attainable.optimum(one).value - ceiling.optimum(one).value for one in angles]
+        [best.attainable.optimum(angle).value - ceiling.optimum(angle).value for angle in angles]
     )
 
 
@@ -159,10 +161,10 @@ class DialRollouts:
             UserError: If no mixture of these policies has this angle.
         """
         half = len(self.totals[0]) // 2
-        one = setting(np.array([sums[:half].mean(axis=0) for sums in self.totals]), wanted)
+        angle = setting(np.array([sums[:half].mean(axis=0) for sums in self.totals]), wanted)
         fresh = np.stack([sums[half:] for sums in self.totals])
-        on_seed = (1.0 - one.share) * fresh[one.first] + one.share * fresh[one.second]
-        return one, estimate_angle(on_seed[:, 0], on_seed[:, 1], seed)
+        on_seed = (1.0 - angle.share) * fresh[angle.first] + angle.share * fresh[angle.second]
+        return angle, estimate_angle(on_seed[:, 0], on_seed[:, 1], seed)
 
 
 def rollout_dial(
@@ -191,7 +193,7 @@ def rollout_dial(
         for angle in angles
     ]
     return DialRollouts(
-        Sweep(tuple(angles), tuple(metrics_of(one) for one in driven)),
-        tuple(np.stack([one.totals.env, one.totals.social], axis=1) for one in driven),
-        tuple(float(one.off_road.mean()) for one in driven),
+        Sweep(tuple(angles), tuple(metrics_of(metrics) for metrics in driven)),
+        tuple(np.stack([metrics.totals.env, metrics.totals.social], axis=1) for metrics in driven),
+        tuple(float(metrics.off_road.mean()) for metrics in driven),
     )

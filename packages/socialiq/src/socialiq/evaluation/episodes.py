@@ -13,7 +13,7 @@ from socialiq.evaluation.simulate import Step, play
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
@@ -197,20 +197,20 @@ def conflict(
         observation: Observations of the egos.
         seconds: Largest time until the vehicle reaches the junction.
     """
-    seen = policies.in_metres(observation)
+    vehicles = policies.in_metres(observation)
     # A follower doesn't cross, even if the ego has left the shared lane.
-    seen[:, 0, 1] = APPROACH_X
-    return np.any(policies.conflict(seen, seconds), axis=1)
+    vehicles[:, 0, 1] = APPROACH_X
+    return np.any(policies.conflict(vehicles, seconds), axis=1)
 
 
 def conflict_at_junction(
     observation: Float32[np.ndarray, "batch feature"],
 ) -> Bool[np.ndarray, " batch"]:
     """Whether the ego is at the junction and has a conflict within `CONFLICT_SECONDS` there."""
-    found = at_junction(observation)
-    near = np.flatnonzero(found)
-    found[near] = conflict(observation[near], CONFLICT_SECONDS)
-    return found
+    conflicting = at_junction(observation)
+    near = np.flatnonzero(conflicting)
+    conflicting[near] = conflict(observation[near], CONFLICT_SECONDS)
+    return conflicting
 
 
 def _metres(position: Float32[np.ndarray, " batch"]) -> Float[np.ndarray, " batch"]:
@@ -227,29 +227,29 @@ _COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 def _driven(played: Step) -> dict[str, np.ndarray]:
     """Quantities of any road that are summed over an episode, of the rows that decided."""
-    made, rows = played.made, np.flatnonzero(played.running)
+    decisions, rows = played.made, np.flatnonzero(played.running)
     return {
-        "env": made.rewards.env[rows],
-        "social": made.rewards.social[rows],
+        "env": decisions.rewards.env[rows],
+        "social": decisions.rewards.social[rows],
         "length": np.ones(len(rows)),
-        "speed": made.speed[rows],
-        "stopped": made.speed[rows] < STOPPED_BELOW,
-        "off_road": made.off_road[rows],
+        "speed": decisions.speed[rows],
+        "stopped": decisions.speed[rows] < STOPPED_BELOW,
+        "off_road": decisions.off_road[rows],
     }
 
 
 def _quantities(played: Step) -> dict[str, np.ndarray]:
     """Quantities of the intersection that are summed over an episode, of the rows that decided."""
-    made, rows = played.made, np.flatnonzero(played.running)
-    signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
+    decisions, rows = played.made, np.flatnonzero(played.running)
+    signals = np.stack([decisions.signals[name][rows] for name in SIGNALS], axis=1)
     conflicts = conflict_at_junction(played.observation[rows])
     return _driven(played) | {
-        "own": made.classical.env[rows],
-        "others": made.classical.social[rows],
-        "neighbours_collided": made.neighbours_collided[rows],
+        "own": decisions.classical.env[rows],
+        "others": decisions.classical.social[rows],
+        "neighbours_collided": decisions.neighbours_collided[rows],
         "signals": signals,
         "active": signals != 0,
-        "beyond": entered(made.observation[rows]),
+        "beyond": entered(decisions.observation[rows]),
         "conflicts": conflicts,
         "pressed": conflicts & ~slowing(played.action[rows]),
     }
@@ -278,7 +278,7 @@ def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, fl
         over nothing is None.
     """
     entered = episodes.entered
-    found: dict[str, float | int | None] = {
+    rates: dict[str, float | int | None] = {
         "episodes": len(entered),
         "entries": int(entered.sum()),
         "conflicts": int(episodes.conflicts.sum()),
@@ -287,12 +287,12 @@ def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, fl
     for kind, contact in KINDS.items():
         collided = episodes.contact == contact
         count, inside = int(collided.sum()), int((collided & entered).sum())
-        found[kind] = count
-        found |= _share(f"{kind}_per_episode", count, len(entered), confidence)
-        found |= _share(f"{kind}_per_entry", inside, int(entered.sum()), confidence)
+        rates[kind] = count
+        rates |= _share(f"{kind}_per_episode", count, len(entered), confidence)
+        rates |= _share(f"{kind}_per_entry", inside, int(entered.sum()), confidence)
         for exposure, met in (("conflict", episodes.conflicts), ("pressed", episodes.pressed)):
-            found[f"{kind}_per_{exposure}"] = count / int(met.sum()) if met.any() else None
-    return found
+            rates[f"{kind}_per_{exposure}"] = count / int(met.sum()) if met.any() else None
+    return rates
 
 
 def _share(name: str, count: int, trials: int, confidence: float) -> dict[str, float | None]:

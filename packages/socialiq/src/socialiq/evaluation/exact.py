@@ -74,11 +74,11 @@ def action_table(
     one_of("readout", readout, READOUTS)
     times = np.arange(table.world.horizon if table.world.clock else 1)
     time, state = np.divmod(np.arange(len(times) * table.mdp.n_states), table.mdp.n_states)
-    seen = table.observe(state, time)
+    observation = table.observe(state, time)
     if readout == "soft":
-        chances = policy.probabilities(seen)
+        chances = policy.probabilities(observation)
     else:
-        chances = np.eye(policy.n_actions)[policy.q_values(seen).argmax(axis=1)]
+        chances = np.eye(policy.n_actions)[policy.q_values(observation).argmax(axis=1)]
     by_time = chances.reshape(len(times), table.mdp.n_states, policy.n_actions)
     return by_time if table.world.clock else by_time[0]
 
@@ -125,6 +125,6 @@ def visit_counts(
     rows = np.array([places.get(state.tobytes(), -1) for state in states])
     if (rows < 0).any() or data.step.max() >= table.world.horizon:
         raise UserError(f"the demonstrations are not of {table.world.description}")
-    found = np.zeros((table.world.horizon, table.mdp.n_states, table.mdp.n_actions))
-    np.add.at(found, (data.step, rows, data.action), 1.0 if values is None else values)
-    return found
+    counts = np.zeros((table.world.horizon, table.mdp.n_states, table.mdp.n_actions))
+    np.add.at(counts, (data.step, rows, data.action), 1.0 if values is None else values)
+    return counts

@@ -26,10 +26,10 @@ def demonstrations_by_mode(
     Returns:
         Demonstrations of each mode.
     """
-    found = {}
+    demonstrations = {}
     for number, (mode, angle) in enumerate(MODES.items()):
         source = {"expert": "value iteration, deterministic variant", "angle": angle}
-        found[mode] = rollout_table(
+        demonstrations[mode] = rollout_table(
             table,
             expert_policy(table, angle),
             episodes[mode],
@@ -37,7 +37,7 @@ def demonstrations_by_mode(
             mode=mode,
             source=source,
         ).transitions
-    return found
+    return demonstrations
 
 
 def trajectory_datasets(

@@ -27,11 +27,10 @@ from jaxtyping import Array, Float
 from scipy.sparse import csr_array
 
 from socialiq.evaluation.logged import Logged
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms
-from socialiq.learners.schedules import cosine
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.state import HyperparameterArrays, TrainState, cosine
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import network_of
 from socialiq.types import RewardPair
@@ -72,13 +71,13 @@ def tabular(
         (np.ones(len(cell)), (np.arange(len(cell)), cell)), (len(cell), n_states * n_actions)
     )
     size = weight @ into
-    seen = (size > 0).reshape(-1, n_states, n_actions)
+    covered = (size > 0).reshape(-1, n_states, n_actions)
     value = np.zeros((len(counts), n_states, 3))
     for _ in range(logged.horizon):
         target = follows.signals + follows.goes_on[:, None] * value[:, follows.state]
         sums = [(weight * target[..., signal]) @ into for signal in range(3)]
         mean = np.stack(sums, axis=2) / np.maximum(size, 1e-12)[:, :, None]
-        q = _completed(mean.reshape(-1, n_states, n_actions, 3), seen)
+        q = _completed(mean.reshape(-1, n_states, n_actions, 3), covered)
         value = np.einsum("sa,rsac->rsc", chances, q)
     start = logged.state[data.episode_starts]
     means = np.einsum("re,rec->rc", counts, value[:, start]) / counts.sum(axis=1)[:, None]
@@ -114,7 +113,7 @@ def _completed(q: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Static configuration, which shapes the program."""
 
     hidden: tuple[int, ...] = (128, 128)
@@ -282,9 +281,9 @@ def by_network(
 
 def _rows(logged: Logged, counts: np.ndarray) -> np.ndarray:
     """Return the rows of each resample's episodes, drawn down or up to as many as all rows."""
-    rows, drawn = np.arange(len(logged.state)), []
+    rows, resampled = np.arange(len(logged.state)), []
     for number, count in enumerate(counts):
         times = count[logged.data.episode].astype(np.int64)
         stream = np.random.default_rng(number)
-        drawn.append(stream.choice(np.repeat(rows, times), len(rows)))
-    return np.array(drawn, np.int32)
+        resampled.append(stream.choice(np.repeat(rows, times), len(rows)))
+    return np.array(resampled, np.int32)

@@ -38,7 +38,7 @@ def support_intervals(points: Points) -> dict[str, tuple[float, float] | None]:
         UserError: If there is no point or one is not finite.
     """
     array = _checked(points)
-    return {name: _interval(array, place) for place, name in enumerate(points)}
+    return {name: _interval(array, number) for number, name in enumerate(points)}
 
 
 def _interval(points: Float[np.ndarray, "point 2"], place: int) -> tuple[float, float] | None:

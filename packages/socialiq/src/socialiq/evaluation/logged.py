@@ -26,7 +26,11 @@ from jaxtyping import Float, Int
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.learners.behaviour_cloning import BehaviourCloning, Hyperparameters, StaticConfig
+from socialiq.learners.behaviour_cloning import (
+    BehaviourCloning,
+    CloningConfig,
+    CloningHyperparameters,
+)
 
 Chances = Callable[[np.ndarray], np.ndarray]
 """Probabilities of a policy's actions, (state, action), for observations (state, feature)."""
@@ -129,9 +133,9 @@ def by_clones(
     """
     modes, data = shown_modes(logged), logged.data
     sets = [data.select(np.flatnonzero(data.episode_modes == mode)) for mode in modes]
-    static = StaticConfig(hidden=(64, 64), updates=updates, batch_size=128, view=view)
+    static = CloningConfig(hidden=(64, 64), updates=updates, batch_size=128, view=view)
     runs = [
-        Hyperparameters(learning_rate=1e-3, seed=seed + number, dataset=number)
+        CloningHyperparameters(learning_rate=1e-3, seed=seed + number, dataset=number)
         for number in range(len(sets))
     ]
     trained = BehaviourCloning.train_on(static, runs, sets)

@@ -51,14 +51,14 @@ class Estimate(NamedTuple):
         nothing could be as good or as bad as any logged one: they widen it on both sides.
         """
         weights = np.array(exact_weights(angle))
-        value, drawn = float(self.totals @ weights), self.resampled @ weights
-        drawn = drawn[np.isfinite(drawn)]
-        if len(drawn) < 2:
+        value, values = float(self.totals @ weights), self.resampled @ weights
+        values = values[np.isfinite(values)]
+        if len(values) < 2:
             return value, np.nan, np.nan
-        if len(drawn) >= 100:
-            low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2])
+        if len(values) >= 100:
+            low, high = np.quantile(values, [(1 - confidence) / 2, (1 + confidence) / 2])
         else:
-            half = t.ppf((1 + confidence) / 2, len(drawn) - 1) * drawn.std(ddof=1)
+            half = t.ppf((1 + confidence) / 2, len(values) - 1) * values.std(ddof=1)
             low, high = value - half, value + half
         unknown = 0.0 if self.guessed is None else float(np.ptp(self.guessed @ weights))
         return value, float(low) - unknown, float(high) + unknown
@@ -133,9 +133,11 @@ class Evaluator:
             raise UserError(f"{resamples} resamples have no spread: give 2 or more")
         self.logged, self._seed, self._view = episodes, seed, view
         count = episodes.data.n_episodes
-        drawn = np.concatenate(list(resample_rows(count, resamples, seed)))
+        numbers = np.concatenate(list(resample_rows(count, resamples, seed)))
         plain = np.ones((1, count))
-        self._counts = np.concatenate([plain, [np.bincount(row, minlength=count) for row in drawn]])
+        self._counts = np.concatenate(
+            [plain, [np.bincount(row, minlength=count) for row in numbers]]
+        )
         self._behaviour = (
             logged.by_counts(episodes)
             if episodes.tabular

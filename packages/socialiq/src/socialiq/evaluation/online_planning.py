@@ -22,7 +22,7 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
 from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.imagination import imagined
+from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
 from socialiq.worlds.intersection.world import Intersection
@@ -87,27 +87,27 @@ class RolloutPolicy:
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, ...], None]:
         """Choose the significantly best action; equal observations give equal actions."""
-        seen = np.asarray(observation, np.float32)
-        rows = np.atleast_2d(seen)
-        own = np.asarray(self._policy.q_values(rows)).argmax(axis=1)
+        array = np.asarray(observation, np.float32)
+        rows = np.atleast_2d(array)
+        greedy = np.asarray(self._policy.q_values(rows)).argmax(axis=1)
         gain = self.values(rows)
-        gain = gain - np.take_along_axis(gain, own[:, None, None], axis=2)
+        gain = gain - np.take_along_axis(gain, greedy[:, None, None], axis=2)
         # The best of three noisy means is biased upwards; the network's own action needs no test.
         error = gain.std(axis=1, ddof=min(1, self._draws - 1)) / np.sqrt(self._draws)
         best = (gain.mean(axis=1) - self._doubt * error).argmax(axis=1)
-        return best.reshape(seen.shape[:-1]), state
+        return best.reshape(array.shape[:-1]), state
 
     def values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch draw action"]:
         """Return the value of each action in each draw."""
         size, copies = len(observations), self._draws * len(ACTIONS)
-        seen = np.repeat(observations, copies, axis=0)
+        repeated = np.repeat(observations, copies, axis=0)
         # Seeds depend on the observation, so that draws differ between decisions but not actions.
         first = np.array([zlib.crc32(row.tobytes()) for row in observations], np.uint64) << 20
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
-        batch = self._batch_of(len(seen))
-        batch.restore(self._drawn(seen, np.repeat(entropy.ravel(), len(ACTIONS))))
+        batch = self._batch_of(len(repeated))
+        batch.restore(self._drawn(repeated, np.repeat(entropy.ravel(), len(ACTIONS))))
         action = np.tile(np.arange(len(ACTIONS)), size * self._draws)
         return self._played(batch, action).reshape(size, self._draws, len(ACTIONS))
 
@@ -134,10 +134,10 @@ class RolloutPolicy:
             return np.asarray(self._policy.q_values(batch.seen_by(self._policy)))
 
         steps = rollouts(batch, action, running, lambda rows: values().argmax(axis=1)[rows])
-        for decided, made in itertools.islice(steps, self._decisions):
-            total[decided] += factor * score(self._weights, made.rewards)[decided]
+        for decided, results in itertools.islice(steps, self._decisions):
+            total[decided] += factor * score(self._weights, results.rewards)[decided]
             factor *= self._discount
-            running = decided & (made.ending == int(Ending.NONE))
+            running = decided & (results.ending == int(Ending.NONE))
         if running.any():
             total[running] += factor * values().max(axis=1)[running]
         return total

@@ -65,13 +65,13 @@ def in_parts(
     context = multiprocessing.get_context("spawn")
     begun = time.monotonic()
     with _one_thread(), ProcessPoolExecutor(min(processes, len(parts)), context) as pool:
-        tasks = [pool.submit(play, part) for part in parts]
+        tasks = [pool.submit(play, argument) for argument in parts]
         try:
             for finished, task in enumerate(as_completed(tasks), 1):
                 task.result()
                 if on_report is not None:
-                    each = (time.monotonic() - begun) / finished
-                    left, rate = each * (len(parts) - finished), 60.0 / each
+                    seconds = (time.monotonic() - begun) / finished
+                    left, rate = seconds * (len(parts) - finished), 60.0 / seconds
                     on_report(Report(finished, len(parts), rate, left, {}, {}, (), "parts/min"))
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)

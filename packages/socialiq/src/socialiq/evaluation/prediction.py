@@ -98,11 +98,11 @@ def problem_of(part: Table, setting: Setting) -> Problem:
     shares = [float(share) for share in weight / weight.sum()]
     kind = setting.target_kind
     if setting.measure == "rows":
-        drawn = drawn_rows(mdp, policies, shares, reward, kind, horizon, DISCOUNT)
-        return Problem(drawn.mdp, drawn.shares, drawn.target, discount=DISCOUNT)
-    parts = occupancies(mdp, policies, shares, DISCOUNT)
-    target = mean_target(mdp, policies, parts, reward, kind, DISCOUNT)
-    return Problem(mdp, parts.sum(axis=0), target, discount=DISCOUNT)
+        rows = drawn_rows(mdp, policies, shares, reward, kind, horizon, DISCOUNT)
+        return Problem(rows.mdp, rows.shares, rows.target, discount=DISCOUNT)
+    occupancy = occupancies(mdp, policies, shares, DISCOUNT)
+    target = mean_target(mdp, policies, occupancy, reward, kind, DISCOUNT)
+    return Problem(mdp, occupancy.sum(axis=0), target, discount=DISCOUNT)
 
 
 def lines_of(problem: Problem, next_value: NextValue) -> Lines:
@@ -136,13 +136,13 @@ def predictions(part: Table, lines: Lines) -> list[Prediction]:
     """
     reach = response.reach(*lines)
     before = evaluate_exactly(part, _greedy(lines, 0.0))
-    found = []
+    flips = []
     for flip in response.flips(*lines):
         if np.isfinite(flip.strength):
             after = evaluate_exactly(part, _greedy(lines, flip.strength * (1.0 + 1e-9)))
-            found.append(Prediction(flip, flip.strength <= reach, before, after))
+            flips.append(Prediction(flip, flip.strength <= reach, before, after))
             before = after
-    return found
+    return flips
 
 
 def _greedy(lines: Lines, strength: float) -> Float[np.ndarray, "state action"]:

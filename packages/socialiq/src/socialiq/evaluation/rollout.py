@@ -121,13 +121,13 @@ def columns_of(
         steps: Result of `simulate`.
         more: From the result of a decision to further columns.
     """
-    parts = []
+    columns_of_steps = []
     for step in steps:
-        made, running = step.made, step.running
-        columns = (step.episode, step.observation, step.action, made.observation, made.ending)
-        columns = (*columns, *made.rewards, *more(made))
-        parts.append([column[running] for column in columns])
-    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        result, running = step.made, step.running
+        columns = (step.episode, step.observation, step.action, result.observation, result.ending)
+        columns = (*columns, *result.rewards, *more(result))
+        columns_of_steps.append([column[running] for column in columns])
+    joined = [np.concatenate(column) for column in zip(*columns_of_steps, strict=True)]
     order = np.argsort(joined[0], kind="stable")
     episode, observation, action, after, ending, env, social, *further = (
         column[order] for column in joined
@@ -215,14 +215,14 @@ def _steps(
         return action
 
     batch = GridBatch(table, episodes, rng)
-    parts: list[tuple[np.ndarray, ...]] = []
+    blocks: list[tuple[np.ndarray, ...]] = []
     for time, step in enumerate(simulate(batch, ScriptedActor(draw), np.arange(episodes))):
         running = np.flatnonzero(step.running)
         columns = (step.observation, step.action, step.made.state, step.made.ending)
-        parts.append(
+        blocks.append(
             (running, np.full_like(running, time), *(column[running] for column in columns))
         )
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    columns = [np.concatenate(column) for column in zip(*blocks, strict=True)]
     order = np.argsort(columns[0], kind="stable")
     return [column[order] for column in columns]
 

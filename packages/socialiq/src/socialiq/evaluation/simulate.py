@@ -69,9 +69,9 @@ def simulate(
             actor.begin(begun, queue[episode[begun]])
         observation = simulator.observation
         action = actor.decide(observation, running)
-        made = simulator.step(action, auto_reset=False, rows=running)
-        yield Step(episode.copy(), running.copy(), observation, action, made)
-        free = np.flatnonzero(running & (made.ending != int(Ending.NONE)))
+        result = simulator.step(action, auto_reset=False, rows=running)
+        yield Step(episode.copy(), running.copy(), observation, action, result)
+        free = np.flatnonzero(running & (result.ending != int(Ending.NONE)))
         begun = free[: max(len(queue) - following, 0)]
         running[np.setdiff1d(free, begun)] = False
         episode[begun] = following + np.arange(len(begun))
@@ -143,13 +143,13 @@ class PolicyActor(_Stateless):
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
         """Return the policy's actions: numbers, (row,), or continuous ones, (row, value)."""
-        seen = self._simulator.seen_by(self._policy)
+        shown_input = self._simulator.seen_by(self._policy)
         if self._begun is None:
-            answer, _ = self._policy.predict(seen, deterministic=self._deterministic)
+            answer, _ = self._policy.predict(shown_input, deterministic=self._deterministic)
         else:
             begun, self._begun = self._begun, np.zeros(len(self._begun), bool)
             answer, self._memory = self._policy.predict(
-                seen, self._memory, episode_start=begun, deterministic=self._deterministic
+                shown_input, self._memory, episode_start=begun, deterministic=self._deterministic
             )
         return self._checked(answer, len(running))
 
@@ -216,8 +216,8 @@ class SoftActor(_Drawing):
             self._uniform[row], self._used[row] = self._streams[row].random(BLOCK), 0
         if self._simulator is not None:
             observation = self._simulator.seen_by(self._policy)
-        seen = np.asarray(observation)
-        cumulative = self._policy.probabilities(seen).cumsum(axis=1)
+        inputs = np.asarray(observation)
+        cumulative = self._policy.probabilities(inputs).cumsum(axis=1)
         column = np.minimum(self._used, BLOCK - 1)
         draws = self._uniform[np.arange(len(column)), column][:, None]
         self._used[running] += 1

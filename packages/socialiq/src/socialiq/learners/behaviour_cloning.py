@@ -17,23 +17,20 @@ import jax
 import optax
 from jaxtyping import Array
 
-from socialiq.errors import one_of
-from socialiq.learners import config
-from socialiq.learners.config import check_above_zero, check_not_negative, check_seed
+from socialiq.learners import settings
 from socialiq.learners.expert_table import Batch, ExpertTable
-from socialiq.learners.iq_learn import priors
+from socialiq.learners.iq_learn import losses
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState, stack
 from socialiq.nn.q_network import QNetwork
-from socialiq.social.angle import check_angle
 from socialiq.types import Transitions
 
 ADVANTAGES = ("advantage", "advantage_fitted")
 
 
-@dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
-    """Static configuration, which shapes the program."""
+@dataclass(frozen=True, kw_only=True)
+class CloningConfig(settings.LearnerConfig):
+    """Choices that shape the program."""
 
     weighted: bool = False
     """Whether demonstrations count by their score, or all alike."""
@@ -41,30 +38,15 @@ class StaticConfig(config.StaticConfig):
     """Score of weighted runs: the episode's total, the same for all of its rows, or the row's
     advantage, by states that are seen again or by a fitted network."""
 
-    def __post_init__(self) -> None:
-        """Refuse names and sizes that make no run."""
-        super().__post_init__()
-        one_of("weighted by", self.weighted_by, ("trajectory", *ADVANTAGES))
 
-
-@dataclass(frozen=True)
-class Hyperparameters:
+@dataclass(frozen=True, kw_only=True)
+class CloningHyperparameters(settings.Optimiser, settings.Dataset):
     """Numbers of one run, all traced."""
 
-    learning_rate: float = 3e-4
-    seed: int = 0
-    dataset: int = 0
-    angle: float = 0.0
+    angle: settings.Angle = 0.0
     """α of the score, in degrees; only of weighted runs."""
-    reweight_temperature: float = 1.0
+    reweight_temperature: settings.Positive = 1.0
     """τ_w of Eq B.2, in units of the score; only of weighted runs."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        check_angle(self.angle)
-        check_above_zero(self, ("learning_rate", "reweight_temperature"))
-        check_seed(self.seed)
-        check_not_negative(self, ("dataset",))
 
 
 class Carry(NamedTuple):
@@ -77,8 +59,8 @@ class Carry(NamedTuple):
 class BehaviourCloning(Learner):
     """The maximum-likelihood classifier of actions; its soft policy is the fitted distribution."""
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = CloningConfig
+    Hyperparameters: ClassVar[type] = CloningHyperparameters
     name: ClassVar[str] = "behaviour_cloning"
     has_target: ClassVar[bool] = False
 
@@ -94,7 +76,7 @@ class BehaviourCloning(Learner):
         state, key = super().initialise(hyperparameters)
         cumulative = None
         if self.static.weighted:
-            cumulative = priors.cumulative_weights(self.table, hyperparameters)
+            cumulative = losses.cumulative_weights(self.table, hyperparameters)
         return state, Carry(key, cumulative)
 
     def draw(
@@ -122,15 +104,15 @@ class BehaviourCloning(Learner):
         return loss, {"loss": loss}
 
 
-def effective_size(data: Transitions, hyperparameters: Hyperparameters) -> float:
+def effective_size(data: Transitions, hyperparameters: CloningHyperparameters) -> float:
     """Return how many transitions of equal weight a weighted run's data are worth (B.2)."""
-    table = table_of(StaticConfig(weighted=True), [data])
+    table = table_of(CloningConfig(weighted=True), [data])
     run = stack([dataclasses.replace(hyperparameters, dataset=0)])[0]
-    return float(priors.effective_sample_size(priors.table_weights(table, run)))
+    return float(losses.effective_sample_size(losses.table_weights(table, run)))
 
 
 def table_of(
-    static: StaticConfig, datasets: Sequence[Transitions], continuous: bool = False
+    static: CloningConfig, datasets: Sequence[Transitions], continuous: bool = False
 ) -> ExpertTable:
     """Return the sets; where they are weighted, with each row's score.
 

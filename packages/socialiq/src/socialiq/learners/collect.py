@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.state import Runs
 from socialiq.nn.q_network import ValueNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
@@ -141,8 +141,8 @@ def soft(temperatures: Sequence[float]) -> Behaviour:
 
 def acting_in(
     make: Callable[[], gymnasium.Env[Any, Any]],
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IQLearnConfig,
+    hyperparameters: Sequence[IQLearnHyperparameters],
     chunk: int = 500,
 ) -> Collector:
     """Let IQ-Learn's runs act in a Gymnasium environment: the `before_chunk` of `train`.

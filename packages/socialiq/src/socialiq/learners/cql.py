@@ -14,8 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from socialiq.learners import config
-from socialiq.learners.config import check_not_negative
+from socialiq.learners import settings
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
@@ -27,32 +26,27 @@ from socialiq.social.angle import score
 Scalar = Float[Array, ""]
 
 
-@dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
-    """Static configuration; the defaults are those of IQ-Learn (Table C.1, gridworld)."""
+@dataclass(frozen=True, kw_only=True)
+class CQLConfig(settings.LearnerConfig):
+    """Choices that shape the program. Defaults: those of IQ-Learn (Table C.1, gridworld)."""
 
     endings: Endings = field(default_factory=Endings)
     """Value of V(s') after each kind of ending."""
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class CQLHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
-    conservatism: float = 1.0
+    conservatism: settings.NotNegative = 1.0
     """α_CQL, the weight of τ logsumexp(Q/τ) - Q(s, a) beside half the squared error."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        check_not_negative(self, ("conservatism",))
 
 
 class ConservativeQ(Learner):
     """Conservative Q-learning of demonstrations."""
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = CQLConfig
+    Hyperparameters: ClassVar[type] = CQLHyperparameters
     name: ClassVar[str] = "cql"
 
     def loss(
@@ -67,7 +61,7 @@ def conservative_loss(
     target_network: QNetwork,
     batch: Batch,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: CQLConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
 

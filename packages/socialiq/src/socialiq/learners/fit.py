@@ -27,15 +27,17 @@ import numpy as np
 from jaxtyping import Array
 
 from socialiq.errors import UserError
-from socialiq.learners import checkpoint
 from socialiq.learners.callbacks import Callbacks, Clock, Stopped, stop_line, stop_requests
 from socialiq.learners.state import History, Runs
+from socialiq.storage import load_arrays, save_arrays
 
 BeforeChunk = Callable[[Runs, int], Runs]
 """Called with the runs and the number of updates done, before each chunk."""
 
 # A parameter of this size is finite, but the next product of two layers is not.
 _OVERFLOWS = 1e15
+
+CHECKPOINT_VERSION = 2
 
 # Initialisation runs once: optimising its code takes longer than running it.
 _COMPILE_FAST = {"xla_backend_optimization_level": 0}
@@ -87,7 +89,9 @@ def fit(
     begin = jax.jit(_start_all, compiler_options=_COMPILE_FAST)
     runs, history = begin(learner, hyperparameters), History()
     if callbacks.resume:
-        runs, history = _resume(callbacks.checkpoint, fingerprint, runs)
+        if callbacks.checkpoint is None:
+            raise UserError("nothing to resume from: name the run's folder")
+        runs, history = load_checkpoint(callbacks.checkpoint, fingerprint, runs)
     names = term_names(learner, hyperparameters, runs)
     done = history.updates[-1] if history.updates else 0
     clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
@@ -105,7 +109,7 @@ def fit(
                 failures = failure_lines(runs, names, callbacks.run_names, hyperparameters)
                 callbacks.on_report(clock.report(done, record, monitored, failures))
             if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
-                checkpoint.save(callbacks.checkpoint, fingerprint, runs, history)
+                save_checkpoint(callbacks.checkpoint, fingerprint, runs, history)
             if stop.is_set() and done < total:
                 raise Stopped(stop_line(done, total, callbacks.checkpoint))
     return runs, history
@@ -123,9 +127,9 @@ def failure_lines(
 ) -> tuple[str, ...]:
     """One line for each run that stopped: which, when, which term, and what to lower."""
     causes, lower = (*names, "parameters"), "learning_rate"
-    others = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
-    if others:
-        lower = f"{', '.join([lower, *others[:-1]])} or {others[-1]}"
+    weights = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
+    if weights:
+        lower = f"{', '.join([lower, *weights[:-1]])} or {weights[-1]}"
     lines = []
     for run, (step, term) in enumerate(
         zip(np.asarray(runs.failed_at), np.asarray(runs.failed_term), strict=True)
@@ -158,7 +162,12 @@ def _in_order(terms: Iterable[str]) -> tuple[str, ...]:
 
 
 def _start_all(learner: Trainable, hyperparameters: Any) -> Runs:
-    return jax.vmap(partial(_start, learner))(hyperparameters)
+    def start(hyperparameters: Any) -> Runs:
+        state, carry = learner.initialise(hyperparameters)
+        zero = jnp.zeros((), jnp.int32)
+        return Runs(state, carry, zero, zero - 1, zero - 1)
+
+    return jax.vmap(start)(hyperparameters)
 
 
 def _advance(
@@ -169,32 +178,23 @@ def _advance(
     The second program is compiled when a run breaks. Until then the runs as they were before the
     chunk stay in memory beside those after it.
     """
-    given = (learner, hyperparameters, runs, steps)
-    after, terms, finite = _all_unchecked(*given)
+    after, terms, finite = _chunk(learner, hyperparameters, runs, steps, _unchecked)
     stopped = np.asarray(runs.failed_at) >= 0
     breaks = ~stopped & ~np.asarray(finite)
     if breaks.any():
-        after, terms = _choose_runs(breaks, _all_checked(*given), (after, terms))
+        checked = _chunk(learner, hyperparameters, runs, steps, _checked)
+        after, terms = _choose_runs(breaks, checked, (after, terms))
     if stopped.any():
-        kept = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
-        after, terms = _choose_runs(stopped, kept, (after, terms))
+        unchanged = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
+        after, terms = _choose_runs(stopped, unchanged, (after, terms))
     return after, terms
 
 
-@partial(jax.jit, static_argnums=3)
-def _all_unchecked(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
-    return jax.vmap(partial(_unchecked, learner, steps=steps))(hyperparameters, runs)
-
-
-@partial(jax.jit, static_argnums=3)
-def _all_checked(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
-    return jax.vmap(partial(_checked, learner, steps=steps))(hyperparameters, runs)
-
-
-def _start(learner: Trainable, hyperparameters: Any) -> Runs:
-    state, carry = learner.initialise(hyperparameters)
-    zero = jnp.zeros((), jnp.int32)
-    return Runs(state, carry, zero, zero - 1, zero - 1)
+@partial(jax.jit, static_argnums=(3, 4))
+def _chunk(
+    learner: Trainable, hyperparameters: Any, runs: Runs, steps: int, advance: Callable[..., Any]
+) -> Any:
+    return jax.vmap(partial(advance, learner, steps=steps))(hyperparameters, runs)
 
 
 def _unchecked(
@@ -253,8 +253,61 @@ def _choose_runs(condition: np.ndarray, yes: Any, no: Any) -> Any:
     return jax.vmap(_choose)(jnp.asarray(condition), yes, no)
 
 
-def _resume(path: Path | None, fingerprint: str, like: Runs) -> tuple[Runs, History]:
-    if path is None:
-        raise UserError("nothing to resume from: name the run's folder")
-    runs, updates, values = checkpoint.load(path, fingerprint, like)
-    return runs, History(updates, values)
+def save_checkpoint(path: Path, fingerprint: str, runs: Runs, history: History) -> None:
+    """Write the resumable state of a run; a reader finds the previous state or this one.
+
+    Raises:
+        UserError: If the file can't be written.
+    """
+    arrays = {name: _plain(leaf) for name, leaf in _named_leaves(runs)}
+    arrays |= {f"history_{name}": history.array(name) for name in history.values}
+    arrays["history.updates"] = np.array(history.updates)
+    save_arrays(path, "checkpoint", CHECKPOINT_VERSION, arrays, {"fingerprint": fingerprint})
+
+
+def load_checkpoint(path: Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
+    """Read the state of the same run.
+
+    Args:
+        path: The file.
+        fingerprint: Of the run that wants to go on.
+        like: Freshly initialised runs, for the tree's shape.
+
+    Raises:
+        UserError: If the file is missing or damaged, or belongs to another run.
+    """
+    arrays, header = load_arrays(path, "checkpoint", CHECKPOINT_VERSION)
+    if header.get("fingerprint") != fingerprint:
+        raise UserError(
+            f"{path} belongs to a run of other settings or data: repeat the run's own command"
+        )
+    fresh = {name: _plain(leaf) for name, leaf in _named_leaves(like)}
+    columns = {name: column for name, column in arrays.items() if name.startswith("history_")}
+    updates = arrays.get("history.updates", np.zeros((0, 0)))
+    fits = all(
+        name in arrays and (arrays[name].shape, arrays[name].dtype) == (leaf.shape, leaf.dtype)
+        for name, leaf in fresh.items()
+    )
+    lengths = [len(column) for column in columns.values()]
+    if not fits or updates.ndim != 1 or any(length != len(updates) for length in lengths):
+        raise UserError(f"{path} is not the state of this run: remove it to start again")
+    restored = []
+    for name, leaf in _named_leaves(like):
+        value = jnp.asarray(arrays[name])
+        restored.append(jax.random.wrap_key_data(value) if _is_key(leaf) else value)
+    values = {name.removeprefix("history_"): list(columns[name]) for name in sorted(columns)}
+    runs = jax.tree.unflatten(jax.tree.structure(like), restored)
+    return runs, History(updates.tolist(), values)
+
+
+def _named_leaves(runs: Runs) -> list[tuple[str, Array]]:
+    return [(f"leaf_{number:03d}", leaf) for number, leaf in enumerate(jax.tree.leaves(runs))]
+
+
+def _plain(leaf: Array) -> np.ndarray:
+    """Return a leaf as it is stored: a random key by its data."""
+    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
+
+
+def _is_key(leaf: Array) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)

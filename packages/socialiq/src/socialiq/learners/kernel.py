@@ -21,8 +21,8 @@ from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure
 from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.config import Hyperparameters, StaticConfig
 from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.settings import LearnerConfig, LearnerHyperparameters
 from socialiq.learners.state import History, HyperparameterArrays, TrainState, stack
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
@@ -81,9 +81,9 @@ class Learner(eqx.Module):
     sizes: tuple[int, int] = eqx.field(static=True)
     table: ExpertTable | None = None
 
-    StaticConfig: ClassVar[type] = StaticConfig
+    StaticConfig: ClassVar[type] = LearnerConfig
     """Dataclass of `static`."""
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    Hyperparameters: ClassVar[type] = LearnerHyperparameters
     """Dataclass of a run's numbers."""
     name: ClassVar[str] = "learner"
     """Of the record of a trained policy."""
@@ -204,7 +204,7 @@ class Learner(eqx.Module):
         Args:
             static: Shared by all runs.
             hyperparameters: One entry for each run.
-            datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run.
+            datasets: Sets of demonstrations; the hyperparameters' `dataset` picks each run's.
             callbacks: Progress, monitor, checkpoint.
             chunk: Updates between two calls of the callbacks.
 

@@ -169,3 +169,14 @@ class History:
     def array(self, name: str) -> np.ndarray:
         """Return one recorded quantity, (chunks, runs)."""
         return np.stack(self.values[name])
+
+
+def linear(first: Any, last: Any, done: Array, updates: int) -> Array:
+    """Return the rate of the update after `done` others; that of the last update is `last`."""
+    return first + (done + 1) / updates * (last - first)
+
+
+def cosine(first: Any, final_share: Any, done: Array, updates: int) -> Array:
+    """Return the rate after so many updates; at the end it is a share of the first."""
+    fallen = 0.5 * (1.0 + jnp.cos(jnp.pi * done / updates))
+    return first * (final_share + (1.0 - final_share) * fallen)

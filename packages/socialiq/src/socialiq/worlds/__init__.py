@@ -42,7 +42,7 @@ SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SC
 
 def scene_named(name: str) -> str | None:
     """Return the scene of a world's name or Gymnasium id; None if it is another world's."""
-    return next((scene for scene, given in SCENE_IDS.items() if name in (scene, given)), None)
+    return next((scene for scene, identity in SCENE_IDS.items() if name in (scene, identity)), None)
 
 
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
@@ -72,11 +72,13 @@ def register() -> None:
             gymnasium.register(name, _GRID, kwargs={"world": world})
     for world, name in CONTINUOUS_IDS.items():
         if name not in gymnasium.registry:
-            more = CONTINUOUS[world]
-            gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=more)
+            options = CONTINUOUS[world]
+            gymnasium.register(
+                name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=options
+            )
     for scene, name in SCENE_IDS.items():
         if name not in gymnasium.registry:
-            more = {"scene": scene}
-            gymnasium.register(name, _SCENE, vector_entry_point=_SCENE_VECTOR, kwargs=more)
+            options = {"scene": scene}
+            gymnasium.register(name, _SCENE, vector_entry_point=_SCENE_VECTOR, kwargs=options)
     if RECORDED_JUNCTION not in gymnasium.registry:
         gymnasium.register(RECORDED_JUNCTION, _RECORDED)

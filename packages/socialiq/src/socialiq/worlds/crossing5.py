@@ -61,9 +61,9 @@ def move(ego: Any, other: Any, action: Any) -> Move:
     the ego's new position.
     """
     ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
-    wanted = jnp.minimum(other + 1, LAST)
-    blocked = (wanted == CONFLICT) & (ego_after == CONFLICT)
-    return Move(ego, other, ego_after, jnp.where(blocked, other, wanted))
+    advanced = jnp.minimum(other + 1, LAST)
+    blocked = (advanced == CONFLICT) & (ego_after == CONFLICT)
+    return Move(ego, other, ego_after, jnp.where(blocked, other, advanced))
 
 
 def ending(moved: Move, options: Options) -> Any:

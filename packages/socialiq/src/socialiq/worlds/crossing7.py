@@ -243,8 +243,8 @@ def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
 def places(state: Sequence[int]) -> list[Place]:
     """Return the places of the ego and of the vehicles that are present."""
     x_ego, _, y_1, _, y_2, _ = (int(value) for value in state)
-    others = [Place(slot, CONFLICT, y, 90) for slot, y in ((1, y_1), (2, y_2)) if y != ABSENT]
-    return [Place(0, x_ego, CONFLICT, 0), *others]
+    vehicles = [Place(slot, CONFLICT, y, 90) for slot, y in ((1, y_1), (2, y_2)) if y != ABSENT]
+    return [Place(0, x_ego, CONFLICT, 0), *vehicles]
 
 
 _EMPTY = (0, STOP, 0, FAST, ABSENT, STOP)

@@ -44,14 +44,16 @@ class Table:
         self, state: Int[np.ndarray, " row"], time: Int[np.ndarray, " row"]
     ) -> Float32[np.ndarray, "row feature"]:
         """Return the observations of the states with these indices at these times."""
-        seen = self.states[state]
-        return (np.column_stack([seen, time]) if self.world.clock else seen).astype(np.float32)
+        features = self.states[state]
+        return (np.column_stack([features, time]) if self.world.clock else features).astype(
+            np.float32
+        )
 
     def reachable_part(self) -> Table:
         """Return the table restricted to the states that some policy can reach."""
-        part, kept = self.mdp.reachable_part()
-        signals = {name: value[kept] for name, value in self.signals.items()}
-        return Table(self.world, part, self.states[kept], self.speed[kept], signals)
+        mdp, reachable = self.mdp.reachable_part()
+        signals = {name: value[reachable] for name, value in self.signals.items()}
+        return Table(self.world, mdp, self.states[reachable], self.speed[reachable], signals)
 
 
 def tabulate(world: GridWorld) -> Table:
@@ -90,7 +92,7 @@ def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float
         weights: Weights of r_env and r_social.
     """
     outcome, possible = _outcomes(world), np.asarray(world.chance) > 0.0
-    signals = {name: np.asarray(one, np.float64) for name, one in outcome.signals.items()}
+    signals = {name: np.asarray(values, np.float64) for name, values in outcome.signals.items()}
     rewards = world.rewards(signals)
     reward = (weights[0] * rewards.env + weights[1] * rewards.social)[..., possible]
     successor = world.index(outcome.state)[..., possible]

@@ -70,9 +70,9 @@ def make_environment(
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
     check_spaces(env, continuous)
-    made: gymnasium.Env[Any, Any] = _Guarded(env, one_line(name))
-    made = RewardPairWrapper(made) if needs_pair else made
-    return UnitActions(made) if isinstance(env.action_space, spaces.Box) else made
+    guarded: gymnasium.Env[Any, Any] = _Guarded(env, one_line(name))
+    guarded = RewardPairWrapper(guarded) if needs_pair else guarded
+    return UnitActions(guarded) if isinstance(env.action_space, spaces.Box) else guarded
 
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
@@ -80,9 +80,9 @@ def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
 
     The number is 0 if actions are arrays.
     """
-    seen, actions = env.observation_space, env.action_space
-    assert isinstance(seen, spaces.Box)
-    return int(seen.shape[0]), int(actions.n) if isinstance(actions, spaces.Discrete) else 0
+    space, actions = env.observation_space, env.action_space
+    assert isinstance(space, spaces.Box)
+    return int(space.shape[0]), int(actions.n) if isinstance(actions, spaces.Discrete) else 0
 
 
 def action_size(env: gymnasium.Env[Any, Any]) -> int:
@@ -99,7 +99,7 @@ def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
     if not isinstance(env, UnitActions):
         return {}
     ends = {"low": env.bounds.low, "high": env.bounds.high}
-    return {ACTION_BOUNDS: {name: one.astype(np.float64).tolist() for name, one in ends.items()}}
+    return {ACTION_BOUNDS: {name: end.astype(np.float64).tolist() for name, end in ends.items()}}
 
 
 def environment_maker(
@@ -138,13 +138,13 @@ def continuous_maker(
 
     def make() -> gymnasium.Env[Any, Any]:
         env = make_environment(name, allow_code=allow_code, continuous=True)
-        found = (sizes(env)[0], action_size(env))
-        if not found[1]:
+        lengths = (sizes(env)[0], action_size(env))
+        if not lengths[1]:
             raise UserError(f"{one_line(name)} has discrete actions: use a learner of these")
-        if demonstrated is not None and found != demonstrated:
+        if demonstrated is not None and lengths != demonstrated:
             raise UserError(
                 "the demonstrations have {} features and actions of {} numbers, the world has {} "
-                "and {}: they belong to another world".format(*demonstrated, *found)
+                "and {}: they belong to another world".format(*demonstrated, *lengths)
             )
         return env
 
@@ -164,25 +164,27 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
     if kind_of(Path(name)) == WORLD_FILE:
         register()
         return gymnasium.make(RECORDED_JUNCTION, file=name, **options)
-    place, _, attribute = name.rpartition(":")
-    if place and not allow_code:
+    module, _, attribute = name.rpartition(":")
+    if module and not allow_code:
         raise UserError(
             f"{one_line(name)} would run its author's code with your rights: allow that with "
             "--allow-code, or allow_code=True in Python"
         )
     try:
-        found = getattr(imported(place), attribute, None) if place else None
-        if callable(found):
-            return found(**options)
+        function = getattr(imported(module), attribute, None) if module else None
+        if callable(function):
+            return function(**options)
         register()
-        return gymnasium.make(attribute if place else _BUILT_IN.get(name, name), **options)
+        return gymnasium.make(attribute if module else _BUILT_IN.get(name, name), **options)
     except UserError:
         raise
     except gymnasium.error.Error as error:
         # Gymnasium raises the base class of these errors for a malformed id.
         if not isinstance(error, gymnasium.error.UnregisteredEnv) and type(error) is not _MALFORMED:
             raise failure(one_line(name), error) from error
-        where = f"{one_line(place)} has no function and registers no" if place else "unknown world"
+        where = (
+            f"{one_line(module)} has no function and registers no" if module else "unknown world"
+        )
         raise UserError(
             f"{where} '{one_line(attribute)}': choose one of {', '.join(_BUILT_IN)}, a registered "
             "Gymnasium id, MODULE:ID or MODULE:FUNCTION"
@@ -206,23 +208,23 @@ class _Guarded(gymnasium.Wrapper):
 
     def step(self, action: Any) -> Any:
         """Take one step."""
-        after, *others = self._called(self.env.step, action)
-        return (self._flat(after), *others)
+        after, *results = self._called(self.env.step, action)
+        return (self._flat(after), *results)
 
     def _flat(self, observation: Any) -> np.ndarray:
         try:
-            seen = flat(observation)
+            observed = flat(observation)
         except (TypeError, ValueError) as error:
             raise UserError(
                 f"{self._name} gave an observation that is no array of numbers: correct it"
             ) from error
-        if seen.shape != self.observation_space.shape or not np.isfinite(seen).all():
-            wanted = self.observation_space.shape
-            fault = "NaN or infinity" if seen.shape == wanted else f"shape {seen.shape}"
+        if observed.shape != self.observation_space.shape or not np.isfinite(observed).all():
+            shape = self.observation_space.shape
+            fault = "NaN or infinity" if observed.shape == shape else f"shape {observed.shape}"
             raise UserError(
-                f"{self._name} gave an observation of {fault}: its space has {wanted}, finite"
+                f"{self._name} gave an observation of {fault}: its space has {shape}, finite"
             )
-        return seen
+        return observed
 
     def _called(self, function: Any, *given: Any, **named: Any) -> Any:
         try:

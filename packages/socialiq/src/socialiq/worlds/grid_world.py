@@ -134,6 +134,11 @@ class GridWorld(World):
         )
 
     @property
+    def one_hot(self) -> tuple[tuple[int, int], ...]:
+        """One-hot code of an observation: least value and number of values by feature."""
+        return tuple((feature.low, feature.size) for feature in self.observed)
+
+    @property
     def n_features(self) -> int:
         """Length of an observation."""
         return len(self.observed)
@@ -185,8 +190,8 @@ class GridWorld(World):
         usual = getattr(self.options, "spawn_probability", None)
         if usual is None:
             return {}
-        other = 2 * usual if 0.0 < usual <= 0.5 else 0.3
-        return {f"vehicles spawning at {other:g} a step": {"spawn_probability": other}}
+        share = 2 * usual if 0.0 < usual <= 0.5 else 0.3
+        return {f"vehicles spawning at {share:g} a step": {"spawn_probability": share}}
 
     @property
     def shape(self) -> tuple[int, ...]:

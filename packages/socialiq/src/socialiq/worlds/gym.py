@@ -96,8 +96,8 @@ class GridWorldEnv(gymnasium.Env):
         )
 
     def _observation(self) -> np.ndarray:
-        seen = np.append(self._state, self._time) if self.world.clock else self._state
-        return seen.astype(np.float32)
+        features = np.append(self._state, self._time) if self.world.clock else self._state
+        return features.astype(np.float32)
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""

@@ -40,8 +40,8 @@ _FILES = (".safetensors", ".xml", ".csv")
 @cache
 def _loaders() -> dict[str, EntryPoint]:
     """Return what reads a world from a file, by the kind of the file."""
-    known = {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)}
-    return known | {entry.name: entry for entry in entry_points(group=GROUP)}
+    sisters = {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)}
+    return sisters | {entry.name: entry for entry in entry_points(group=GROUP)}
 
 
 def is_world_file(name: str) -> bool:
@@ -137,9 +137,9 @@ def default_options(name: str) -> dict[str, Any]:
         name: One of `NAMES`.
     """
     kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
-    named = CONTINUOUS.get(name, {})
+    implied = CONTINUOUS.get(name, {})
     fields = {field.name: field.default for field in dataclasses.fields(kind)}
-    return {option: default for option, default in fields.items() if option not in named}
+    return {option: default for option, default in fields.items() if option not in implied}
 
 
 def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:

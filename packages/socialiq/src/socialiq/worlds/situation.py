@@ -174,9 +174,9 @@ def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
     Raises:
         UserError: If a feature is unknown, or the rule is of another world.
     """
-    known = known_features(rule.world)
+    features = known_features(rule.world)
     for name in rule.features:
-        one_of(f"feature of {rule.world}", name, known)
+        one_of(f"feature of {rule.world}", name, features)
     if world and rule.world != world:
         raise UserError(f"the rule is for {rule.world}, not for {world}: change its world")
     if TIME in rule.features and not clock:
@@ -200,18 +200,18 @@ def features_of(
         observation: Observations of its world, without the time.
         time: Decisions since the start of each row, if the rule reads it.
     """
-    seen = np.asarray(observation, np.float64)
+    values = np.asarray(observation, np.float64)
     if rule.world == "intersection":
-        seen = policies.in_metres(np.asarray(observation))
-    found = {}
+        values = policies.in_metres(np.asarray(observation))
+    columns = {}
     for name in rule.features:
         if name == TIME:
             assert time is not None  # `check_rule` refuses the feature without a clock
             value = time
         else:
-            value = SITUATIONS[rule.world][name].of(seen)
-        found[name] = np.asarray(value, np.float64)
-    return found
+            value = SITUATIONS[rule.world][name].of(values)
+        columns[name] = np.asarray(value, np.float64)
+    return columns
 
 
 def angles_of(

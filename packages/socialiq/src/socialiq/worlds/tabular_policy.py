@@ -92,8 +92,8 @@ def draw_actions(
 ) -> np.ndarray:
     """Draw one action for each row of probabilities."""
     cumulative = probabilities.cumsum(axis=1)
-    drawn = (rng.random((len(probabilities), 1)) >= cumulative).sum(axis=1)
-    return np.minimum(drawn, probabilities.shape[1] - 1)
+    actions = (rng.random((len(probabilities), 1)) >= cumulative).sum(axis=1)
+    return np.minimum(actions, probabilities.shape[1] - 1)
 
 
 Variant = Literal["deterministic", "stochastic"]

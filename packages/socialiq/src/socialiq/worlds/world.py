@@ -133,6 +133,11 @@ class World(abc.ABC):
     references: ClassVar[tuple[str, ...]] = ()
 
     @property
+    def whole_episode(self) -> int:
+        """Decisions of an episode where the demonstrators' records end before it; 0: they don't."""
+        return 0
+
+    @property
     @abc.abstractmethod
     def description(self) -> str:
         """Name and options; worlds with equal descriptions are identical."""

@@ -1,4 +1,4 @@
-"""Reward pairs for any Gymnasium environment, and the kinds of actions that policies have."""
+"""Wrappers of Gymnasium environments: reward pairs, kinds of actions, absorbing states."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step and add its reward pair."""
-        after, given, terminated, truncated, told = self.env.step(action)
-        reward: Any = given  # a number, or a vector
+        after, raw, terminated, truncated, told = self.env.step(action)
+        reward: Any = raw  # a number, or a vector
         moment = Transition(
             self._seen,
             int(action) if isinstance(self.action_space, spaces.Discrete) else action,
@@ -108,8 +108,8 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
     def _pair_of(self, moment: Transition) -> RewardPair:
         if self.pair is not None:
-            found = _called(self.pair, moment, "the function of the reward pair")
-            return RewardPair.of(found, "the reward pair")
+            pair = _called(self.pair, moment, "the function of the reward pair")
+            return RewardPair.of(pair, "the reward pair")
         if "reward_pair" not in moment.info and not np.ndim(moment.reward):
             raise UserError(
                 "the environment gives no reward pair: put (r_env, r_social) into "
@@ -129,7 +129,7 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
             finite bounds; or its observations are not arrays.
     """
-    actions, seen = env.action_space, env.observation_space
+    actions, observations = env.action_space, env.observation_space
     if continuous and isinstance(actions, spaces.Box):
         _check_bounds(actions)
     elif continuous and not isinstance(actions, spaces.Discrete):
@@ -144,10 +144,10 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         )
     elif actions.start != 0:
         raise UserError(f"actions must be numbered from 0, not {actions.start}: wrap the actions")
-    if not isinstance(seen, spaces.Box):
+    if not isinstance(observations, spaces.Box):
         raise UserError(
-            f"only observations of kind Box are supported, not {type(seen).__name__}: wrap the "
-            "environment in gymnasium.wrappers.FlattenObservation"
+            f"only observations of kind Box are supported, not {type(observations).__name__}: wrap "
+            "the environment in gymnasium.wrappers.FlattenObservation"
         )
 
 
@@ -186,16 +186,16 @@ class UnitActions(gymnasium.ActionWrapper):
 
     def action(self, action: Any) -> np.ndarray:
         """Return an action in the environment's own units."""
-        given = np.asarray(action, np.float64)
-        if given.shape != self.bounds.shape or not np.isfinite(given).all():
-            shown = one_line(str(given.tolist()), 60)
+        values = np.asarray(action, np.float64)
+        if values.shape != self.bounds.shape or not np.isfinite(values).all():
+            text = one_line(str(values.tolist()), 60)
             raise UserError(
-                f"action {shown} is not {self.bounds.shape[0]} finite numbers: check the policy"
+                f"action {text} is not {self.bounds.shape[0]} finite numbers: check the policy"
             )
-        if (np.abs(given) > 1.0).any():
-            raise UserError(f"action {one_line(str(given.tolist()), 60)} is outside [-1, 1]")
-        low, high = (one.astype(np.float64) for one in (self.bounds.low, self.bounds.high))
-        scaled = low + (given + 1.0) / 2.0 * (high - low)
+        if (np.abs(values) > 1.0).any():
+            raise UserError(f"action {one_line(str(values.tolist()), 60)} is outside [-1, 1]")
+        low, high = (end.astype(np.float64) for end in (self.bounds.low, self.bounds.high))
+        scaled = low + (values + 1.0) / 2.0 * (high - low)
         return np.clip(scaled, low, high).astype(self.bounds.dtype)
 
 
@@ -227,3 +227,64 @@ def _called(function: Callable[[Transition], Any], moment: Transition, what: str
 
 def _name(kind: Ending | str) -> str:
     return kind.name.lower() if isinstance(kind, Ending) else str(kind)
+
+
+class AbsorbingStates(gymnasium.Wrapper):
+    """Environment in which a terminal state is followed by one that is never left.
+
+    Observations are flat, float32, and one longer: the last number is 0, and 1 in the absorbing
+    state, where the others are 0. A step that would terminate leads there; `stay` steps in it
+    follow, with reward 0 and whatever action, then the episode is truncated. Time limits stay as
+    they are. A learner that bootstraps through them values the absorbing state by itself, of the
+    demonstrations' and its own alike. r_env and r_social of the steps there are 0.
+
+    Args:
+        env: With observations that are arrays (`spaces.Box`).
+        stay: Steps in the absorbing state, at least 1.
+
+    Raises:
+        UserError: If `stay` is below 1, or observations are of another kind.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], stay: int = 1) -> None:
+        if stay < 1:
+            raise UserError(f"stay must be at least 1, got {stay}")
+        super().__init__(env)
+        inner = flat_space(env.observation_space)
+        low, high = (np.minimum(inner.low, 0.0), np.maximum(inner.high, 0.0))
+        low, high = np.append(low, np.float32(0)), np.append(high, np.float32(1))
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
+        self.stay = stay
+        self._left: int | None = None  # steps left in the absorbing state; None outside it
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode."""
+        self._left = None
+        observation, info = self.env.reset(seed=seed, options=options)
+        return marked(observation), info
+
+    def step(self, action: Any) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
+        """Take one step, or stay in the absorbing state."""
+        if self._left is not None:
+            self._left -= 1
+            return self._absorbed, 0.0, False, self._left == 0, {"reward_pair": np.zeros(2)}
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if terminated:
+            self._left = self.stay
+            return self._absorbed, reward, False, False, info
+        return marked(observation), reward, terminated, truncated, info
+
+    @property
+    def _absorbed(self) -> np.ndarray:
+        space = self.observation_space
+        assert space.shape is not None
+        state = np.zeros(space.shape, np.float32)
+        state[-1] = 1.0
+        return state
+
+
+def marked(observation: Any) -> np.ndarray:
+    """Return an observation outside the absorbing state: flat, float32, with a 0 at its end."""
+    return np.append(flat(observation), np.float32(0.0))

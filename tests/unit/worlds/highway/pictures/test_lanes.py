@@ -11,8 +11,8 @@ from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.highway.gym import SceneEnv
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, Lane, Network, arc, straight
 from socialiq.worlds.highway.pictures import render, shapes
-from socialiq.worlds.highway.pictures.lanes import LOWEST, WIDEST, way_of
-from socialiq.worlds.highway.pictures.scenes import episode_scenes, present_scene
+from socialiq.worlds.highway.pictures.render import episode_scenes, present_scene
+from socialiq.worlds.highway.pictures.views import LOWEST, WIDEST, way_of
 from socialiq.worlds.highway.scene import FASTER, IDLE, Road, Scene, entry, sight
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.scenes.merge import network as merge_network

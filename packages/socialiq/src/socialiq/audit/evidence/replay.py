@@ -16,10 +16,10 @@ from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
-from socialiq.worlds.highway.pictures import scenes
+from socialiq.worlds.highway.pictures import render
 from socialiq.worlds.highway.pictures.render import Scene
 from socialiq.worlds.highway.world import RoadWorld
-from socialiq.worlds.intersection.pictures.crossing import REACH
+from socialiq.worlds.intersection.views import REACH
 from socialiq.worlds.world import World
 
 PER_SECOND = 5
@@ -192,7 +192,7 @@ def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> Repl
     totals, actions, decisions = np.zeros(2), "", 0
     driver, seeds = road.as_asked(policy, deterministic), np.array([road.first_seed(seed)])
     for step in play(batch, driver, seeds, deterministic):
-        recorded += scenes.decision_scenes(batch)
+        recorded += render.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
         actions += "" if continuous else str(int(step.action[0]))
         decisions += 1

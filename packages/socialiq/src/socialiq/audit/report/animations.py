@@ -21,7 +21,7 @@ from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VE
 from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.highway.pictures import shapes
 from socialiq.worlds.highway.scenes import scene_of
-from socialiq.worlds.intersection.pictures.crossing import JUNCTION
+from socialiq.worlds.intersection.views import JUNCTION
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 
 HELD = 1.5

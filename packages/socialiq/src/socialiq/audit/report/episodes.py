@@ -14,7 +14,7 @@ from socialiq.audit.evidence.replay import ReplayedEpisode, Road, Trace, replaye
 from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds.highway.pictures import scenes, sheet
+from socialiq.worlds.highway.pictures import render, sheet
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.world import World
 
@@ -140,7 +140,7 @@ def films_of(
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
                 seed = road.first_seed(int(row["seed"]))
-                played = scenes.episode_scenes(batch, road.as_asked(policy), seed)
+                played = render.episode_scenes(batch, road.as_asked(policy), seed)
                 frames = [*played[:-1:every], played[-1]]
                 sheet.save(film, frames, road.world.view, _PER_SECOND)
                 films[path_of(kind, number)] = film.read_bytes()

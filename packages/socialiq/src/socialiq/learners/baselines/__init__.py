@@ -1,1 +1,1 @@
-"""Methods that others have published, on the learner kernel, for `socialiq compare methods`."""
+"""Methods that others have published, on the learner kernel; `compare-methods` runs them."""

@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.bellman import log_likelihood, of_taken
 from socialiq.learners.baselines.ranking import EpisodeLearner, best_rows
-from socialiq.learners.config import check_counts, check_not_negative
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Terms
+from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
@@ -32,7 +32,7 @@ CLIPPED = 0.1, 0.9
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     parts: int = 3
@@ -45,7 +45,7 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
     expert_weight: float = 7.5

@@ -22,11 +22,11 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 from scipy.linalg import block_diag
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.bellman import log_likelihood
-from socialiq.learners.config import check_not_negative, check_shares
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.kernel import Learner, Terms
+from socialiq.learners.settings import check_not_negative, check_shares
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -35,7 +35,7 @@ from socialiq.types import RewardPair, Transitions
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     advantage: Literal["advantage", "advantage_fitted"] = "advantage"
@@ -43,7 +43,7 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
     guidance: float = 3.0

@@ -14,13 +14,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.bellman import log_likelihood, of_taken
-from socialiq.learners.config import check_above_zero, check_shares
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Learner, Terms
+from socialiq.learners.settings import check_above_zero, check_shares
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -31,7 +31,7 @@ LARGEST_WEIGHT = 100.0
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
@@ -39,7 +39,7 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
     expectile: float = 0.7

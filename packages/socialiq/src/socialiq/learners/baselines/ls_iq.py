@@ -21,17 +21,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from socialiq.learners.baselines.bellman import of_taken
-from socialiq.learners.config import check_above_zero
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import config, losses
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.learners.kernel import Terms
+from socialiq.learners.settings import check_above_zero
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.types import Ending, Simulator, Transitions
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
     fixed_target: bool = True
@@ -39,7 +39,7 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(config.IQLearnHyperparameters):
     """Numbers of one run, all traced."""
 
     regularisation: float = 0.5

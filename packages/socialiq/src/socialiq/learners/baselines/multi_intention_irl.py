@@ -17,15 +17,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.bellman import log_likelihood, of_taken, soft_continuation
 from socialiq.learners.baselines.ranking import EpisodeLearner
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.config import check_above_zero, check_counts
 from socialiq.learners.expert_table import Batch, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Terms, Trained
+from socialiq.learners.settings import check_above_zero, check_counts
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -34,7 +34,7 @@ from socialiq.types import RewardPair, Transitions
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
@@ -49,7 +49,7 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
 
     chi2_alpha: float = 0.5

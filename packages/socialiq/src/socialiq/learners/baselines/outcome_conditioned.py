@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.bellman import log_likelihood
-from socialiq.learners.config import check_shares
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.kernel import Learner, Terms
+from socialiq.learners.settings import check_shares
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -30,7 +30,7 @@ from socialiq.types import RewardPair, Transitions
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
 
     quantile: float = 1.0

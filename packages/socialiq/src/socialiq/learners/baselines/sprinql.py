@@ -18,22 +18,22 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import config
+from socialiq.learners import settings
 from socialiq.learners.baselines.bellman import of_taken, soft_continuation
 from socialiq.learners.baselines.ranking import EpisodeLearner, preference_loss
 from socialiq.learners.baselines.trex import learned_sums
-from socialiq.learners.config import check_counts, check_not_negative
 from socialiq.learners.expert_table import Batch, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Terms
+from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
@@ -50,7 +50,7 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class Hyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `strength` is λ, the scale of the reference reward."""
 
     reference_weight: float = 0.5

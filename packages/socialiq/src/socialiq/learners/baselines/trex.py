@@ -18,11 +18,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners.baselines.bellman import of_taken, soft_continuation
 from socialiq.learners.baselines.ranking import Episodes, preference_loss
-from socialiq.learners.config import check_counts
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import config
 from socialiq.learners.iq_learn.train import Carry, IQLearn
 from socialiq.learners.kernel import Terms
+from socialiq.learners.settings import check_counts
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -31,7 +31,7 @@ from socialiq.types import Simulator, Transitions
 
 
 @dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+class StaticConfig(config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
     pairs: int = 8
@@ -80,7 +80,7 @@ class TREX(IQLearn):
     episodes: Episodes | None = None
 
     StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = config.Hyperparameters
+    Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
     name: ClassVar[str] = "trex"
 
     @classmethod

@@ -1,4 +1,8 @@
-"""The part that learners with an actor and critics share: networks, rows, acting, policies."""
+"""The part that learners with an actor and critics share: networks, rows, acting, equations.
+
+The equations of soft actor-critic (Haarnoja et al. 2018) are one function each, of a policy
+π = squashed Gaussian and twin critics Q_1, Q_2; the score R(α) is the reward.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +16,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import replay
 from socialiq.learners.continuous import acting
-from socialiq.learners.continuous import soft_values as soft
 from socialiq.learners.continuous.acting import Acting
 from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
-from socialiq.nn.actor import Actor, TwinCritics, frozen
+from socialiq.nn.actor import Actor, TwinCritics, draw, frozen
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import angle_columns
 from socialiq.types import ContinuousSimulator, Ending, RewardPair, Transitions
@@ -224,12 +227,12 @@ class ActorCritic(Learner):
     ) -> Terms:
         """Return the losses of the actor and of a tuned temperature, and the entropy."""
         temperature = self.temperature(network, hyperparameters)
-        drawn = soft.draw_actions(network.actor, seen, key, self.static.actions_per_state)
-        q = soft.drawn_values(frozen(network.critics), seen, drawn).min(axis=-1)
-        terms = {"actor": soft.actor_loss(q, drawn, temperature)}
+        drawn = draw_actions(network.actor, seen, key, self.static.actions_per_state)
+        q = drawn_values(frozen(network.critics), seen, drawn).min(axis=-1)
+        terms = {"actor": actor_loss(q, drawn, temperature)}
         if self.static.tuned:
             wanted = hyperparameters.entropy_target * self.sizes[1]
-            terms["tuning"] = soft.temperature_loss(network.log_temperature, drawn, wanted)
+            terms["tuning"] = temperature_loss(network.log_temperature, drawn, wanted)
         return terms | {"entropy": -jnp.mean(drawn.log_density)}
 
     def policy(
@@ -255,3 +258,58 @@ def empty_row(sizes: tuple[int, int]) -> Batch:
     observation, zero = jnp.zeros(sizes[0]), jnp.zeros(())
     action, ending = jnp.zeros(sizes[1]), jnp.array(int(Ending.NONE), jnp.int32)
     return Batch(observation, action, observation, ending, RewardPair(zero, zero))
+
+
+class Drawn(NamedTuple):
+    """Actions that a policy draws in each state.
+
+    Attributes:
+        action: Several for each state.
+        log_density: log π of each.
+    """
+
+    action: Float[Array, "draw batch size"]
+    log_density: Float[Array, "draw batch"]
+
+
+def draw_actions(
+    actor: Actor, seen: Float[Array, "batch input"], key: PRNGKeyArray, count: int
+) -> Drawn:
+    """Draw so many actions in each state, with gradients to the actor."""
+    mean, log_std = jax.vmap(actor)(seen)
+    noise = jax.random.normal(key, (count, *mean.shape))
+    of_rows = jax.vmap(draw)
+    return Drawn(*jax.vmap(of_rows, in_axes=(0, None, None))(noise, mean, log_std))
+
+
+def drawn_values(
+    critics: TwinCritics, seen: Float[Array, "batch input"], drawn: Drawn
+) -> Float[Array, "draw batch 2"]:
+    """Q_1 and Q_2 of drawn actions."""
+    return jax.vmap(jax.vmap(critics), in_axes=(None, 0))(seen, drawn.action)
+
+
+def soft_value(
+    q: Float[Array, "draw batch"], drawn: Drawn, temperature: Scalar | float
+) -> Float[Array, " batch"]:
+    """V(s) = E_π[Q(s, a) - τ log π(a|s)], the mean over the drawn actions.
+
+    At π = exp(Q/τ) / ∫ exp(Q/τ) it is τ log ∫ exp(Q/τ) da, Eq 2.5 with an integral for the sum.
+    """
+    return jnp.mean(q - temperature * drawn.log_density, axis=0)
+
+
+def critic_loss(q: Float[Array, "batch 2"], target: Float[Array, " batch"]) -> Scalar:
+    """Σ_i E[(Q_i(s, a) - y)²] / 2."""
+    return jnp.mean(jnp.sum(jnp.square(q - target[:, None]), axis=-1)) / 2.0
+
+
+def actor_loss(q: Float[Array, "draw batch"], drawn: Drawn, temperature: Scalar | float) -> Scalar:
+    """E[τ log π(a|s) - Q(s, a)] of drawn actions, whose gradient runs through the action."""
+    return -jnp.mean(soft_value(q, drawn, temperature))
+
+
+def temperature_loss(log_temperature: Scalar, drawn: Drawn, entropy: Any) -> Scalar:
+    """-log τ E[log π + H]: τ rises while the policy's entropy is below H, and falls above it."""
+    gap = jax.lax.stop_gradient(jnp.mean(drawn.log_density) + entropy)
+    return -log_temperature * gap

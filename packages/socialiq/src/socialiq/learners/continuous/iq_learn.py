@@ -17,11 +17,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners.continuous import soft_values as soft
+from socialiq.learners.continuous import actor_critic
 from socialiq.learners.continuous.actor_critic import ActorCritic, Carry, Networks, Rows
-from socialiq.learners.continuous.config import IQHyperparameters, IQStaticConfig
+from socialiq.learners.continuous.config import ActorIQLearnConfig, ActorIQLearnHyperparameters
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn import losses, objective, priors
+from socialiq.learners.iq_learn import losses, objective
 from socialiq.learners.iq_learn.objective import OURS, UserFunctions
 from socialiq.learners.iq_learn.train import ENDINGS_SHARE, followed
 from socialiq.learners.kernel import Terms
@@ -41,8 +41,8 @@ class ContinuousIQLearn(ActorCritic):
 
     own: UserFunctions = eqx.field(static=True, default=OURS)
 
-    StaticConfig: ClassVar[type] = IQStaticConfig
-    Hyperparameters: ClassVar[type] = IQHyperparameters
+    StaticConfig: ClassVar[type] = ActorIQLearnConfig
+    Hyperparameters: ClassVar[type] = ActorIQLearnHyperparameters
     name: ClassVar[str] = "continuous_iq_learn"
     shown: ClassVar[bool] = True
 
@@ -57,7 +57,7 @@ class ContinuousIQLearn(ActorCritic):
         assert self.table is not None
         cumulative = endings = None
         if self.static.prior == "reweighting":
-            cumulative = priors.cumulative_weights(self.table, hyperparameters)
+            cumulative = losses.cumulative_weights(self.table, hyperparameters)
         if "occupancy" in self.static.endings.by_kind().values():
             shown = self.table.ending_shares(hyperparameters.dataset)
             endings = jnp.stack([shown, jnp.zeros_like(shown)])
@@ -207,11 +207,13 @@ class ContinuousIQLearn(ActorCritic):
     ) -> Float[Array, "batch 2"]:
         """V(s) = E_π[Q_i - τ log π] of each critic, or of the smaller Q for both; π is fixed."""
         count = self.static.actions_per_state
-        drawn = soft.draw_actions(frozen(network.actor), seen, key, count)
-        q = soft.drawn_values(critics, seen, drawn)
+        drawn = actor_critic.draw_actions(frozen(network.actor), seen, key, count)
+        q = actor_critic.drawn_values(critics, seen, drawn)
         if smaller:
             q = jnp.broadcast_to(q.min(axis=-1, keepdims=True), q.shape)
-        columns = [soft.soft_value(q[..., critic], drawn, temperature) for critic in range(2)]
+        columns = [
+            actor_critic.soft_value(q[..., critic], drawn, temperature) for critic in range(2)
+        ]
         return jnp.stack(columns, axis=1)
 
 

@@ -15,8 +15,7 @@ from socialiq.learners.continuous.acting import drawing
 from socialiq.learners.continuous.actor_critic import ActorCritic
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.td3_bc import TD3BC
+from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.iq_learn.objective import OURS, UserFunctions

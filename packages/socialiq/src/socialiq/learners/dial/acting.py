@@ -6,14 +6,23 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from socialiq.learners import replay
-from socialiq.learners.collect import Act, Behaviour, Collector, Source
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.collect import (
+    Act,
+    Behaviour,
+    Collector,
+    Source,
+    VectorCollector,
+    columns_by_run,
+    stepped,
+)
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.objective import Networks
 from socialiq.learners.dial.rows import (
     AngleRange,
@@ -22,7 +31,7 @@ from socialiq.learners.dial.rows import (
     stratified_angles,
 )
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.state import HyperparameterArrays
+from socialiq.learners.state import HyperparameterArrays, Runs
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending, RewardPair, Simulator
@@ -36,7 +45,7 @@ class Acting(NamedTuple):
     direction: RewardPair
 
 
-def begin(static: StaticConfig, simulator: Simulator, key: Array) -> Acting:
+def begin(static: DialConfig, simulator: Simulator, key: Array) -> Acting:
     """Fresh episodes at angles drawn for them."""
     for_world, for_angle = jax.random.split(key)
     keys = jax.random.split(for_world, static.environments)
@@ -45,7 +54,7 @@ def begin(static: StaticConfig, simulator: Simulator, key: Array) -> Acting:
 
 
 def act(
-    static: StaticConfig,
+    static: DialConfig,
     simulator: Simulator,
     hyperparameters: HyperparameterArrays,
     network: DialNetwork,
@@ -95,8 +104,8 @@ class Driver:
 
     def __init__(
         self,
-        static: StaticConfig,
-        numbers: Hyperparameters,
+        static: DialConfig,
+        numbers: DialHyperparameters,
         network: DialNetwork | None,
         rng: np.random.Generator,
     ) -> None:
@@ -124,7 +133,7 @@ class Driver:
         return np.where(rng.random(count) < self._numbers.exploration, random, chosen)
 
 
-def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> Behaviour:
+def acting(static: DialConfig, hyperparameters: Sequence[DialHyperparameters]) -> Behaviour:
     """Return how runs act outside JAX: each chunk with a `Driver`."""
 
     def behaviour(networks: Networks, run: int, _done: int, rng: np.random.Generator) -> Act:
@@ -145,8 +154,8 @@ class DialCollector(Collector):
     def __init__(
         self,
         sources: Sequence[Source],
-        static: StaticConfig,
-        hyperparameters: Sequence[Hyperparameters],
+        static: DialConfig,
+        hyperparameters: Sequence[DialHyperparameters],
     ) -> None:
         seeds = [one.seed for one in hyperparameters]
         super().__init__(sources, seeds, acting(static, hyperparameters))
@@ -178,3 +187,72 @@ def _values(
     network: DialNetwork, observation: Float[Array, "env feature"], direction: RewardPair
 ) -> Float[Array, "env action"]:
     return jax.vmap(network)(observation, direction)
+
+
+class DialVectorCollector(VectorCollector):
+    """Collector of dials: each run acts by `Driver`, all values come from one call.
+
+    A run's random numbers are drawn as a `DialCollector` draws them, so its experience is what it
+    would collect alone, but for the rounding of Q.
+
+    Args:
+        env: As many environments for each run; as of `collect.from_vector_env`.
+        rounds: Steps of each environment for a chunk.
+        static: Of the runs.
+        hyperparameters: Of each run.
+
+    Raises:
+        UserError: If the environments can't be divided among the runs.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.vector.VectorEnv[Any, Any, Any],
+        rounds: int,
+        static: DialConfig,
+        hyperparameters: Sequence[DialHyperparameters],
+    ) -> None:
+        super().__init__(env, rounds, hyperparameters)
+        self._static = static
+
+    def collected(
+        self,
+        runs: Runs,
+        done: int,  # noqa: ARG002
+        streams: Sequence[np.random.Generator],
+        observation: np.ndarray,
+    ) -> Any:
+        """Return the columns of a chunk, with the angle of each row if the replays have it."""
+        drivers = [
+            Driver(self._static, numbers, None, rng)
+            for numbers, rng in zip(self.numbers, streams, strict=True)
+        ]
+        directions = [driver.turned(self.each) for driver in drivers]
+        direction = RewardPair(*(jnp.stack(one) for one in zip(*directions, strict=True)))
+        networks = runs.state.network.values
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            seen = observation.reshape(len(drivers), self.each, -1)
+            q = np.asarray(_values_of_runs(networks, jnp.asarray(seen, jnp.float32), direction))
+            chosen = [driver.chosen(one) for driver, one in zip(drivers, q, strict=True)]
+            return np.concatenate(chosen)
+
+        rows = list(stepped(self.env, observation, act, self.rounds))
+        return self._by_run(rows, direction)
+
+    def _by_run(self, rows: Sequence[tuple[np.ndarray, ...]], direction: RewardPair) -> Any:
+        """Return the columns of a chunk, (run, step), of each run in the order of the steps."""
+        batch = columns_by_run(rows, len(self.numbers))
+        if not self._static.driven_share:
+            return batch
+        return Driven.of(batch, jax.tree.map(lambda one: jnp.tile(one, (1, len(rows))), direction))
+
+
+@eqx.filter_jit
+def _values_of_runs(
+    networks: DialNetwork, observation: Float[Array, "run env feature"], direction: RewardPair
+) -> Float[Array, "run env action"]:
+    def of_run(network: DialNetwork, seen: Array, turned: RewardPair) -> Array:
+        return jax.vmap(network)(seen, turned)
+
+    return eqx.filter_vmap(of_run)(networks, observation, direction)

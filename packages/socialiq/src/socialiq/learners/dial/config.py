@@ -1,124 +1,76 @@
-"""Configuration of the dial: static config, hyperparameters, and the 7x7 world's presets."""
+"""Settings of the dial: config, hyperparameters, presets, and the check of a run."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
-from socialiq.errors import UserError, one_of
-from socialiq.learners.config import (
-    check_above_zero,
-    check_counts,
-    check_not_negative,
-    check_rate,
-    check_seed,
-    check_shares,
-    check_widths,
-)
+from socialiq.errors import UserError
+from socialiq.learners import settings
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.nn.q_network import ACTIVATIONS
-from socialiq.nn.view import CHOICES
-from socialiq.social.angle import check_angle
+from socialiq.learners.settings import Count, NotNegative, Positive, Share
 from socialiq.types import Simulator, Transitions
 
-Scored = Literal["all", "demonstrations"]
-Backup = Literal["soft", "hard", "double"]
-Heads = Literal["score", "pair"]
 
-
-@dataclass(frozen=True)
-class StaticConfig:
+@dataclass(frozen=True, kw_only=True)
+class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
     """Choices that shape the program. Defaults: the 7x7 world with its clock, online."""
 
-    low: float = 0.0
-    """Smallest social angle trained for, in degrees."""
-    high: float = 90.0
-    """Largest social angle trained for, in degrees."""
-    margin: float = 5.0
-    """Degrees beyond both ends in which angles are also drawn: a network is least accurate at the
-    edge of its data, and the two ends are used most."""
     online: bool = True
     """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
     demonstrations: bool = True
     """Whether it sees demonstrations; without them it is soft Q-learning on R(α)."""
-    scored: Scored = "all"
+    scored: Literal["all", "demonstrations"] = "all"
     """Transitions on which r̂ is drawn to λR(α): all, for whose own steps the world must give the
     reward pair, or demonstrations only."""
     endings: Endings = field(default_factory=Endings)
     """Value of V(s') after each kind of ending. A timeout is an end like others to a learner that
     sees the clock."""
-    redraw_times: int = 0
+    redraw_times: settings.Natural = 0
     """Horizon of a clock, the last feature: every transition is learned from at a newly drawn time.
     0 leaves times as they are. Right where neither dynamics nor rewards depend on the time."""
-    redraw_share: float = 1.0
+    redraw_share: Share = 1.0
     """Share of the rows whose times are redrawn; the others keep theirs."""
-    timeout_reward: float = 0.0
+    timeout_reward: settings.Finite = 0.0
     """r_env of a timeout itself, which moves with the time where times are redrawn."""
-    backup: Backup = "soft"
+    backup: Literal["soft", "hard", "double"] = "soft"
     """V(s') of the target: "soft" is Eq 2.5, "hard" the largest value, "double" the target
     network's value of the action that is the best by the network (van Hasselt et al. 2016)."""
-    heads: Heads = "score"
+    heads: Literal["score", "pair"] = "score"
     """Outputs for each action: "score" is Q of R(α); "pair" is (Q_env, Q_social) of the policy of
     the angle, each learned from its own reward; their score is Q. Not with a soft backup."""
-    high_from: float = 65.0
-    """Angle in degrees from which `high_share` counts."""
-    high_share: float | None = None
-    """Share of the drawn angles beyond `high_from`, for rows and for acting; None: uniform."""
-    driven_share: float = 0.0
+    driven_share: Share = 0.0
     """Share of the learner's own rows at the angle at which they were driven; for the others an
     angle is drawn."""
-    knots: int = 0
+    knots: settings.Natural = 0
     """Number of hat functions of the angle that the network reads beside (cos α, sin α), at equal
     distances over the drawn angles; 0 for none (`nn.dial_network.hats`)."""
-    hidden: tuple[int, ...] = (128, 128)
-    """Widths of the hidden layers."""
-    activation: str = "relu"
-    """Between the layers."""
-    view: str = "flat"
-    """Network's view of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    hidden: settings.Widths = (128, 128)
     one_hot: tuple[tuple[int, int], ...] = ()
     """For observations of integers: smallest value and number of values of each feature, which
     the network then sees one place for each value. None: it sees the view."""
-    demonstrators: tuple[float, ...] = ()
+    demonstrators: settings.Angles = ()
     """Social angles of the demonstrators, in degrees, if what they share is to be learned too: a
     skill f(s, a) that is added to R(α). Each run then has that many sets of demonstrations."""
-    skill_hidden: tuple[int, ...] = (64, 64)
+    skill_hidden: settings.Widths = (64, 64)
     """Widths of the hidden layers of f."""
-    expert_batch: int = 64
+    expert_batch: Count = 64
     """Demonstrated transitions of an update; of several demonstrators in equal parts."""
-    replay_batch: int = 192
+    replay_batch: Count = 192
     """The learner's own transitions of an update."""
-    updates: int = 24_000
+    updates: Count = 24_000
     """Gradient steps of a run."""
-    averaging: float = 0.0
+    averaging: Share = 0.0
     """Share of the network that each update mixes into the average of its weights, of which the
     policy is then made; 0: it is made of the target network."""
-    environments: int = 4
+    environments: Count = 4
     """Worlds side by side in which the learner takes one step each before a gradient step."""
-    replay_capacity: int = 100_000
-    """Size of the replay ring."""
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and combinations that make no run."""
-        check_angle(self.low)
-        check_angle(self.high)
-        if self.low > self.high:
-            raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
-        one_of("view", self.view, tuple(CHOICES))
-        one_of("activation", self.activation, tuple(ACTIVATIONS))
-        one_of("scored", self.scored, get_args(Scored))
-        one_of("backup", self.backup, get_args(Backup))
-        one_of("heads", self.heads, get_args(Heads))
-        sizes = ("expert_batch", "replay_batch", "updates", "environments", "replay_capacity")
-        check_counts(self, sizes)
-        check_not_negative(self, ("redraw_times", "margin", "knots"))
-        check_widths(self.hidden)
-        check_widths(self.skill_hidden)
-        for angle in self.demonstrators:
-            check_angle(angle)
+        super().__post_init__()
         if self.demonstrators and self.expert_batch % len(self.demonstrators):
             raise UserError(
                 f"expert_batch {self.expert_batch} has no equal parts for "
@@ -130,24 +82,15 @@ class StaticConfig:
             raise UserError("offline and without demonstrations there is nothing to learn from")
         if not self.demonstrations and self.scored == "demonstrations":
             raise UserError("scored 'demonstrations' needs demonstrations: choose 'all'")
-        self._check_pairs()
-        self._check_angles()
-
-    def _check_pairs(self) -> None:
         if self.heads == "pair" and self.backup == "soft":
             raise UserError("heads 'pair' have no soft backup: choose the backup hard or double")
         if self.heads == "pair" and self.demonstrators:
             raise UserError("a skill is a score: choose heads 'score', or leave out demonstrators")
-        if not math.isfinite(self.timeout_reward):
-            raise UserError(f"timeout_reward must be a finite number, got {self.timeout_reward}")
-
-    def _check_angles(self) -> None:
         if self.knots == 1 or (self.knots and not self.margin and self.low == self.high):
             raise UserError("knots: give 0, or at least 2 and a range of angles")
         if self.driven_share and not self.online:
             raise UserError("driven_share is of the learner's own rows: train online, or leave it")
-        check_shares(self, ("driven_share", "redraw_share", "averaging"))
-        check_high_share(self)
+        self.check_high_share()
 
     @property
     def times(self) -> int:
@@ -155,65 +98,34 @@ class StaticConfig:
         return self.redraw_times if self.view != "flat" and not self.one_hot else 0
 
 
-@dataclass(frozen=True)
-class Hyperparameters:
+@dataclass(frozen=True, kw_only=True)
+class DialHyperparameters(settings.CosineRate, settings.Dataset):
     """Numbers of one run; all are traced, so a whole grid of them shares one program."""
 
-    strength: float = 1.0
+    strength: NotNegative = 1.0
     """λ: scales the centre λR(α). With τ it decides how sharp the policy is."""
-    prior_weight: float = 1000.0
+    prior_weight: NotNegative = 1000.0
     """w: weight of the squared distance to λR(α) beside IQ-Learn's terms. r̂ leaves the centre by
     about 1/w, so a small w imitates and a large one obeys."""
-    temperature: float = 0.02
+    temperature: Positive = 0.02
     """τ of Eq 2.5."""
-    discount: float = 1.0
+    discount: Share = 1.0
     """γ. With a clock the horizon is finite, and 1 is what the regret is counted with."""
-    chi2_alpha: float = 0.5
+    chi2_alpha: Positive = 0.5
     """α_χ: the squared term is w / (4 α_χ) (r̂ - λR(α))²."""
-    shrinkage: float = 0.2
+    shrinkage: NotNegative = 0.2
     """c: how strongly the skill f is drawn to 0 where there are demonstrations."""
-    spread: float = 0.05
+    spread: NotNegative = 0.05
     """ε: the same for the actions that were not taken there, relative to c."""
-    learning_rate: float = 1e-3
-    """Adam's initial learning rate; it falls as a cosine."""
-    final_rate: float = 0.02
-    """Learning rate at the end, as a share of the first."""
-    polyak: float = 0.01
-    """Share of the network mixed into its target network at each update."""
-    exploration: float = 0.1
+    learning_rate: Positive = 1e-3
+    polyak: settings.Rate = 0.01
+    exploration: Share = 0.1
     """Share of random actions while acting; the others are drawn from softmax(Q/τ)."""
-    seed: int = 0
-    """Seed of the network, the sampling and the acting."""
-    dataset: int = 0
-    """Index of the set of demonstrations that this run learns from."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        check_not_negative(self, ("strength", "prior_weight", "shrinkage", "spread", "dataset"))
-        check_above_zero(self, ("temperature", "chi2_alpha", "learning_rate"))
-        check_rate(self, ("polyak",))
-        check_shares(self, ("discount", "final_rate", "exploration"))
-        check_seed(self.seed)
-
-
-def check_high_share(static: Any) -> None:
-    """Refuse a share of the drawn angles, of a config with `high_share`, that is none.
-
-    Raises:
-        UserError: If it is no share, or its first angle is not between the ends.
-    """
-    if static.high_share is None:
-        return
-    check_shares(static, ("high_share",))
-    if not static.low < static.high_from < static.high:
-        raise UserError(
-            f"high_from {static.high_from:g} must lie between {static.low:g} and {static.high:g}"
-        )
 
 
 def check_fit(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: DialConfig,
+    hyperparameters: Sequence[DialHyperparameters],
     datasets: Sequence[Transitions],
     simulator: Simulator | None,
     sizes: tuple[int, int] | None,
@@ -232,7 +144,7 @@ def check_fit(
     if static.demonstrations and not datasets:
         raise UserError("no demonstrations: pass at least one set, or train without them")
     sets = len(datasets) // max(len(static.demonstrators), 1)
-    if static.demonstrations and max(one.dataset for one in hyperparameters) >= sets:
+    if static.demonstrations and max(run.dataset for run in hyperparameters) >= sets:
         raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
     acts = simulator is not None or collects
     if static.online != acts:
@@ -241,18 +153,18 @@ def check_fit(
             if static.online
             else "offline training takes no world: drop it, or train online"
         )
-    found = [(data.observation.shape[1], data.n_actions) for data in datasets]
-    found += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
-    found += [sizes] if sizes else []
-    if len(set(found)) != 1:
+    shapes = {(data.observation.shape[1], data.n_actions) for data in datasets}
+    shapes |= {(simulator.n_features, simulator.n_actions)} if simulator is not None else set()
+    shapes |= {sizes} if sizes else set()
+    if len(shapes) != 1:
         raise UserError(
-            f"data and world differ in (features, actions): {sorted(set(found))}: "
+            f"data and world differ in (features, actions): {sorted(shapes)}: "
             "record the data in this world, with a clock if it has one"
         )
-    return found[0]
+    return shapes.pop()
 
 
-class Preset(NamedTuple):
+class DialPreset(NamedTuple):
     """One way to train a dial.
 
     Attributes:
@@ -263,55 +175,57 @@ class Preset(NamedTuple):
             demonstrated ("timed"), or at any ("any time"); empty online.
     """
 
-    structure: StaticConfig
-    numbers: Hyperparameters
+    structure: DialConfig
+    numbers: DialHyperparameters
     clock: bool = True
     support: str = ""
 
 
-_ONLINE = StaticConfig(redraw_times=25, replay_batch=448)
-_OFFLINE = StaticConfig(online=False, scored="demonstrations")
+_ONLINE = DialConfig(redraw_times=25, replay_batch=448)
+_OFFLINE = DialConfig(online=False, scored="demonstrations")
 # Chosen on training seeds 0 to 4 (docs/dial.md).
 RUNS = {
-    "online": Preset(_ONLINE, Hyperparameters()),
-    "online-alone": Preset(
-        dataclasses.replace(_ONLINE, demonstrations=False, replay_batch=512), Hyperparameters()
+    "online": DialPreset(_ONLINE, DialHyperparameters()),
+    "online-alone": DialPreset(
+        dataclasses.replace(_ONLINE, demonstrations=False, replay_batch=512), DialHyperparameters()
     ),
-    "online-clockless": Preset(
-        dataclasses.replace(_ONLINE, redraw_times=0), Hyperparameters(discount=0.99), clock=False
+    "online-clockless": DialPreset(
+        dataclasses.replace(_ONLINE, redraw_times=0),
+        DialHyperparameters(discount=0.99),
+        clock=False,
     ),
-    "offline": Preset(
+    "offline": DialPreset(
         dataclasses.replace(_OFFLINE, updates=12_000),
-        Hyperparameters(prior_weight=50.0, temperature=0.03),
+        DialHyperparameters(prior_weight=50.0, temperature=0.03),
         support="timed",
     ),
-    "offline-redrawn": Preset(
+    "offline-redrawn": DialPreset(
         dataclasses.replace(_OFFLINE, updates=16_000, redraw_times=25),
-        Hyperparameters(prior_weight=200.0),
+        DialHyperparameters(prior_weight=200.0),
         support="any time",
     ),
 }
 
 
 # Chosen on training seeds 0 to 4; what it costs and what it reaches: docs/benchmarks.md.
-QUICK = Preset(
+QUICK = DialPreset(
     dataclasses.replace(_ONLINE, hidden=(64, 64), expert_batch=8, replay_batch=120, updates=6000),
-    Hyperparameters(learning_rate=6e-3, polyak=0.05),
+    DialHyperparameters(learning_rate=6e-3, polyak=0.05),
 )
 
 
 # Chosen on training seeds 100 to 119 (docs/dial.md).
-SHORT = Preset(
+SHORT = DialPreset(
     dataclasses.replace(
         _ONLINE, knots=21, expert_batch=16, replay_batch=112, updates=20_000, averaging=0.002
     ),
-    Hyperparameters(learning_rate=5e-3, polyak=0.05, temperature=0.005),
+    DialHyperparameters(learning_rate=5e-3, polyak=0.05, temperature=0.005),
 )
 
 
 # Chosen on training seed 100 (docs/reproduction/intersection-dial.md).
-INTERSECTION = Preset(
-    StaticConfig(
+INTERSECTION = DialPreset(
+    DialConfig(
         view="set",
         hidden=(256, 256),
         redraw_times=20,
@@ -324,7 +238,7 @@ INTERSECTION = Preset(
         environments=48,
         replay_capacity=200_000,
     ),
-    Hyperparameters(
+    DialHyperparameters(
         temperature=0.03, learning_rate=4e-3, final_rate=0.03, polyak=0.08, exploration=0.05
     ),
 )

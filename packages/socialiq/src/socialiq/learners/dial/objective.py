@@ -26,9 +26,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from socialiq.learners.dial.config import StaticConfig
+from socialiq.learners.dial.config import DialConfig
 from socialiq.learners.dial.rows import Rows
-from socialiq.learners.iq_learn import losses, priors
+from socialiq.learners.iq_learn import losses
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
@@ -55,7 +55,7 @@ def objective(
     target_network: DialNetwork,
     rows: Rows,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: DialConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """Return the loss and its terms: `expert` and `value` of IQ-Learn, `prior` the quadratic.
 
@@ -81,7 +81,7 @@ def objective(
     scored = expert if static.scored == "demonstrations" else slice(None)
     centred = list(zip(pairs, batch.target, strict=True)) if pairs else [(reward, target)]
     gaps = [
-        priors.shifted_chi2(
+        losses.shifted_chi2(
             one[scored], centre[scored], hyperparameters.strength, hyperparameters.chi2_alpha
         )
         for one, centre in centred
@@ -112,7 +112,7 @@ def _of_scores(
     target_network: DialNetwork,
     rows: Rows,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: DialConfig,
 ) -> _Rewards:
     """Return r̂ of a network whose outputs are values."""
     batch, direction = rows.batch, rows.direction
@@ -136,7 +136,7 @@ def _of_pairs(
     target_network: DialNetwork,
     rows: Rows,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: DialConfig,
 ) -> _Rewards:
     """Return r̂ of both rewards, of a network with pairs, and their score."""
     batch, direction = rows.batch, rows.direction
@@ -159,7 +159,7 @@ def _of_pairs(
 
 
 def _next_action(
-    network: DialNetwork, q_next: Float[Array, "batch action"], rows: Rows, static: StaticConfig
+    network: DialNetwork, q_next: Float[Array, "batch action"], rows: Rows, static: DialConfig
 ) -> Int[Array, " batch"]:
     """Return the action of s' that the backup takes the value of."""
     if static.backup == "double":

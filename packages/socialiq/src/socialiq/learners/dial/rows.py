@@ -10,11 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import replay
-from socialiq.learners.dial.clock import at_other_times
-from socialiq.learners.dial.config import StaticConfig
-from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.dial.config import DialConfig
+from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
 from socialiq.social.angle import exact_weights
-from socialiq.types import RewardPair
+from socialiq.types import Ending, RewardPair
 
 
 class Rows(NamedTuple):
@@ -59,7 +58,7 @@ class Driven(NamedTuple):
         return Batch(*self[:-1])
 
 
-def empty_ring(static: StaticConfig, n_features: int) -> replay.Replay:
+def empty_ring(static: DialConfig, n_features: int) -> replay.Replay:
     """Return an empty ring; it also holds directions if rows are learned from at theirs."""
     ring = replay.empty(static.replay_capacity, n_features)
     if not static.driven_share:
@@ -69,7 +68,7 @@ def empty_ring(static: StaticConfig, n_features: int) -> replay.Replay:
 
 
 def draw_rows(
-    static: StaticConfig,
+    static: DialConfig,
     table: ExpertTable | None,
     dataset: Array,
     ring: replay.Replay | None,
@@ -97,7 +96,7 @@ def draw_rows(
     return Rows(batch, directions, n_expert, _own_directions(static))
 
 
-def _shown(static: StaticConfig, table: ExpertTable, dataset: Array, key: Array) -> list[Batch]:
+def _shown(static: DialConfig, table: ExpertTable, dataset: Array, key: Array) -> list[Batch]:
     """Demonstrations; of several demonstrators as many of each, in their order."""
     count = len(static.demonstrators)
     if not count:
@@ -108,7 +107,7 @@ def _shown(static: StaticConfig, table: ExpertTable, dataset: Array, key: Array)
     ]
 
 
-def _own_directions(static: StaticConfig) -> RewardPair | None:
+def _own_directions(static: DialConfig) -> RewardPair | None:
     """Each demonstrator's own direction, for as many rows as there are of it."""
     if not static.demonstrators:
         return None
@@ -118,7 +117,7 @@ def _own_directions(static: StaticConfig) -> RewardPair | None:
 
 
 def _some_as_driven(
-    key: PRNGKeyArray, drawn: RewardPair, driven: RewardPair, static: StaticConfig
+    key: PRNGKeyArray, drawn: RewardPair, driven: RewardPair, static: DialConfig
 ) -> RewardPair:
     """Return the drawn directions, but of some own rows, which are the last, those driven."""
     count = len(driven.env)
@@ -201,3 +200,39 @@ def stratified_angles(
         low, high = static.low - static.margin, static.high + static.margin
         return low + (high - low) * places / count
     return angles_at(places / count, static)
+
+
+def at_other_times(
+    key: PRNGKeyArray,
+    batch: Batch,
+    horizon: int,
+    timeout_reward: float = 0.0,
+    share: float = 1.0,
+) -> Batch:
+    """The same transitions at newly drawn times: the clock's feature and its timeouts change.
+
+    Args:
+        key: Random key.
+        batch: Transitions whose observations end with the time.
+        horizon: At which an episode is cut.
+        timeout_reward: r_env of a timeout itself, which is moved too.
+        share: Of the rows that get another time; the others keep theirs.
+    """
+    time = draw_between(key, len(batch.action), 0, jnp.asarray(horizon))
+    if share < 1.0:
+        own = batch.observation[:, -1].astype(jnp.int32)
+        for_share = jax.random.fold_in(key, 1)
+        time = jnp.where(jax.random.uniform(for_share, time.shape) < share, time, own)
+    ended = (batch.ending != int(Ending.NONE)) & (batch.ending != int(Ending.TIMEOUT))
+    cut = jnp.where(time == horizon - 1, int(Ending.TIMEOUT), int(Ending.NONE))
+    ending, target = jnp.where(ended, batch.ending, cut), batch.target
+    if timeout_reward:
+        now, before = (one == int(Ending.TIMEOUT) for one in (ending, batch.ending))
+        moved = now.astype(jnp.float32) - before.astype(jnp.float32)
+        target = target._replace(env=target.env + timeout_reward * moved)
+    return batch._replace(
+        observation=batch.observation.at[:, -1].set(time.astype(jnp.float32)),
+        next_observation=batch.next_observation.at[:, -1].set((time + 1).astype(jnp.float32)),
+        ending=ending,
+        target=target,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -17,17 +17,16 @@ from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.acting import Acting, act, begin
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters, check_fit
 from socialiq.learners.dial.objective import Networks, objective
 from socialiq.learners.dial.rows import Rows, draw_rows, empty_ring
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.schedules import cosine
-from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
+from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, cosine
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
-from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.types import Simulator, Transitions
 
 
@@ -38,7 +37,7 @@ class Carry(NamedTuple):
         key: Random key.
         replay: The learner's own transitions; None offline.
         acting: Where it acts; None offline, or if experience comes from outside JAX.
-        multiplier: What a budget has made of the prior's weight (`learners.dial.budget`).
+        multiplier: What a budget has made of the prior's weight (`learners.dial.train`).
     """
 
     key: Array
@@ -129,12 +128,12 @@ class Dial(Learner):
         return carry.multiplier
 
     def policy(
-        self, hyperparameters: Hyperparameters, state: TrainState, kept: Any = 1.0
+        self, hyperparameters: DialHyperparameters, state: TrainState, kept: Any = 1.0
     ) -> DialPolicy:
         """Return the trained dial of one run."""
         return dial_of(self.static, hyperparameters, deployed(state), float(np.float64(kept)))
 
-    def run_name(self, hyperparameters: Hyperparameters) -> str:
+    def run_name(self, hyperparameters: DialHyperparameters) -> str:
         """Return the name of a run in messages."""
         return f"dial, seed {hyperparameters.seed}"
 
@@ -145,8 +144,8 @@ def deployed(state: TrainState) -> DialNetwork:
 
 
 def dial_of(
-    static: StaticConfig,
-    hyperparameters: Hyperparameters,
+    static: DialConfig,
+    hyperparameters: DialHyperparameters,
     network: DialNetwork,
     multiplier: float = 1.0,
 ) -> DialPolicy:
@@ -162,8 +161,8 @@ def dial_of(
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: DialConfig,
+    hyperparameters: Sequence[DialHyperparameters],
     datasets: Sequence[Transitions],
     simulator: Simulator | None = None,
     sizes: tuple[int, int] | None = None,
@@ -178,16 +177,16 @@ def train(
     Args:
         static: Shared by all runs.
         hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run. None
-            without demonstrations; with `StaticConfig.demonstrators` one set of each of them for a
-            run.
+        datasets: Sets of demonstrations; `DialHyperparameters.dataset` picks the set of each run.
+            None without demonstrations; with `DialConfig.demonstrators` one set of each of them
+            for a run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         sizes: Features of an observation and number of actions; needed only where neither
             demonstrations nor a simulator tell.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks.
         before_chunk: Adds experience from outside JAX (`learners.collect`).
-        budget: Moves the multiplier (`learners.dial.budget`).
+        budget: Moves the multiplier (`learners.dial.train`).
         start: Network that every run begins with, of the form that `static` describes; None draws
             one from each run's seed.
 
@@ -206,7 +205,7 @@ def train(
     )
 
 
-def _checked_start(static: StaticConfig, sizes: tuple[int, int], start: DialNetwork) -> str:
+def _checked_start(static: DialConfig, sizes: tuple[int, int], start: DialNetwork) -> str:
     """Return the SHA-256 of a first network's numbers.
 
     Raises:
@@ -248,3 +247,85 @@ def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> Hyperpa
         prior_weight=hyperparameters.prior_weight * multiplier,
         temperature=hyperparameters.temperature / multiplier,
     )
+
+
+Regret = Callable[[DialNetwork, int, float], float]
+"""Function from a network, its run, and the multiplier of its training to the regret."""
+
+
+ASCENT_EVERY = 250
+"""Usual number of updates between two steps of dual ascent."""
+
+
+class Look(NamedTuple):
+    """History of the dual ascent.
+
+    Attributes:
+        updates: Gradient steps done.
+        regret: Of each run.
+        multiplier: Of each run, from here on.
+    """
+
+    updates: int
+    regret: Float[np.ndarray, " run"]
+    multiplier: Float[np.ndarray, " run"]
+
+
+class Budget:
+    """Strength by a budget of regret: dual ascent on the multiplier, the `budget` of `train`.
+
+        min_π χ²(ρ_π, ρ_E)   subject to   J_α(π) >= J*_α - ε
+
+    The Lagrange multiplier μ of the constraint weighs the score (`weighed`). Dual ascent raises it
+    while the regret J*_α - J_α exceeds the budget ε, and lowers it below. The regret falls with μ
+    where the score is that of single steps, so there is one value to find. ε, in units of reward,
+    is what a designer declares and an auditor checks, in the place of λ.
+
+    Args:
+        regret: Measures a run's policy at the target angle.
+        budget: ε of each run, in units of reward.
+        step: How far log μ moves for a regret that is twice the budget.
+        low: Smallest multiplier.
+        high: Largest.
+
+    Attributes:
+        path: One `Look` for each chunk but the first, which learns at μ = 1.
+
+    Raises:
+        UserError: If a budget is not positive, or the range of multipliers is empty.
+    """
+
+    def __init__(
+        self,
+        regret: Regret,
+        budget: Float[np.ndarray, " run"],
+        step: float = 0.3,
+        low: float = 1e-2,
+        high: float = 1e3,
+    ) -> None:
+        if not (np.asarray(budget) > 0).all():
+            raise UserError("a budget of regret must be above 0: an exact optimum is never certain")
+        if not 0 < low < high:
+            raise UserError(f"multipliers from {low:g} to {high:g}: give 0 < low < high")
+        self._regret, self._budget = regret, np.asarray(budget, np.float64)
+        self._step, self._low, self._high = step, low, high
+        self.path: list[Look] = []
+
+    def __call__(self, runs: Runs, done: int) -> Runs:
+        """Measure every run, and move its multiplier."""
+        before = np.asarray(runs.carry.multiplier, np.float64)
+        if not done:
+            return runs
+        networks = runs.state.target_network.values
+        regret = np.array(
+            [
+                self._regret(network_of(networks, run), run, float(multiplier))
+                for run, multiplier in enumerate(before)
+            ]
+        )
+        # Bounded: far from the budget every step is as long as any.
+        excess = np.clip(regret / self._budget - 1.0, -1.0, 1.0)
+        after = np.clip(before * np.exp(self._step * excess), self._low, self._high)
+        self.path.append(Look(done, regret, after))
+        moved = runs.carry._replace(multiplier=jnp.asarray(after, jnp.float32))
+        return runs._replace(carry=moved)

@@ -6,19 +6,13 @@ compiled program.
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 from dataclasses import dataclass
 from typing import Literal
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners import config
-from socialiq.learners.config import (
-    check_above_zero,
-    check_counts,
-    check_not_negative,
-    check_shares,
-)
+from socialiq.learners import settings
+from socialiq.learners.settings import Count, NotNegative, Positive, Share
 from socialiq.types import Ending
 
 Treatment = Literal["zero", "bootstrap", "absorbing", "occupancy"]
@@ -50,8 +44,8 @@ class Endings:
         return {kind: getattr(self, kind.name.lower()) for kind in Ending if kind != Ending.NONE}
 
 
-@dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+@dataclass(frozen=True, kw_only=True)
+class IQLearnConfig(settings.LearnerConfig, settings.Replay):
     """Choices that shape the program. Defaults: the thesis' 7x7 preset (Table C.1, gridworld)."""
 
     prior: Literal["none", "reward", "bellman_shift", "reweighting", "shifted_chi2"] = "reward"
@@ -80,24 +74,15 @@ class StaticConfig(config.StaticConfig):
     """Value of V(s') after each kind of ending."""
     online: bool = True
     """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
-    env_steps_per_update: int = 1
+    env_steps_per_update: Count = 1
     """Steps the learner takes in the world before each gradient step."""
-    replay_capacity: int = 10_000
-    """Size of the replay ring."""
-    social_discount: float = 0.99
+    replay_capacity: Count = 10_000
+    social_discount: Share = 0.99
     """γ_svo of the cumulative returns."""
 
     def __post_init__(self) -> None:
         """Refuse names and sizes that make no run."""
-        hints = typing.get_type_hints(type(self))
-        for field in dataclasses.fields(self):
-            known = typing.get_args(hints[field.name])
-            if typing.get_origin(hints[field.name]) is Literal:
-                what = field.name.replace("_", " ")
-                one_of(what, getattr(self, field.name), known)
         super().__post_init__()
-        check_counts(self, ("env_steps_per_update", "replay_capacity"))
-        check_shares(self, ("social_discount",))
         if not self.online and self.value_term == "value":
             raise UserError(
                 "value term 'value' needs the learner's own transitions: "
@@ -125,21 +110,15 @@ class StaticConfig(config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
+class IQLearnHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run; all are traced, so a whole grid of them shares one program.
 
     Defaults: Table C.1, gridworld column. λ scales the prior's target, not its weight.
     """
 
-    prior_weight: float = 1.0
+    prior_weight: NotNegative = 1.0
     """w: multiplies L_reg, or the shifted χ² term. The thesis has w = 1."""
-    chi2_alpha: float = 0.5
+    chi2_alpha: Positive = 0.5
     """α_χ of term 3."""
-    reweight_temperature: float = 1.0
+    reweight_temperature: Positive = 1.0
     """τ_w of Eq B.2."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        check_not_negative(self, ("prior_weight",))
-        check_above_zero(self, ("chi2_alpha", "reweight_temperature"))

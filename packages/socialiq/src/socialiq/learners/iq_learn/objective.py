@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn import losses, priors
-from socialiq.learners.iq_learn.config import StaticConfig
+from socialiq.learners.iq_learn import losses
+from socialiq.learners.iq_learn.config import IQLearnConfig
 from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.q_network import ValueNetwork
@@ -61,7 +61,7 @@ def objective(
     target_network: ValueNetwork,
     batches: Batches,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IQLearnConfig,
     own: UserFunctions = OURS,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """Return the loss and its terms by name.
@@ -99,7 +99,7 @@ def _continuation(
     batch: Batch,
     endings: Float[Array, "2 kind"] | None,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IQLearnConfig,
 ) -> Float[Array, " batch"]:
     """(1 - d) V(s'), from the target network without gradient or from the network with gradient."""
     source = target_network if static.next_value == "target" else network
@@ -125,12 +125,12 @@ def expert_term(
     reward: Array,
     target: Array,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IQLearnConfig,
     own: UserFunctions,
 ) -> Scalar:
     """Term 1 on demonstrations, of the shifted r̂ with the prior "bellman_shift"."""
     if static.prior == "bellman_shift":
-        reward = priors.bellman_shift(reward, target, hyperparameters.strength)
+        reward = losses.bellman_shift(reward, target, hyperparameters.strength)
     return losses.expert_term(own.divergence or static.divergence, reward)
 
 
@@ -140,7 +140,7 @@ def _value_term(
     follows: Array,
     initial: Array | None,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IQLearnConfig,
 ) -> Scalar:
     if initial is not None:
         start = losses.soft_value(jax.vmap(network)(initial), hyperparameters.temperature)
@@ -153,14 +153,14 @@ def quadratic_terms(
     reward: Array,
     target: Array,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IQLearnConfig,
     own: UserFunctions,
 ) -> dict[str, Scalar]:
     """Term 3 (only with χ²) and the social prior."""
     rows = slice(None) if static.chi2_on == "mixture" else slice(static.batch_size)
     expert = slice(static.batch_size)
     if static.prior == "shifted_chi2":
-        shifted = priors.shifted_chi2(
+        shifted = losses.shifted_chi2(
             reward[rows], target[rows], hyperparameters.strength, hyperparameters.chi2_alpha
         )
         return {"prior": hyperparameters.prior_weight * shifted}
@@ -168,10 +168,10 @@ def quadratic_terms(
     if static.divergence == "chi2" and own.divergence is None:
         bounded = reward[rows]
         if static.prior == "bellman_shift" and static.shift_term_3:
-            bounded = priors.bellman_shift(bounded, target[rows], hyperparameters.strength)
+            bounded = losses.bellman_shift(bounded, target[rows], hyperparameters.strength)
         terms["chi2"] = losses.chi2_term(bounded, hyperparameters.chi2_alpha)
     if static.prior == "reward":
-        prior = own.prior or priors.social_prior
+        prior = own.prior or losses.social_prior
         gap = prior(reward[expert], target[expert], hyperparameters.strength)
         terms["prior"] = hyperparameters.prior_weight * gap
     return terms

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 
-# Table C.1's gridworld column is the defaults of `StaticConfig` and `Hyperparameters`: [64, 64],
-# 3e-4, batch 64, γ 0.99, τ 1, τ_target 0.005, χ² with α 0.5, `value`, γ_svo 0.99.
-TABLE_C1 = StaticConfig()
-TABLE_C1_NUMBERS = Hyperparameters()
+# Table C.1's gridworld column is the defaults of both classes: [64, 64], 3e-4, batch 64,
+# γ 0.99, τ 1, τ_target 0.005, χ² with α 0.5, `value`, γ_svo 0.99.
+TABLE_C1 = IQLearnConfig()
+TABLE_C1_NUMBERS = IQLearnHyperparameters()
 
 # Fig 6.1. The gradient flows through V(s'), as in the IQ-Learn paper; with a target network the 5x5
 # baseline drifts from WWWWGGGG to WGGGG, a tie in the data. The number of updates was chosen on the
@@ -66,7 +66,7 @@ INTERSECTION_SHIFTED_NUMBERS = dataclasses.replace(
 # thesis' temperature the objective is the likelihood of the actions plus a penalty on r̂; at the
 # temperature 0.001 of the IQ-Learn paper it stops at the first network that makes no mistake.
 # Features should be about 1: set `input_scale` to one over their typical size.
-FEW_OFFLINE = StaticConfig(
+FEW_OFFLINE = IQLearnConfig(
     prior="none",
     value_term="value_expert",
     next_value="online",
@@ -77,7 +77,7 @@ FEW_OFFLINE = StaticConfig(
     schedule="linear",
     averaging=0.001,
 )
-FEW_OFFLINE_NUMBERS = Hyperparameters(learning_rate=1e-3)
+FEW_OFFLINE_NUMBERS = IQLearnHyperparameters(learning_rate=1e-3)
 
 # The same data with a world to act in: endings by occupancy and bounded values, so that ending an
 # episode early can't pay (Al-Hafez et al. 2023).
@@ -92,15 +92,15 @@ FEW_ONLINE = dataclasses.replace(
     env_steps_per_update=4,
     replay_capacity=25_000,
 )
-FEW_ONLINE_NUMBERS = Hyperparameters(temperature=0.1, chi2_alpha=0.05, learning_rate=1e-3)
+FEW_ONLINE_NUMBERS = IQLearnHyperparameters(temperature=0.1, chi2_alpha=0.05, learning_rate=1e-3)
 
 
-def offline(static: StaticConfig) -> StaticConfig:
+def offline(static: IQLearnConfig) -> IQLearnConfig:
     """The same learner on demonstrations alone, with term 2 over them (`value_expert`)."""
     return dataclasses.replace(static, online=False, value_term="value_expert")
 
 
-def baseline(static: StaticConfig) -> StaticConfig:
+def baseline(static: IQLearnConfig) -> IQLearnConfig:
     """The same learner with the regularizer off, which is not λ = 0 (docs/theory.md)."""
     return dataclasses.replace(static, prior="none")
 

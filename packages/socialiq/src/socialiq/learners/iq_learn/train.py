@@ -16,8 +16,8 @@ from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import Batch, ExpertTable, shares_of_endings
 from socialiq.learners.extensions import checked_divergence, checked_learner, checked_prior
 from socialiq.learners.fit import BeforeChunk
-from socialiq.learners.iq_learn import priors
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn import losses
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
 from socialiq.learners.kernel import Learner, Terms, Trained, described
@@ -77,7 +77,7 @@ class IQLearn(Learner):
         cumulative = None
         if self.static.prior == "reweighting":
             assert self.table is not None
-            cumulative = priors.cumulative_weights(self.table, hyperparameters)
+            cumulative = losses.cumulative_weights(self.table, hyperparameters)
         endings = None
         if "occupancy" in self.static.endings.by_kind().values():
             assert self.table is not None
@@ -134,7 +134,7 @@ class IQLearn(Learner):
         given = {part: one for part, one in own._asdict().items() if one is not None}
         return super().functions() | {f"own_{part}": described(one) for part, one in given.items()}
 
-    def run_name(self, hyperparameters: Hyperparameters) -> str:
+    def run_name(self, hyperparameters: IQLearnHyperparameters) -> str:
         """Return the name of a run in messages."""
         one = hyperparameters
         return f"angle {one.angle:g}, strength {one.strength:g}, seed {one.seed}"
@@ -157,9 +157,9 @@ def train(
     """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: Shared by all runs: a `StaticConfig`, or the config of `learner`.
-        hyperparameters: One entry for each run: `Hyperparameters`, or those of `learner`.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run.
+        static: Shared by all runs: an `IQLearnConfig`, or the config of `learner`.
+        hyperparameters: One entry for each run: `IQLearnHyperparameters`, or those of `learner`.
+        datasets: Sets of demonstrations; their `dataset` picks the set of each run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks.
@@ -204,7 +204,7 @@ def followed(
 
 
 def _act(
-    static: StaticConfig,
+    static: IQLearnConfig,
     simulator: Simulator,
     hyperparameters: HyperparameterArrays,
     state: TrainState,
@@ -231,8 +231,8 @@ def _act(
 
 
 def check_fit(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IQLearnConfig,
+    hyperparameters: Sequence[IQLearnHyperparameters],
     datasets: Sequence[Transitions],
     simulator: Simulator | None,
     collects: bool,

@@ -16,9 +16,9 @@ from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.offline.config import Hyperparameters, StaticConfig
-from socialiq.learners.offline.critic import Critic
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.offline.objective import (
+    Critic,
     Rows,
     behaviour_loss,
     critic_loss,
@@ -26,8 +26,7 @@ from socialiq.learners.offline.objective import (
     dial_loss,
     price,
 )
-from socialiq.learners.schedules import cosine
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.state import HyperparameterArrays, TrainState, cosine
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import QNetwork, network_of
@@ -52,8 +51,8 @@ class Stage(Learner):
     bounds: Int[Array, " bound"] = None  # pyright: ignore[reportAssignmentType]
     units: Float[Array, "run 2"] = None  # pyright: ignore[reportAssignmentType]
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = OfflineDialConfig
+    Hyperparameters: ClassVar[type] = OfflineDialHyperparameters
     number: ClassVar[int] = 0
     """Of the stage: with the run's seed it seeds the network and the sampling."""
 
@@ -169,8 +168,8 @@ class Distillation(Stage):
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Hyperparameters,
+    static: OfflineDialConfig,
+    hyperparameters: OfflineDialHyperparameters,
     data: Transitions,
     callbacks: Callable[[str], Callbacks] | None = None,
     chunk: int = 500,
@@ -180,8 +179,8 @@ def train(
 
 
 def train_together(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: OfflineDialConfig,
+    hyperparameters: Sequence[OfflineDialHyperparameters],
     datasets: Sequence[Transitions],
     callbacks: Callable[[str], Callbacks] | None = None,
     chunk: int = 500,
@@ -257,7 +256,7 @@ def recorded(data: Transitions, whole: int = 0) -> tuple[Rows, Float[Array, " 2"
 
     Args:
         data: Whole episodes.
-        whole: Decisions of a whole episode (`StaticConfig.whole_episode`); 0: of the longest one.
+        whole: Decisions of a whole episode (`whole_episode` of the config); 0: of the longest one.
 
     Raises:
         UserError: If an episode misses steps, or one is longer than a whole one.

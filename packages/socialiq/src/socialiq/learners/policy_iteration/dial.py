@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Array, PRNGKeyArray
 
 from socialiq.errors import UserError
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act
-from socialiq.learners.config import check_not_negative
-from socialiq.learners.dial.config import check_high_share
 from socialiq.learners.kernel import Terms, Trained
-from socialiq.learners.policy_iteration import config
 from socialiq.learners.policy_iteration.train import (
+    IterationConfig,
+    IterationHyperparameters,
     Labeller,
     PolicyIteration,
     checked,
@@ -33,6 +33,7 @@ from socialiq.learners.policy_iteration.train import (
     split,
     trained,
 )
+from socialiq.learners.settings import Natural, Share
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, angle_columns, knots_between
@@ -41,31 +42,21 @@ from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 
-@dataclass(frozen=True)
-class StaticConfig(config.StaticConfig):
+@dataclass(frozen=True, kw_only=True)
+class DialIterationConfig(settings.DrawnAngles, IterationConfig):
     """Choices that shape the program."""
 
-    low: float = 0.0
-    """Smallest social angle trained for, in degrees."""
-    high: float = 90.0
-    """Largest social angle trained for, in degrees."""
-    margin: float = 5.0
-    """Degrees beyond both ends in which angles are also drawn."""
-    high_from: float = 65.0
-    """Angle in degrees from which `high_share` counts."""
-    high_share: float | None = 0.4
-    """Share of the drawn angles beyond `high_from`; None: uniform."""
-    knots: int = 0
+    high_share: Share | None = 0.4
+    knots: Natural = 0
     """Number of hat functions of the angle that the network reads."""
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and angles that make no run."""
         super().__post_init__()
-        check_not_negative(self, ("margin", "knots"))
-        check_high_share(self)
+        self.check_high_share()
 
 
-def with_network_of(static: StaticConfig, dial: DialPolicy) -> StaticConfig:
+def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterationConfig:
     """Return a static config for runs that begin with a dial: with its network and angles.
 
     Raises:
@@ -135,7 +126,7 @@ class DialIteration(PolicyIteration):
 
     def policy(
         self,
-        hyperparameters: config.Hyperparameters,
+        hyperparameters: IterationHyperparameters,
         state: TrainState,
         kept: Any = None,  # noqa: ARG002
     ) -> DialPolicy:
@@ -179,8 +170,8 @@ def of_rows(direction: RewardPair) -> RewardPair:
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[config.Hyperparameters],
+    static: DialIterationConfig,
+    hyperparameters: Sequence[IterationHyperparameters],
     labellers: Sequence[Labeller],
     sizes: tuple[int, int],
     callbacks: Callbacks | None = None,

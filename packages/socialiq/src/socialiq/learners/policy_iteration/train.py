@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -23,13 +24,12 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError
-from socialiq.learners import replay
+from socialiq.learners import replay, settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.policy_iteration.config import Hyperparameters, StaticConfig
-from socialiq.learners.schedules import linear
-from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
+from socialiq.learners.settings import Count, Positive, Share
+from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, linear
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import PresentRows, View
@@ -37,6 +37,52 @@ from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterationConfig(settings.Network, settings.Replay):
+    """Choices that shape the program. The ring holds labelled states.
+
+    Older states in the ring were labelled by earlier policies.
+    """
+
+    times: int = 0
+    """Number of values of the time, the last feature of an observation that ends with a clock;
+    0: it doesn't."""
+    hidden: settings.Widths = (256, 256)
+    batch_size: Count = 256
+    """Labelled states of an update."""
+    updates: Count = 8_000
+    """Gradient steps of a run."""
+    states_per_update: Count = 32
+    """States that are labelled for each gradient step."""
+    first_rounds: Count = 1
+    """Rounds of labelling before the first update; a network that improves a given policy would
+    learn the few states of one round by heart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterationHyperparameters(settings.Exploration):
+    """Numbers of one run; all are traced, so runs that differ in them share one program.
+
+    The policy is the running average of the network. Followed rollouts don't explore.
+    """
+
+    angle: settings.Angle = 0.0
+    """α of the returns' score, in degrees."""
+    learning_rate: Positive = 5e-4
+    final_learning_rate: Positive = 2e-5
+    value_weight: Share = 0.05
+    """Weight in the regression of the error that all actions of a state share; 1: the plain mean
+    squared error. Their returns share most of their noise, and no decision depends on it."""
+    regression: Share = 0.6
+    """Share of the run that fits values to the returns. The rest maximises the expected return of
+    softmax(output/τ) alone, which from the start would rule out actions for ever."""
+    temperature: Positive = 0.3
+    """τ of softmax(output/τ) in the expected return, in units of reward."""
+    entropy: Share = 0.01
+    """Weight of the policy's entropy in nats, which keeps actions from being ruled out early."""
+    exploration: Share = 0.1
 
 
 class Labelled(NamedTuple):
@@ -114,7 +160,7 @@ class PolicyIteration(Learner):
 
     name: ClassVar[str] = "policy-iteration"
 
-    def record(self, hyperparameters: Hyperparameters) -> dict[str, Any]:
+    def record(self, hyperparameters: IterationHyperparameters) -> dict[str, Any]:
         """Return the record of one run, with the policy that it began with."""
         begun = {"start": {"sha256": self.start_sha256}} if self.start is not None else {}
         return super().record(hyperparameters) | begun
@@ -176,7 +222,7 @@ class PolicyIteration(Learner):
 
     def policy(
         self,
-        hyperparameters: Hyperparameters,
+        hyperparameters: IterationHyperparameters,
         state: TrainState,
         kept: Any = None,  # noqa: ARG002
     ) -> Any:
@@ -200,7 +246,7 @@ class LabelCollector:
     def __init__(
         self,
         learner: PolicyIteration,
-        hyperparameters: Sequence[Hyperparameters],
+        hyperparameters: Sequence[IterationHyperparameters],
         labellers: Sequence[Labeller],
     ) -> None:
         self._learner, self._static = learner, learner.static
@@ -251,8 +297,8 @@ def split(policy: QPolicy) -> tuple[Callable[[np.ndarray], np.ndarray], QPolicy]
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IterationConfig,
+    hyperparameters: Sequence[IterationHyperparameters],
     labellers: Sequence[Labeller],
     sizes: tuple[int, int],
     callbacks: Callbacks | None = None,
@@ -284,7 +330,7 @@ def train(
 
 def trained(
     learner: PolicyIteration,
-    hyperparameters: Sequence[Hyperparameters],
+    hyperparameters: Sequence[IterationHyperparameters],
     labellers: Sequence[Labeller],
     callbacks: Callbacks | None,
     chunk: int,

@@ -10,10 +10,9 @@ import numpy as np
 from socialiq.types import Ending
 from socialiq.worlds.highway import state
 from socialiq.worlds.highway.core import geometry
-from socialiq.worlds.highway.settings import ENV_SIGNALS, SETTINGS, SIGNALS
+from socialiq.worlds.highway.options import ENV_SIGNALS, SETTINGS, SIGNALS
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.intersection.options import Options, settings_of
 from socialiq.worlds.intersection.state import ACTIONS, VEHICLE, buffers_of
 
 _RECORDS = {"vehicle": VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}

@@ -1,1 +1,36 @@
-"""Other roads of highway-env, compiled, with identical episodes; `scenes` has them."""
+"""Roads of highway-env, compiled, with identical episodes; `scenes` has most of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+PORTABLE = {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL", "OPENBLAS_CORETYPE": "Haswell"}
+"""Environment variables with which NumPy, and so highway-env, computes as the core does.
+
+They matter on processors with AVX-512. The first selects the C library's functions, the second the
+order of summation of the AVX2 kernels in products of small matrices. They must be set before the
+process starts.
+"""
+
+
+class Compared(NamedTuple):
+    """Differences of one episode between core and highway-env.
+
+    Attributes:
+        seed: Seed of the episode.
+        steps: Decisions compared; the comparison stops at the first discrete difference.
+        discrete_differences: 1 if vehicles, their order, lanes, flags, ending or contact differ
+            anywhere, else 0.
+        max_deviation: Greatest difference of any continuous field: m, rad, m/s, m/s².
+        max_observation_deviation: Greatest difference of any number of the observation.
+        max_reward_deviation: Greatest difference of r_env or r_social.
+        off_road: Whether the ego was off the road after a decision.
+    """
+
+    seed: int
+    steps: int
+    discrete_differences: int
+    max_deviation: float
+    max_observation_deviation: float
+    max_reward_deviation: float
+    off_road: bool

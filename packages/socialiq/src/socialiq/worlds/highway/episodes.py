@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.options import RoadOptions
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS, RoadOptions
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.world import Decisions, observed_with_time
 
@@ -186,25 +185,25 @@ class RoadBatch(abc.ABC):
     def _decisions(self) -> Decisions:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
-        made, left = self.buffers, np.zeros(self.size, bool)
-        step.off_road(self.lanes, made.after, made.present, left, 0, self.size)
+        buffers, left = self.buffers, np.zeros(self.size, bool)
+        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
-            observation=made.reached.reshape(self.size, -1).copy(),
-            rewards=RewardPair(*made.rewards.T.copy()),
-            ending=made.ending.copy(),
-            signals=dict(zip(SIGNALS, made.signals.T.copy(), strict=True)),
-            speed=made.speed.copy(),
-            contact=made.contact.copy(),
-            neighbours_collided=made.neighbours_collided.copy(),
-            classical=RewardPair(*made.classical.T.copy()),
+            observation=buffers.reached.reshape(self.size, -1).copy(),
+            rewards=RewardPair(*buffers.rewards.T.copy()),
+            ending=buffers.ending.copy(),
+            signals=dict(zip(SIGNALS, buffers.signals.T.copy(), strict=True)),
+            speed=buffers.speed.copy(),
+            contact=buffers.contact.copy(),
+            neighbours_collided=buffers.neighbours_collided.copy(),
+            classical=RewardPair(*buffers.classical.T.copy()),
             off_road=left,
         )
 
     def save(self) -> State:
         """Return a copy of the state of every episode."""
-        made = self.buffers
-        kept = (made.episodes, made.vehicles, made.observation, self._waiting)
-        return State(*(column.copy() for column in kept))
+        buffers = self.buffers
+        columns = (buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
+        return State(*(column.copy() for column in columns))
 
     def restore(self, state: State) -> None:
         """Restore a saved state. Episodes continue from it with identical bits.
@@ -216,17 +215,17 @@ class RoadBatch(abc.ABC):
         Raises:
             UserError: If the shapes differ.
         """
-        made = self.buffers
-        kept = (made.episodes, made.vehicles, made.observation, self._waiting)
-        for column, saved in zip(kept, state, strict=True):
+        buffers = self.buffers
+        columns = (buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
+        for column, saved in zip(columns, state, strict=True):
             if column.shape != saved.shape or column.dtype != saved.dtype:
                 raise UserError(
                     f"the saved state has the shape {saved.shape}, this batch {column.shape}: "
                     "restore it under the options and the size it was saved with"
                 )
-        for column, saved in zip(kept, state, strict=True):
+        for column, saved in zip(columns, state, strict=True):
             column[:] = saved
-        self.begun[:] = made.episodes["increment_low"] != 0  # odd in every stream
+        self.begun[:] = buffers.episodes["increment_low"] != 0  # odd in every stream
 
 
 def check_sizes(size: int, threads: int) -> None:
@@ -269,14 +268,14 @@ def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
     Raises:
         UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.
     """
-    wanted = np.asarray(seeds)
-    if wanted.dtype.kind == "O" or wanted.dtype.kind == "f":
-        wanted = np.array(seeds, object)  # numpy mixes large whole numbers into floats
-    given = wanted.ravel().tolist()
-    if not all(type(seed) is int and 0 <= seed < 2**64 for seed in given):
+    array = np.asarray(seeds)
+    if array.dtype.kind == "O" or array.dtype.kind == "f":
+        array = np.array(seeds, object)  # numpy mixes large whole numbers into floats
+    numbers = array.ravel().tolist()
+    if not all(type(seed) is int and 0 <= seed < 2**64 for seed in numbers):
         raise UserError(f"seeds must be whole numbers of at least 0, below 2**64, got {seeds!r}")
-    if wanted.ndim == 0:
-        return np.uint64(given[0]) + np.arange(count, dtype=np.uint64)
-    if wanted.shape != (count,):
-        raise UserError(f"{count} seeds are needed, one for each row, got {wanted.size}")
-    return np.array(given, np.uint64)
+    if array.ndim == 0:
+        return np.uint64(numbers[0]) + np.arange(count, dtype=np.uint64)
+    if array.shape != (count,):
+        raise UserError(f"{count} seeds are needed, one for each row, got {array.size}")
+    return np.array(numbers, np.uint64)

@@ -65,34 +65,34 @@ class RoadEnv(gymnasium.Env):
         super().reset(seed=seed, options=options)
         if seed is None and not self.batch.begun.all():
             seed = int(self.np_random.integers(2**31))
-        seen = self.batch.reset(None if seed is None else [seed])
-        return self._with_time(seen, self.batch.time)[0], {}
+        observation = self.batch.reset(None if seed is None else [seed])
+        return self._with_time(observation, self.batch.time)[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one decision. A timeout truncates; every other ending terminates."""
         chosen = action if self.world.options.continuous else int(action)
-        made = self.batch.step(np.asarray([chosen]), auto_reset=False)
-        ending = int(made.ending[0])
+        decisions = self.batch.step(np.asarray([chosen]), auto_reset=False)
+        ending = int(decisions.ending[0])
         info = {
-            "reward_pair": np.array([made.rewards.env[0], made.rewards.social[0]]),
-            "signals": {name: float(values[0]) for name, values in made.signals.items()},
+            "reward_pair": np.array([decisions.rewards.env[0], decisions.rewards.social[0]]),
+            "signals": {name: float(values[0]) for name, values in decisions.signals.items()},
             "ending": Ending(ending).name.lower(),
-            "speed": float(made.speed[0]),
-            "contact": Contact(int(made.contact[0])).name.lower(),
-            "neighbours_collided": int(made.neighbours_collided[0]),
-            "classical": np.array([made.classical.env[0], made.classical.social[0]]),
-            "off_road": bool(made.off_road[0]),
+            "speed": float(decisions.speed[0]),
+            "contact": Contact(int(decisions.contact[0])).name.lower(),
+            "neighbours_collided": int(decisions.neighbours_collided[0]),
+            "classical": np.array([decisions.classical.env[0], decisions.classical.social[0]]),
+            "off_road": bool(decisions.off_road[0]),
         }
-        reward = float(score(self._weights, made.rewards)[0])
+        reward = float(score(self._weights, decisions.rewards)[0])
         terminated, truncated = ending in TERMINAL, ending == int(Ending.TIMEOUT)
-        seen = self._with_time(made.observation, self.batch.time)
-        return seen[0], reward, terminated, truncated, info
+        observation = self._with_time(decisions.observation, self.batch.time)
+        return observation[0], reward, terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
-        from socialiq.worlds.highway.pictures.scenes import present_scene
+        from socialiq.worlds.highway.pictures.render import present_scene
         from socialiq.worlds.highway.pictures.sheet import picture
         from socialiq.worlds.pictures import pixels
 
@@ -173,18 +173,18 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
                 raise UserError("an episode has ended: reset it first, with options reset_mask")
             self.batch.reset(rows=resetting)
         before = self.batch.time
-        made = self.batch.step(np.asarray(actions), auto_reset=same_step, rows=~resetting)
-        terminated = np.isin(made.ending, TERMINAL) & ~resetting
-        truncated = (made.ending == int(Ending.TIMEOUT)) & ~resetting
-        reward = np.where(resetting, 0.0, score(self._weights, made.rewards))
+        decisions = self.batch.step(np.asarray(actions), auto_reset=same_step, rows=~resetting)
+        terminated = np.isin(decisions.ending, TERMINAL) & ~resetting
+        truncated = (decisions.ending == int(Ending.TIMEOUT)) & ~resetting
+        reward = np.where(resetting, 0.0, score(self._weights, decisions.rewards))
         if not same_step:
             self._ended = terminated | truncated
-        info = _masked(made, ~resetting)
+        info = _masked(decisions, ~resetting)
         if same_step and (terminated | truncated).any():
-            reached = self._with_time(made.observation, before + 1.0)
+            reached = self._with_time(decisions.observation, before + 1.0)
             info |= _final(reached, terminated | truncated)
-        seen = self._with_time(self.batch.observation, self.batch.time)
-        return seen, reward, terminated, truncated, info
+        observation = self._with_time(self.batch.observation, self.batch.time)
+        return observation, reward, terminated, truncated, info
 
 
 def _masked(made: Decisions, mask: np.ndarray) -> dict[str, Any]:

@@ -101,8 +101,8 @@ def sine(start: Point, end: Point, amplitude: float, pulsation: float, shift: fl
 def arc(centre: Point, radius: float, start: float, end: float, sense: int) -> Shape:
     """Return the shape of a lane along a circle, between two phases in rad."""
     length = radius * (end - start) * sense
-    place = {"x": centre[0], "y": centre[1], "radius": radius, "phase": start, "sense": sense}
-    return {"straight": False, "length": length} | place
+    circle = {"x": centre[0], "y": centre[1], "radius": radius, "phase": start, "sense": sense}
+    return {"straight": False, "length": length} | circle
 
 
 def _write_box(lane: np.ndarray) -> None:
@@ -147,7 +147,7 @@ class Network:
     def lane(self, start: str, end: str, number: int) -> int:
         """Return the number of a lane among all."""
         before = list(self.roads[: self.roads.index((start, end))])
-        return sum(len(self._graph[one][other]) for one, other in before) + number
+        return sum(len(self._graph[first][last]) for first, last in before) + number
 
     def lanes(self, task: list[str] | None = None) -> np.ndarray:
         """Return all lanes, LANE.
@@ -158,15 +158,15 @@ class Network:
         nodes = self._nodes()
         rows = []
         for number, (start, end) in enumerate(self.roads):
-            found = self._graph[start][end]
-            for place, lane in enumerate(found):
+            parallel = self._graph[start][end]
+            for rank, lane in enumerate(parallel):
                 row = np.zeros((), LANE)
                 for name, value in lane.shape.items():
                     row[name] = value
                 row["forbidden"], row["kind"] = lane.forbidden, lane.kind
                 row["speed_limit"] = 20.0
-                row["road"], row["number"] = number, place
-                row["first"], row["lanes"] = len(rows) - place, len(found)
+                row["road"], row["number"] = number, rank
+                row["first"], row["lanes"] = len(rows) - rank, len(parallel)
                 row["start"], row["end"] = nodes.index(start), nodes.index(end)
                 _write_box(row)
                 rows.append(row)
@@ -176,22 +176,22 @@ class Network:
         return lanes
 
     def _passed(self, task: list[str], lanes: np.ndarray) -> list[tuple[int, float]]:
-        found, metres = [], 0.0
+        passed, metres = [], 0.0
         for road in itertools.pairwise(task):
             number = self.roads.index(road)
-            found.append((number, metres))
+            passed.append((number, metres))
             metres += float(lanes["length"][lanes["road"] == number][0])
-        return found
+        return passed
 
     def successors(self) -> np.ndarray:
         """Return the roads that follow each, -1 beyond the last, (roads, most)."""
         following = [
-            [self.roads.index((end, other)) for other in self._graph.get(end, {})]
+            [self.roads.index((end, node)) for node in self._graph.get(end, {})]
             for _, end in self.roads
         ]
         table = np.full((len(following), max(map(len, following))), -1, np.int64)
-        for row, found in zip(table, following, strict=True):
-            row[: len(found)] = found
+        for row, roads in zip(table, following, strict=True):
+            row[: len(roads)] = roads
         return table
 
     def routes(self, destinations: list[str]) -> np.ndarray:
@@ -204,8 +204,10 @@ class Network:
         most = max((len(way) for row in ways for way in row), default=1)
         table = np.full((len(self.roads), max(len(destinations), 1), most), -1, np.int64)
         for road, row in enumerate(ways):
-            for place, way in enumerate(row):
-                table[road, place, : len(way)] = [self.roads.index(one) for one in way]
+            for column, way in enumerate(row):
+                table[road, column, : len(way)] = [
+                    self.roads.index(road_of_way) for road_of_way in way
+                ]
         return table
 
     def _way(self, road: tuple[str, str], goal: str) -> list[tuple[str, str]]:
@@ -215,8 +217,8 @@ class Network:
             path = waiting.popleft()
             for node in sorted(set(self._graph.get(path[-1], {})) - set(path)):
                 if node == goal:
-                    whole = [*path, node]
-                    return [road, *itertools.pairwise(whole)]
+                    nodes = [*path, node]
+                    return [road, *itertools.pairwise(nodes)]
                 waiting.append([*path, node])
         return [road]
 

@@ -14,13 +14,12 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.highway.batch import Batch
-from socialiq.worlds.highway.conformance import Compared
+from socialiq.worlds.highway import Compared
 from socialiq.worlds.highway.core import drivers
 from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.scene import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.highway.world import Batch, world_of
 
 try:
     # Type checks also run where the extra is not installed.
@@ -77,8 +76,8 @@ class RealScene:
 
     def __init__(self, scene: Scene, options: RoadOptions) -> None:
         module, name = scene.real.split(":")
-        made = getattr(importlib.import_module(module), name)
-        self.environment: Any = made(config=configuration(scene, options))
+        environment = getattr(importlib.import_module(module), name)
+        self.environment: Any = environment(config=configuration(scene, options))
         self._scene = scene
 
     def reset(self, seed: int) -> np.ndarray:
@@ -153,17 +152,17 @@ def compare(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
 def _episode(
     core: Batch, real: RealScene, rng: np.random.Generator, allowed: np.ndarray, seed: int
 ) -> Compared:
-    seen = np.abs(core.reset([seed]) - real.reset(seed)).max()
+    deviation_seen = np.abs(core.reset([seed]) - real.reset(seed)).max()
     discrete, deviation = _differences(core.buffers.vehicles[0], real.cars())
-    worst, steps, left, going = np.array([deviation, seen]), 0, False, not discrete
+    worst, steps, left, going = np.array([deviation, deviation_seen]), 0, False, not discrete
     while going:
         action = int(rng.choice(allowed))
-        made = core.step(np.array([action]), auto_reset=False)
+        decisions = core.step(np.array([action]), auto_reset=False)
         observation, ended = real.step(action)
-        steps, left = steps + 1, left or bool(made.off_road[0])
+        steps, left = steps + 1, left or bool(decisions.off_road[0])
         discrete, deviation = _differences(core.buffers.vehicles[0], real.cars())
-        worst = np.maximum(worst, [deviation, np.abs(made.observation[0] - observation).max()])
-        going = int(made.ending[0]) == Ending.NONE
+        worst = np.maximum(worst, [deviation, np.abs(decisions.observation[0] - observation).max()])
+        going = int(decisions.ending[0]) == Ending.NONE
         if discrete or (ended and going):
             discrete, going = 1, False
     return Compared(seed, steps, discrete, float(worst[0]), float(worst[1]), 0.0, left)
@@ -174,8 +173,8 @@ def _differences(ours: np.ndarray, theirs: np.ndarray) -> tuple[int, float]:
     if len(ours) != len(theirs):
         return 1, np.inf
     vehicles = ~ours["obstacle"]
-    kept = [name for name in DISCRETE if name not in _UNCOMPARED]
-    for name in kept:
+    compared = [name for name in DISCRETE if name not in _UNCOMPARED]
+    for name in compared:
         rows = slice(None) if name in ("identity", "crashed") else vehicles
         if not np.array_equal(ours[name][rows], theirs[name][rows]):
             return 1, 0.0

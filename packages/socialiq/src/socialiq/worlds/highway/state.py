@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.worlds.highway.options import RoadOptions
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS, RoadOptions
+
+MAX_SPEED = 40.0  # m/s of any vehicle, either way
 
 FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 """Numbers of one row of the observation."""
@@ -105,7 +106,7 @@ class Buffers(NamedTuple):
             traced: Whether there is space for every sub-step.
         """
         rows, capacity = (size,), (size, most)
-        seen = (size, options.observed_vehicles, len(FEATURES))
+        observed = (size, options.observed_vehicles, len(FEATURES))
         frames = (size if traced else 0, options.frames, most)
         return Buffers(
             episodes=np.zeros(rows, EPISODE),
@@ -113,8 +114,8 @@ class Buffers(NamedTuple):
             before=np.zeros(capacity, kind),
             after=np.zeros(capacity, kind),
             present=np.zeros((size, 2), np.int64),
-            reached=np.zeros(seen, np.float32),
-            observation=np.zeros(seen, np.float32),
+            reached=np.zeros(observed, np.float32),
+            observation=np.zeros(observed, np.float32),
             signals=np.zeros((size, len(SIGNALS))),
             rewards=np.zeros((size, 2)),
             classical=np.zeros((size, 2)),

@@ -13,7 +13,7 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results, read_json
-from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"
@@ -30,7 +30,7 @@ def manifest(studies: tuple[str, ...] = STUDIES) -> dict[str, Any]:
     Raises:
         UserError: If the package was installed without the atlas.
     """
-    return {name: entry for _, part in _parts(studies) for name, entry in part.items()}
+    return {name: entry for _, policies in _parts(studies) for name, entry in policies.items()}
 
 
 def names(studies: tuple[str, ...] = STUDIES) -> tuple[str, ...]:
@@ -75,8 +75,10 @@ def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
         UserError: If the name is unknown.
     """
     one_of("policy of the atlas", name, names(studies))
-    parts = _parts(studies)
-    folder, entry = next((folder, part[name]) for folder, part in parts if name in part)
+    studies_of = _parts(studies)
+    folder, entry = next(
+        (folder, policies[name]) for folder, policies in studies_of if name in policies
+    )
     return folder / entry["file"]
 
 

@@ -101,5 +101,7 @@ def intersections(options: Options, count: int, clock: bool = False) -> Intersec
         count: Episodes side by side.
         clock: Whether observations end with the time.
     """
-    more = dataclasses.asdict(options)
-    return IntersectionVectorEnv(count, autoreset_mode=AutoresetMode.SAME_STEP, clock=clock, **more)
+    fields = dataclasses.asdict(options)
+    return IntersectionVectorEnv(
+        count, autoreset_mode=AutoresetMode.SAME_STEP, clock=clock, **fields
+    )

@@ -1,11 +1,14 @@
-"""Options of the intersection, and the named populations of its drivers."""
+"""Options of the intersection, the populations of its drivers, and the core's record of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
+import numpy as np
+
 from socialiq.errors import UserError, one_of
+from socialiq.worlds.highway import options as road_options
 from socialiq.worlds.highway.options import ClockOptions, EgoOptions, RewardOptions, RoadOptions
 
 
@@ -172,3 +175,26 @@ class ContinuousOptions(Options):
     def continuous(self) -> bool:
         """Whether the ego's actions are continuous."""
         return True
+
+
+TIE = 1e-9
+"""Largest difference that counts as equal in canonical mode, m."""
+
+
+def settings_of(options: Options) -> np.ndarray:
+    """Return the SETTINGS record as an array of one element."""
+    record = road_options.settings_of(options)
+    record["warm_up"] = 3 * options.simulation_frequency
+    record["rule_period"] = int(1 / (1 / options.simulation_frequency) / 2)
+    record["tie"] = TIE if options.canonical else 0.0
+    record["initial_vehicle_count"] = options.initial_vehicle_count
+    record["spawn_probability"] = options.spawn_probability
+    record["destination"] = _ARMS[options.destination]
+    record["connected_lanes"] = options.connected_lanes
+    record["population"] = POPULATIONS[options.population]
+    if isinstance(options, ContinuousOptions):
+        record["offroad_terminal"] = options.offroad_terminal
+    return record
+
+
+_ARMS: dict[Destination, int] = {"random": 0, "left": 1, "straight": 2, "right": 3}

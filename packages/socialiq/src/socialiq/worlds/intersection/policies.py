@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import one_of
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.intersection.actions import ACCELERATION_RANGE, width
+from socialiq.worlds.intersection.batch import ACCELERATION_RANGE, width
 from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import (
     ACTIONS,
@@ -45,10 +45,12 @@ Rule = Callable[[Seen], Int64[np.ndarray, " batch"] | Float32[np.ndarray, "batch
 def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
     """Return the vehicles of observations, one row of features each, in m and m/s."""
     vehicles = observation.shape[1] // len(FEATURES)
-    seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(np.float64)
-    seen[..., 1:3] *= POSITION_RANGE
-    seen[..., 3:5] *= SPEED_RANGE
-    return seen
+    vehicles_seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(
+        np.float64
+    )
+    vehicles_seen[..., 1:3] *= POSITION_RANGE
+    vehicles_seen[..., 3:5] *= SPEED_RANGE
+    return vehicles_seen
 
 
 class RulePolicy:
@@ -112,13 +114,13 @@ def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
     speed of the model a second later, but FASTER only if the model accelerates: a step of 4.5 m/s
     that is rounded up leaves no space to stop behind a crashed vehicle.
     """
-    speed, wanted = np.hypot(seen[:, 0, 3], seen[:, 0, 4]), _idm_speed(seen)
-    kept = np.abs(speed[:, None] - TARGET_SPEEDS).argmin(axis=1)
+    speed, target = np.hypot(seen[:, 0, 3], seen[:, 0, 4]), _idm_speed(seen)
+    level = np.abs(speed[:, None] - TARGET_SPEEDS).argmin(axis=1)
     slower, same, faster = (
-        TARGET_SPEEDS[(kept + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
+        TARGET_SPEEDS[(level + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
     )
-    held = np.where(wanted < (slower + same) / 2, SLOWER, IDLE)
-    return np.where(wanted >= faster, FASTER, held)
+    held = np.where(target < (slower + same) / 2, SLOWER, IDLE)
+    return np.where(target >= faster, FASTER, held)
 
 
 def _idm_speed(seen: Seen) -> Float[np.ndarray, " batch"]:
@@ -148,11 +150,11 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
             return rng.uniform(-1.0, 1.0, (len(seen), size)).astype(np.float32)
         speed = seen[:, 0, 3] * seen[:, 0, 5] + seen[:, 0, 4] * seen[:, 0, 6]
         if name == "idm":
-            wanted = np.maximum(_idm_speed(seen), 0.0)
+            target = np.maximum(_idm_speed(seen), 0.0)
         else:
-            wanted = np.choose(_RULES[name](seen), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]])
+            target = np.choose(_RULES[name](seen), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]])
         chosen = np.zeros((len(seen), size), np.float32)
-        chosen[:, 0] = ((wanted - speed) / IDM_STEP / ACCELERATION_RANGE[1]).clip(-1.0, 1.0)
+        chosen[:, 0] = ((target - speed) / IDM_STEP / ACCELERATION_RANGE[1]).clip(-1.0, 1.0)
         return chosen
 
     return act
@@ -246,7 +248,7 @@ def _idm_acceleration(
 ) -> Float[np.ndarray, " batch"]:
     """Return `core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
     strongest, comfortable = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
-    kept = IDM.jam_distance.mean + speed * IDM.time_headway.mean
-    desired = kept + speed * closing / (2 * np.sqrt(strongest * comfortable))
+    gap_kept = IDM.jam_distance.mean + speed * IDM.time_headway.mean
+    desired = gap_kept + speed * closing / (2 * np.sqrt(strongest * comfortable))
     free = (speed / TARGET_SPEEDS[-1]) ** IDM_EXPONENT
     return strongest * (1 - free - (desired / np.maximum(gap, 0.01)) ** 2)

@@ -17,6 +17,7 @@ ACTIONS = ("slower", "idle", "faster")
 
 SLOWER, IDLE, FASTER = range(len(ACTIONS))
 
+SPEED_LIMIT = 10.0  # of every lane, m/s
 POSITION_RANGE = 100.0  # m, seen as 1
 SPEED_RANGE = 20.0  # m/s, seen as 1
 

@@ -41,37 +41,37 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
     """
     intact = ego >= 0 and not vehicles[ego].crashed
     for first in range(count):
-        one = vehicles[first]
+        car = vehicles[first]
         for second in range(first + 1, records):
-            other = vehicles[second]
+            partner = vehicles[second]
             reach = _REACH if second >= count else DIAGONAL
-            if distance(other.x, other.y, one.x, one.y) > reach + one.speed * dt:
+            if distance(partner.x, partner.y, car.x, car.y) > reach + car.speed * dt:
                 continue
             if second >= count:
-                overlap, will_overlap, push_x, push_y = _at_obstacle(one, other, dt)
+                overlap, will_overlap, push_x, push_y = _at_obstacle(car, partner, dt)
                 if will_overlap:
-                    one.push_x, one.push_y, one.pushed = push_x, push_y, True
+                    car.push_x, car.push_y, car.pushed = push_x, push_y, True
             else:
-                overlap, will_overlap, push_x, push_y = separate(one, other, dt, tie)
+                overlap, will_overlap, push_x, push_y = separate(car, partner, dt, tie)
                 if will_overlap:
-                    one.push_x, one.push_y, one.pushed = push_x / 2, push_y / 2, True
-                    other.push_x, other.push_y, other.pushed = -push_x / 2, -push_y / 2, True
+                    car.push_x, car.push_y, car.pushed = push_x / 2, push_y / 2, True
+                    partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
             if overlap:
-                one.crashed = True
-                other.crashed = True
+                car.crashed = True
+                partner.crashed = True
             if intact and (overlap or will_overlap) and (first == ego or second == ego):
-                touching = other if first == ego else one
+                touching = partner if first == ego else car
                 contact, touched = who_struck(vehicles[ego], touching), touching.identity
     return contact, touched
 
 
 @kernel
 def _at_obstacle(car, obstacle, dt):
-    mine, theirs = np.empty((4, 2)), np.empty((4, 2))
-    corners_of(car, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, mine)
-    corners_of(obstacle, OBSTACLE / 2, OBSTACLE / 2, theirs)
+    corners, square = np.empty((4, 2)), np.empty((4, 2))
+    corners_of(car, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, corners)
+    corners_of(obstacle, OBSTACLE / 2, OBSTACLE / 2, square)
     ahead_x, ahead_y = car.speed * car.along_x * dt, car.speed * car.along_y * dt
-    return apart(mine, theirs, ahead_x, ahead_y, 0.0)
+    return apart(corners, square, ahead_x, ahead_y, 0.0)
 
 
 @kernel
@@ -80,10 +80,10 @@ def contact_of(vehicles, ego, dt, contact, touched):
     for slot in range(len(vehicles)):
         if slot == ego:
             continue
-        one, other = vehicles[min(slot, ego)], vehicles[max(slot, ego)]
-        if distance(other.x, other.y, one.x, one.y) > DIAGONAL + one.speed * dt:
+        car, partner = vehicles[min(slot, ego)], vehicles[max(slot, ego)]
+        if distance(partner.x, partner.y, car.x, car.y) > DIAGONAL + car.speed * dt:
             continue
-        overlap, will_overlap, _, _ = separate(one, other, dt, 0.0)
+        overlap, will_overlap, _, _ = separate(car, partner, dt, 0.0)
         if overlap or will_overlap:
             contact, touched = who_struck(vehicles[ego], vehicles[slot]), vehicles[slot].identity
     return contact, touched
@@ -93,9 +93,9 @@ def contact_of(vehicles, ego, dt, contact, touched):
 def who_struck(ego, other):
     """Return the `Contact` by which vehicle's motion closed the gap between the centres."""
     dx, dy = other.x - ego.x, other.y - ego.y
-    mine = ego.speed * (ego.along_x * dx + ego.along_y * dy)
-    theirs = -other.speed * (other.along_x * dx + other.along_y * dy)
-    return _EGO_STRUCK if mine >= theirs else _EGO_WAS_STRUCK
+    ego_closes = ego.speed * (ego.along_x * dx + ego.along_y * dy)
+    other_closes = -other.speed * (other.along_x * dx + other.along_y * dy)
+    return _EGO_STRUCK if ego_closes >= other_closes else _EGO_WAS_STRUCK
 
 
 @kernel
@@ -106,12 +106,12 @@ def separate(one, other, dt, tie):
         Whether they overlap, whether they will within `dt` at their speeds, and the shortest
         displacement (x, y) of the first that would separate them then.
     """
-    mine, theirs = np.empty((4, 2)), np.empty((4, 2))
-    corners_of(one, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, mine)
-    corners_of(other, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, theirs)
+    corners, other_corners = np.empty((4, 2)), np.empty((4, 2))
+    corners_of(one, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, corners)
+    corners_of(other, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, other_corners)
     relative_x = one.speed * one.along_x * dt - other.speed * other.along_x * dt
     relative_y = one.speed * one.along_y * dt - other.speed * other.along_y * dt
-    return apart(mine, theirs, relative_x, relative_y, tie)
+    return apart(corners, other_corners, relative_x, relative_y, tie)
 
 
 @kernel

@@ -82,16 +82,18 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
     available = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     if threads > available:
         raise UserError(f"{threads} threads are more than there are: {available}")
-    parts = min(threads or available, max(rows, 1))
-    ends = [rows * part // parts for part in range(parts + 1)]
+    count = min(threads or available, max(rows, 1))
+    ends = [rows * interval // count for interval in range(count + 1)]
     if not run.signatures:
         with _announced():
             run(*arguments, 0, 0)
-    if parts == 1:
+    if count == 1:
         run(*arguments, 0, rows)
         return
-    with ThreadPoolExecutor(parts) as pool:
-        for done in [pool.submit(run, *arguments, *part) for part in itertools.pairwise(ends)]:
+    with ThreadPoolExecutor(count) as pool:
+        for done in [
+            pool.submit(run, *arguments, *interval) for interval in itertools.pairwise(ends)
+        ]:
             done.result()
 
 

@@ -134,15 +134,15 @@ def neighbours(cars, me, number, lanes):
     lane = lanes[number]
     here = longitudinal(lane, cars[me].x, cars[me].y)
     front, rear, ahead, behind = -1, -1, math.inf, -math.inf
-    for other in range(len(cars)):
-        x, y = cars[other].x, cars[other].y
-        if other == me or not on_lane(lane, x, y, 1.0):
+    for slot in range(len(cars)):
+        x, y = cars[slot].x, cars[slot].y
+        if slot == me or not on_lane(lane, x, y, 1.0):
             continue
         along = longitudinal(lane, x, y)
         if here <= along <= ahead:
-            front, ahead = other, along
+            front, ahead = slot, along
         if behind < along < here:
-            rear, behind = other, along
+            rear, behind = slot, along
     return front, rear
 
 
@@ -214,12 +214,12 @@ def _give_up(cars, count, me, lanes):
     car = cars[me]
     lane = lanes[car.lane]
     for slot in range(count):
-        other = cars[slot]
-        same = other.target_lane == car.target_lane and other.lane != car.target_lane
+        neighbour = cars[slot]
+        same = neighbour.target_lane == car.target_lane and neighbour.lane != car.target_lane
         if slot == me or not same:
             continue
-        gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, car.x, car.y)
-        if 0 < gap < desired_gap(car, other):
+        gap = longitudinal(lane, neighbour.x, neighbour.y) - longitudinal(lane, car.x, car.y)
+        if 0 < gap < desired_gap(car, neighbour):
             car.target_lane = car.lane
             return
 

@@ -15,7 +15,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import distance, longitudinal, on_lane
-from socialiq.worlds.highway.core.observation import observe
+from socialiq.worlds.highway.core.rewards import observe
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
 
 _NOTHING = int(Ending.NONE)
@@ -112,12 +112,12 @@ def shell_of(road_kernels: RoadKernels) -> Shell:
         within = rewards.in_zone(kind, along, lane.length, reached - start, settings)
         counted, lost = np.empty(count, np.bool_), np.empty(count)
         for slot in range(count):
-            other = after[slot]
-            apart = distance(other.x, other.y, ego.x, ego.y)
+            vehicle = after[slot]
+            apart = distance(vehicle.x, vehicle.y, ego.x, ego.y)
             same = same_origin(after, slot, slot_of_ego, road)
-            counts = rewards.counts(apart, same, target_kind(other, road), settings)
+            counts = rewards.counts(apart, same, target_kind(vehicle, road), settings)
             counted[slot] = slot != slot_of_ego and counts
-            lost[slot] = before[slot].speed - other.speed
+            lost[slot] = before[slot].speed - vehicle.speed
         rewards.social_signals(ego.speed, within, counted, lost, ending, settings, signals, braking)
 
     @kernel
@@ -138,8 +138,8 @@ def shell_of(road_kernels: RoadKernels) -> Shell:
         there = np.empty(count, np.bool_)
         for number in range(count):
             there[number] = on_road(after[number], road)
-        own, others = rewards.classical(before, after, there, count, slot, settings)
-        buffers.classical[row, 0], buffers.classical[row, 1] = own, others
+        ego_reward, neighbours = rewards.classical(before, after, there, count, slot, settings)
+        buffers.classical[row, 0], buffers.classical[row, 1] = ego_reward, neighbours
         buffers.speed[row] = ego.speed
         buffers.ending[row] = ending
         buffers.contact[row] = episode.contact if ego.crashed else _NO_CONTACT

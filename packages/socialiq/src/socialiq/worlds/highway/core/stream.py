@@ -107,8 +107,8 @@ def _high_product(left, right):
     right_low, right_high = right & _LOW_32, right >> _WORD
     low = left_low * right_low
     middle = left_high * right_low + (low >> _WORD)
-    other = left_low * right_high + (middle & _LOW_32)
-    return left_high * right_high + (middle >> _WORD) + (other >> _WORD)
+    cross = left_low * right_high + (middle & _LOW_32)
+    return left_high * right_high + (middle >> _WORD) + (cross >> _WORD)
 
 
 @kernel

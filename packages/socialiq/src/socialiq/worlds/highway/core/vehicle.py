@@ -18,6 +18,7 @@ from socialiq.worlds.highway.core.geometry import (
     tan,
     wrap_to_pi,
 )
+from socialiq.worlds.highway.state import MAX_SPEED
 
 LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed
 HEADING_GAIN = 1 / 0.2  # 1/s, heading error to turning rate
@@ -25,7 +26,6 @@ SPEED_GAIN = 1 / 0.6  # 1/s, of the ego's speed control
 LOOK_AHEAD = 0.5 * 0.2  # s
 MAX_STEERING = math.pi / 3  # rad
 MAX_ACCELERATION = 6.0  # m/s², of any driver, either way
-MAX_SPEED = 40.0  # m/s, either way
 
 
 @kernel

@@ -1,14 +1,16 @@
-"""Pictures of roads without rewards: one decision, and a filmstrip."""
+"""Scenes of an episode, and pictures of them without rewards: one decision, and a filmstrip."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from socialiq.types import RewardPair
+from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
+from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.options import SIGNALS, RoadOptions
 from socialiq.worlds.highway.pictures import shapes
 from socialiq.worlds.pictures import EGO, OTHER
 
@@ -142,8 +144,8 @@ def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
 
 def _per_metre(axes: Any) -> float:
     """Return points on paper per metre of the world."""
-    place = axes.get_position(original=True)
-    paper = axes.figure.get_size_inches() * (place.width, place.height)
+    box = axes.get_position(original=True)
+    paper = axes.figure.get_size_inches() * (box.width, box.height)
     metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
     return 72 * float((paper / metres).min())
 
@@ -172,3 +174,67 @@ def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | Non
 
 
 _LOW = 0.6  # height per width below which a picture has a line of its own
+
+
+def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
+    """Return the current scene of one episode, with the rewards of its last decision.
+
+    Args:
+        batch: The episodes.
+        row: Index of the episode.
+    """
+    buffers = batch.buffers
+    count, ego = int(buffers.episodes[row]["vehicles"]), int(buffers.episodes[row]["ego"])
+    vehicles = buffers.vehicles[row, :count].copy()
+    charged = buffers.after["identity"][row][buffers.braking[row]]
+    time = float(buffers.episodes[row]["time"])
+    braking = np.isin(vehicles["identity"], charged) & (time > 0)
+    return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "")
+
+
+def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
+    """Return the sub-steps of an episode's last decision; the batch must be `traced`.
+
+    Args:
+        batch: The episodes.
+        row: Index of the episode.
+    """
+    buffers = batch.buffers
+    count, ego = int(buffers.present[row, 0]), int(buffers.present[row, 1])
+    rewards = _rewards(batch, row, True)
+    end = float(buffers.episodes[row]["time"])
+    for frame, vehicles in enumerate(buffers.trace[row]):
+        time = end - (len(buffers.trace[row]) - 1 - frame) / batch.options.simulation_frequency
+        braking = buffers.braking[row, :count].copy()
+        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
+
+
+def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:
+    """Run one episode and return its first state and every sub-step.
+
+    Args:
+        batch: Batch of one episode, which is `traced`.
+        policy: Policy of the ego.
+        seed: Seed of the episode.
+    """
+    batch.reset([seed])
+    scenes, ending = [present_scene(batch)], Ending.NONE
+    while ending == Ending.NONE:
+        action, _ = policy.predict(batch.seen_by(policy))
+        ending = Ending(int(batch.step(action, auto_reset=False).ending[0]))
+        scenes += decision_scenes(batch)
+    return [*scenes[:-1], scenes[-1]._replace(caption=ending.name.lower())]
+
+
+def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
+    buffers = batch.buffers
+    signals = {
+        name: float(weight_of(batch.options, name) * value) if begun else 0.0
+        for name, value in zip(SIGNALS, buffers.signals[row], strict=True)
+    }
+    return signals, RewardPair(*(buffers.rewards[row] * begun).tolist())
+
+
+def weight_of(options: RoadOptions, signal: str) -> float:
+    """Return a signal's weight in its reward."""
+    return float(getattr(options, f"{signal}_weight"))

@@ -2,19 +2,95 @@
 
 from __future__ import annotations
 
+import io
+import itertools
+import subprocess
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
-from socialiq.worlds.highway.pictures import encoding, shapes
+from socialiq.worlds.highway.options import SOCIAL_SIGNALS
+from socialiq.worlds.highway.pictures import shapes
 from socialiq.worlds.highway.pictures.render import DPI, Scene, View, look, traffic
-from socialiq.worlds.highway.settings import SOCIAL_SIGNALS
-from socialiq.worlds.pictures import EGO, OTHER
+from socialiq.worlds.pictures import EGO, OTHER, pixels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_LAST_FRAME = 1500  # ms
+_CANDIDATES = 1000  # number of colours considered for a palette
+_APART = 12  # levels between colours considered
+
+
+def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]) -> bytes:
+    """Encode figures as a GIF that repeats and pauses on its last frame.
+
+    Args:
+        figures: A figure for each frame; may be the same figure, changed.
+        frames_per_second: Frame rate.
+        colors: Colours to reproduce exactly, however rare.
+    """
+    from PIL import Image
+
+    frames = [Image.fromarray(pixels(figure)) for figure in figures]
+    palette = _palette(frames, colors)
+    first, *later = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    durations = [1000 // frames_per_second] * len(later) + [_LAST_FRAME]
+    film = io.BytesIO()
+    first.save(film, "GIF", save_all=True, append_images=later, duration=durations, loop=0)
+    return film.getvalue()
+
+
+def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
+    """Return the given colours, then the film's most frequent other colours."""
+    from matplotlib.colors import to_rgb
+    from PIL import Image
+
+    sample = [np.asarray(frame)[::2, ::2] for frame in frames[:: 1 + len(frames) // 24]]
+    wide = np.stack(sample).reshape(-1, 3).astype(np.int32)
+    levels, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
+    frequent = levels[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
+    chosen = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.int32)
+    for color in np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1):
+        # Pillow quantises its colour lookup: of two similar colours it may take the wrong one.
+        if len(chosen) < 256 and abs(chosen - color).max(axis=1).min() >= _APART:
+            chosen = np.concatenate([chosen, color[None]])
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(chosen.astype(np.uint8).tobytes())
+    return palette
+
+
+def mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
+    """Encode figures as an MP4.
+
+    Args:
+        figures: A figure for each frame; always the same figure, changed.
+        frames_per_second: Frame rate.
+
+    Raises:
+        UserError: If ffmpeg is missing or fails.
+    """
+    from matplotlib.animation import FFMpegWriter
+
+    if not FFMpegWriter.isAvailable():
+        raise UserError("cannot write .mp4 without ffmpeg: choose a .gif, or install ffmpeg")
+    figure = next(figures)
+    writer = FFMpegWriter(frames_per_second)
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film.mp4"
+        try:
+            with writer.saving(figure, str(film), figure.dpi):
+                for _ in itertools.chain([figure], figures):
+                    writer.grab_frame()
+            return film.read_bytes()
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise UserError("ffmpeg failed: choose a .gif, or repair ffmpeg") from error
+
 
 _INCHES = 6.0  # width of a picture
 _BELOW, _ABOVE, _LEGEND = 0.2375, 0.0325, 0.085  # rewards, caption, legend: of the width
@@ -129,7 +205,7 @@ def _legend(
     axes: Any, places: Sequence[tuple[float, float]], marks: tuple[str, ...], size: float
 ) -> None:
     """Draw the legend, each mark as it appears on the road, at as many places as are needed."""
-    drawn = {
+    marks_of = {
         "ego": lambda pose: shapes.vehicle(axes, pose, EGO),
         "other driver": lambda pose: shapes.vehicle(axes, pose, OTHER),
         "gives way": lambda pose: shapes.give_way(axes, pose.x, pose.y - 0.4),
@@ -140,9 +216,9 @@ def _legend(
         "ego's route": lambda pose: shapes.dots(axes, pose.place([(-2.5, 0.0), (2.5, 0.0)])),
     }
     of_some = {"gives way", "obstacle"} - set(marks)
-    wanted = [words for words in drawn if words not in of_some]
-    for (x, y), words in zip(places, wanted, strict=False):
-        drawn[words](shapes.Pose(x, y, 0.0))
+    words_of = [words for words in marks_of if words not in of_some]
+    for (x, y), words in zip(places, words_of, strict=False):
+        marks_of[words](shapes.Pose(x, y, 0.0))
         axes.text(x + 5.5, y, words, fontsize=size, va="center", color=shapes.INK)
 
 
@@ -194,7 +270,7 @@ def save(path: Path, scenes: Sequence[Scene], view: View, frames_per_second: int
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: no folder {path.parent}; make it first")
     if path.suffix == ".gif":
-        content = encoding.gif(_shown(scenes, view), frames_per_second, shapes.COLORS)
+        content = gif(_shown(scenes, view), frames_per_second, shapes.COLORS)
     else:
-        content = encoding.mp4(_shown(scenes, view), frames_per_second)
+        content = mp4(_shown(scenes, view), frames_per_second)
     write_atomically(path, content)

@@ -20,11 +20,11 @@ ARRIVAL = 370.0  # m from the beginning
 def network() -> Network:
     """Return the motorway a-b-c-d and the ramp j-k-b, which has a lane of its own up to c."""
     roads = Network()
-    before, converging, merged, whole = (sum(LENGTHS[:part]) for part in range(1, 5))
+    before, converging, merged, end = (sum(LENGTHS[:count]) for count in range(1, 5))
     for y in LANES:
         roads.add("a", "b", Lane(straight((0.0, y), (converging, y)), APPROACH))
         roads.add("b", "c", Lane(straight((converging, y), (merged, y)), CONFLICT))
-        roads.add("c", "d", Lane(straight((merged, y), (whole, y)), EXIT))
+        roads.add("c", "d", Lane(straight((merged, y), (end, y)), EXIT))
     roads.add("j", "k", Lane(straight((0.0, RAMP), (before, RAMP)), APPROACH, forbidden=True))
     middle = RAMP - SWING
     swing = sine((before, middle), (converging, middle), SWING, PULSATION, math.pi / 2)
@@ -44,10 +44,10 @@ def scene() -> Scene:
     roads = network()
     motorway, ramp = roads.lane("a", "b", 0), roads.lane("j", "k", 0)
     spread = {"lanes": 2, "along_spread": 5.0, "speed_spread": 1.0, "spread": UNIFORM}
-    others = [(90.0, 29.0), (70.0, 31.0), (5.0, 31.5)]
+    traffic = [(90.0, 29.0), (70.0, 31.0), (5.0, 31.5)]
     entries = [
         entry(motorway + 1, 30.0, 30.0),
-        *(entry(motorway, along, speed, **spread) for along, speed in others),
+        *(entry(motorway, along, speed, **spread) for along, speed in traffic),
         entry(ramp, 110.0, 20.0, target_speed=30.0),
     ]
     road = Road(

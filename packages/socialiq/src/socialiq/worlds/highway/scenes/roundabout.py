@@ -80,19 +80,19 @@ def _west(x: float, y: float) -> tuple[float, float]:
 def scene() -> Scene:
     """Return the scene: three others on the circle, one on the eastern arm; the ego goes north."""
     roads = network()
-    circle, own, eastern = (
+    circle, southern, eastern = (
         roads.lane(*nodes, 0) for nodes in (("we", "sx"), ("ser", "ses"), ("eer", "ees"))
     )
-    drawn = {
+    random = {
         "along_spread": 2.0, "speed_spread": 2.0, "spread": NORMAL,
         "destination": 0, "destinations": 3, "exponent": True,
     }  # fmt: skip
     entries = [
-        entry(own, 125.0, 8.0, destination=DESTINATIONS.index("nxs")),
-        entry(circle + 1, 5.0, 16.0, **drawn),
-        entry(circle, 20.0, 16.0, **drawn),
-        entry(circle, -20.0, 16.0, **drawn),
-        entry(eastern, 50.0, 16.0, **drawn),
+        entry(southern, 125.0, 8.0, destination=DESTINATIONS.index("nxs")),
+        entry(circle + 1, 5.0, 16.0, **random),
+        entry(circle, 20.0, 16.0, **random),
+        entry(circle, -20.0, 16.0, **random),
+        entry(eastern, 50.0, 16.0, **random),
     ]
     road = Road(
         lanes=roads.lanes(["ser", "ses", "se", "ex", "ee", "nx", "nxs", "nxr"]),

@@ -15,10 +15,12 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, turned_misfit
 from socialiq.worlds.highway.network import APPROACH, EXIT, SHAPE, Shape, arc, straight
+from socialiq.worlds.intersection.state import (
+    SPEED_LIMIT as SPEED_LIMIT,  # kernels read it from here
+)
 
 N_LANES = 20
 ACCESS_LENGTH = 100.0  # of approaches and exits, m
-SPEED_LIMIT = 10.0  # of every lane, m/s
 
 RIGHT, LEFT, STRAIGHT = 1, 2, 3  # a lane's number is 5 * corner + its kind; APPROACH is 0, EXIT 4
 
@@ -91,11 +93,11 @@ def _connected() -> tuple[np.ndarray, np.ndarray]:
     offsets = np.zeros((N_LANES, 5))
     for lane in range(N_LANES):
         following, preceding = _following(lane), _preceding(lane)
-        found = [lane, *following, *preceding]
+        numbers = [lane, *following, *preceding]
         shift = [0.0] + [LANES[lane]["length"]] * len(following)
-        shift += [-LANES[other]["length"] for other in preceding]
-        lanes[lane, : len(found)] = found
-        offsets[lane, : len(found)] = shift
+        shift += [-LANES[lane_before]["length"] for lane_before in preceding]
+        lanes[lane, : len(numbers)] = numbers
+        offsets[lane, : len(numbers)] = shift
     return lanes, offsets
 
 
@@ -109,7 +111,7 @@ def _following(lane: int) -> list[int]:
 
 
 def _preceding(lane: int) -> list[int]:
-    return [other for other in range(N_LANES) if lane in _following(other)]
+    return [number for number in range(N_LANES) if lane in _following(number)]
 
 
 CONNECTED, CONNECTED_OFFSETS = _connected()
@@ -135,7 +137,7 @@ def closest_lane(x, y, heading, guess, tie):
     for number in range(N_LANES):
         if number == guess:
             continue
-        found = turned_misfit(LANES[number], x, y, heading, least + tie)
-        if found < least - tie or (found <= least + tie and number < best):
-            best, least = number, found
+        away = turned_misfit(LANES[number], x, y, heading, least + tie)
+        if away < least - tie or (away <= least + tie and number < best):
+            best, least = number, away
     return best

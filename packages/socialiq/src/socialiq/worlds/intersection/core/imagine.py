@@ -1,4 +1,4 @@
-"""Draw states that are consistent with the ego's observation."""
+"""Draw states that are consistent with an ego's observation, for online planning."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float32, UInt64
 
 from socialiq.worlds.highway.core import stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
+from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
-from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
-from socialiq.worlds.intersection.core.traffic import follow_road, route_coordinate
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.core.traffic import enforce, follow_road, route_coordinate
+from socialiq.worlds.intersection.options import Options, settings_of
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
 
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
 ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely
@@ -122,17 +124,17 @@ def _turn(episode, vehicle, corner, kind):
     """Draw a vehicle's direction: 1 left, 2 straight on, 3 right, in the order of the arms."""
     weights = np.ones(3)
     if kind != APPROACH:
-        for place in range(3):
-            lane = LANES[ROUTES[corner, (corner + 1 + place) % 4, 1]]
+        for turn in range(3):
+            lane = LANES[ROUTES[corner, (corner + 1 + turn) % 4, 1]]
             along = longitudinal(lane, vehicle.x, vehicle.y)
             misfit = abs(lateral(lane, vehicle.x, vehicle.y))
             misfit += abs(wrap_to_pi(vehicle.heading - heading_at(lane, along)))
-            weights[place] = math.exp(-misfit / ROUTE_SCALE)
-    drawn = stream.uniform(episode) * weights.sum()
-    for place in range(2):
-        drawn -= weights[place]
-        if drawn < 0:
-            return 1 + place
+            weights[turn] = math.exp(-misfit / ROUTE_SCALE)
+    left = stream.uniform(episode) * weights.sum()
+    for turn in range(2):
+        left -= weights[turn]
+        if left < 0:
+            return 1 + turn
     return 3
 
 
@@ -159,3 +161,33 @@ Args:
     first: First row of the part to do.
     end: End of that part.
 """
+
+
+def imagined(
+    options: Options,
+    observations: Float32[np.ndarray, "row feature"],
+    entropy: UInt64[np.ndarray, " row"],
+) -> State:
+    """Draw one state for each observation, consistent with it.
+
+    The destinations and parameters of the other vehicles and the later traffic are drawn. Other
+    unobserved quantities take their most likely value: there is no vehicle beyond the rows of the
+    observation, no vehicle has crashed, the ego's target speed is the nearest to its speed, and
+    the time limit is not reached.
+
+    Args:
+        options: Scenario that the driver assumes.
+        observations: Observations, `observed_vehicles` rows of seven numbers, flat.
+        entropy: Seed of each draw. The same seed and observation give the same state.
+    """
+    # Numba is imported only when it is needed.
+    from socialiq.worlds.highway.core.compile import run_in_parts
+    from socialiq.worlds.intersection.core import imagine
+
+    rows = len(observations)
+    rows_seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))
+    episodes = np.zeros(rows, EPISODE)
+    vehicles = np.zeros((rows, options.capacity), VEHICLE)
+    arguments = rows_seen, entropy, episodes, vehicles, settings_of(options)
+    run_in_parts(imagine.run, 0, rows, *arguments)
+    return State(episodes, vehicles, rows_seen, np.zeros(rows, bool))

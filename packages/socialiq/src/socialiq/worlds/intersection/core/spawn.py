@@ -107,8 +107,8 @@ def _draw(episode, field):
     mean, deviation = field[0], field[1]
     if deviation == 0:
         return mean
-    drawn = mean + deviation * stream.normal(episode)
-    return min(max(drawn, field[2]), field[3])
+    value = mean + deviation * stream.normal(episode)
+    return min(max(value, field[2]), field[3])
 
 
 @inlined_kernel
@@ -136,25 +136,25 @@ def enter_ego(episode, vehicles, settings):
         ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
     episode.contact = _NO_CONTACT
     episode.touched = -1
-    kept = 0
+    count = 0
     for slot in range(episode.vehicles):
-        other = vehicles[slot]
-        crowding = distance(other.x, other.y, x, y) < EGO_DISTANCE
+        vehicle = vehicles[slot]
+        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
         if slot == episode.ego or not crowding:
-            _move_slot(episode, vehicles, slot, kept)
-            kept += 1
-    episode.vehicles = kept
+            _move_slot(episode, vehicles, slot, count)
+            count += 1
+    episode.vehicles = count
 
 
 @inlined_kernel
 def clear(episode, vehicles):
     """Remove the vehicles in the last 20 m of an exit, never the ego."""
-    kept = 0
+    count = 0
     for slot in range(episode.vehicles):
         if slot == episode.ego or not _is_leaving(vehicles[slot]):
-            _move_slot(episode, vehicles, slot, kept)
-            kept += 1
-    episode.vehicles = kept
+            _move_slot(episode, vehicles, slot, count)
+            count += 1
+    episode.vehicles = count
 
 
 @kernel

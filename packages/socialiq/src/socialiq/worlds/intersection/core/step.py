@@ -11,7 +11,7 @@ from socialiq.worlds.highway.core.shell import RoadKernels, shell_of
 from socialiq.worlds.highway.state import Buffers, Contact
 from socialiq.worlds.intersection.core import spawn, traffic
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.core.rules import enforce
+from socialiq.worlds.intersection.core.traffic import enforce
 from socialiq.worlds.intersection.state import SIGHT
 
 _NO_CONTACT = int(Contact.NONE)

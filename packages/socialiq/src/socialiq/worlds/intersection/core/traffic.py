@@ -1,11 +1,21 @@
-"""Drivers of the crossing: their way and leader, the ego's commands, and its arrival."""
+"""Drivers of the crossing: their way and leader, right of way, the ego's commands, its arrival."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
-from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, lateral, longitudinal
+from socialiq.worlds.highway.core.geometry import (
+    LANE_WIDTH,
+    VEHICLE_LENGTH,
+    VEHICLE_WIDTH,
+    heading_at,
+    lateral,
+    longitudinal,
+    position,
+)
 from socialiq.worlds.highway.core.vehicle import (
     MAX_ACCELERATION,
     SPEED_GAIN,
@@ -25,7 +35,7 @@ from socialiq.worlds.intersection.core.geometry import (
     SPEED_LIMIT,
     closest_lane,
 )
-from socialiq.worlds.intersection.state import FASTER, IDLE
+from socialiq.worlds.intersection.state import FASTER, IDLE, VEHICLE
 
 LEG_COUNT = 3
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
@@ -54,10 +64,10 @@ def leader(vehicles, count, me, lane_number, settings):
     here = longitudinal(lane, vehicles[me].x, vehicles[me].y)
     searched = CONNECTED.shape[1] if settings.connected_lanes else 1
     front, nearest = -1, math.inf
-    for other in range(count):
-        if other == me:
+    for slot in range(count):
+        if slot == me:
             continue
-        x, y = vehicles[other].x, vehicles[other].y
+        x, y = vehicles[slot].x, vehicles[slot].y
         for column in range(searched):
             number = CONNECTED[lane_number, column]
             if number < 0:
@@ -70,7 +80,7 @@ def leader(vehicles, count, me, lane_number, settings):
                 continue
             along += CONNECTED_OFFSETS[lane_number, column]
             if here <= along <= nearest + settings.tie:
-                front, nearest = other, along
+                front, nearest = slot, along
             break
     return front
 
@@ -149,3 +159,128 @@ def route_coordinate(vehicle):
         passed += lane.length
     lane = LANES[ROUTES[vehicle.origin, vehicle.destination, 2]]
     return passed + max(longitudinal(lane, vehicle.x, vehicle.y), 0.0)
+
+
+N_PREDICTIONS = 11  # every quarter of a second up to 2.75 s
+PREDICTION_STEP = 0.25  # s
+LONG = 1.5 * VEHICLE_LENGTH  # of the rectangle around a predicted vehicle, m
+WIDE = 0.9 * VEHICLE_WIDTH
+_SURELY_APART = VEHICLE_LENGTH * VEHICLE_LENGTH * (1 + 1e-9)
+
+
+@kernel
+def enforce(vehicles, count, ego, settings):
+    """Release all vehicles, then stop the yielding vehicle of every pair whose predictions meet.
+
+    The ego never yields: where it would have to, neither vehicle does.
+    """
+    for slot in range(count):
+        if vehicles[slot].yielding:
+            vehicles[slot].yielding = False
+            vehicles[slot].target_speed = min(SPEED_LIMIT, vehicles[slot].desired_speed)
+    predictions = np.empty((count, N_PREDICTIONS, 3))
+    for slot in range(count):
+        if slot == ego and settings.continuous:
+            _predict_held(vehicles[slot], predictions[slot])
+        else:
+            _predict(vehicles[slot], predictions[slot])
+    for first in range(count - 1):
+        for second in range(first + 1, count):
+            slot = yielder(vehicles, first, second, settings.tie)
+            if slot == ego or vehicles[slot].yielding:
+                continue
+            if _meet(predictions[first], predictions[second]):
+                vehicles[slot].yielding = True
+                vehicles[slot].target_speed = 0.0
+
+
+@kernel
+def yielder(vehicles, first, second, tie):
+    """Return the slot of the vehicle that must yield: lower priority, else further away."""
+    vehicle, partner = vehicles[first], vehicles[second]
+    priority, partner_priority = LANES[vehicle.lane].priority, LANES[partner.lane].priority
+    if priority != partner_priority:
+        return second if priority > partner_priority else first
+    behind = _ahead(vehicle, partner) > _ahead(partner, vehicle) + tie
+    return first if behind else second
+
+
+@kernel
+def _ahead(vehicle, other):
+    """Return the distance of another vehicle ahead, m."""
+    dx, dy = other.x - vehicle.x, other.y - vehicle.y
+    return vehicle.along_x * dx + vehicle.along_y * dy
+
+
+@kernel
+def _predict(vehicle, predictions):
+    """Write positions and headings along the rest of the route at the present speed.
+
+    The coordinate is that of the closest lane, but the walk begins at the route's first lane that
+    is not behind. Where these differ, in the last 2.5 m of a lane, the prediction is far ahead of
+    the vehicle; highway-env does the same.
+    """
+    start = longitudinal(LANES[vehicle.lane], vehicle.x, vehicle.y)
+    for number in range(N_PREDICTIONS):
+        along = start + vehicle.speed * (PREDICTION_STEP * (number + 1))
+        leg = vehicle.leg
+        lane = LANES[vehicle.lane]
+        if leg < LEG_COUNT:
+            lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
+            while leg < LEG_COUNT - 1 and along > lane.length:
+                along -= lane.length
+                leg += 1
+                lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
+        x, y = position(lane, along)
+        predictions[number, 0] = x
+        predictions[number, 1] = y
+        predictions[number, 2] = heading_at(lane, along)
+
+
+@kernel
+def _predict_held(vehicle, predictions):
+    """Write positions and headings at the present speed and angle of the wheels."""
+    ahead = np.empty(1, VEHICLE)
+    ahead[0] = vehicle
+    ahead[0].acceleration = 0.0
+    for number in range(N_PREDICTIONS):
+        advance(ahead[0], PREDICTION_STEP)
+        predictions[number, 0] = ahead[0].x
+        predictions[number, 1] = ahead[0].y
+        predictions[number, 2] = ahead[0].heading
+
+
+@kernel
+def _meet(mine, theirs):
+    """Whether two vehicles' rectangles touch at any of the predicted times."""
+    for number in range(N_PREDICTIONS):
+        dx, dy = theirs[number, 0] - mine[number, 0], theirs[number, 1] - mine[number, 1]
+        squared = dx * dx + dy * dy
+        if squared > _SURELY_APART or math.sqrt(squared) > VEHICLE_LENGTH:
+            continue
+        if _has_point_inside(mine[number], theirs[number]):
+            return True
+        if _has_point_inside(theirs[number], mine[number]):
+            return True
+    return False
+
+
+@kernel
+def _has_point_inside(points_of, rectangle):
+    """Whether a corner, middle of a side or centre of one rectangle lies in another.
+
+    The test turns the points by the rectangle's heading instead of against it, which is wrong in
+    turns; highway-env does the same.
+    """
+    cos, sin = math.cos(points_of[2]), math.sin(points_of[2])
+    other_cos, other_sin = math.cos(rectangle[2]), math.sin(rectangle[2])
+    for row in range(-1, 2):
+        for column in range(-1, 2):
+            along, across = row * LONG / 2, column * WIDE / 2
+            dx = cos * along - sin * across + points_of[0] - rectangle[0]
+            dy = sin * along + cos * across + points_of[1] - rectangle[1]
+            along_other = abs(other_cos * dx - other_sin * dy)
+            across_other = abs(other_sin * dx + other_cos * dy)
+            if along_other <= LONG / 2 and across_other <= WIDE / 2:
+                return True
+    return False

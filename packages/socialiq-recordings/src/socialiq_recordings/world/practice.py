@@ -1,0 +1,172 @@
+"""Dials that practise at a recorded junction: they drive in it and learn again from what they met.
+
+The world, its drivers and the demonstrations come from recordings alone. The first dial learns
+from the recorded drivers; each round the dials drive episodes at several angles, some decisions
+drawn at random, and new dials learn from the recorded drivers and all practice so far (growing
+batch learning: Lange, Gabel and Riedmiller 2012).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int64
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import concatenate
+from socialiq.errors import UserError
+from socialiq.evaluation.rollout import columns_of
+from socialiq.evaluation.simulate import ScriptedActor, simulate
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.kernel import Trained
+from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.offline.train import train_together
+from socialiq.learners.settings import check_counts, check_seed, check_shares
+from socialiq.types import Policy
+from socialiq_recordings.world.recorded_world import RecordedWorld
+
+ANGLES = 7
+"""Angles at which a dial practises, from its least to its largest."""
+
+
+@dataclass(frozen=True)
+class Practice:
+    """Amount of practice.
+
+    Attributes:
+        rounds: Times that dials drive and learn again; 0: they learn from the demonstrations alone.
+        episodes: Of each dial in a round, at each of `ANGLES` angles.
+        exploration: Share of decisions that are drawn at random.
+        first_seed: Seed of the first episode.
+    """
+
+    rounds: int
+    episodes: int = 100
+    exploration: float = 0.1
+    first_seed: int = 65_000_000
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes.
+
+        Raises:
+            UserError: If a count, share or seed is out of its range.
+        """
+        check_counts(self, ("episodes",))
+        check_shares(self, ("exploration",))
+        check_seed(self.first_seed)
+        if self.rounds < 0:
+            raise UserError(f"rounds of practice must be 0 or more, got {self.rounds}")
+
+    @property
+    def span(self) -> int:
+        """Seeds that a dial uses; the next one's begin behind them."""
+        return self.rounds * ANGLES * self.episodes
+
+
+@dataclass(frozen=True)
+class Practised:
+    """Outcome of a training with practice.
+
+    Attributes:
+        stages: Outcome of each stage of the last training, by its name.
+        driven: Episodes that each run has driven, of each round.
+    """
+
+    stages: dict[str, Trained]
+    driven: list[list[Demonstrations]]
+
+
+def train_with_practice(
+    world: RecordedWorld,
+    static: OfflineDialConfig,
+    hyperparameters: Sequence[OfflineDialHyperparameters],
+    shown: Demonstrations,
+    practice: Practice,
+    callbacks: Callable[[int, str], Callbacks] | None = None,
+    chunk: int = 500,
+) -> Practised:
+    """Train dials on demonstrations, and again after each round of practice, from new weights.
+
+    Args:
+        world: Where they practise.
+        static: Of every training.
+        hyperparameters: Numbers of each run; each practises on episodes of its own.
+        shown: Demonstrations of that world.
+        practice: Amount of practice.
+        callbacks: Called with the number of practised rounds and the name of a stage.
+        chunk: Updates between two calls of the callbacks.
+
+    Raises:
+        UserError: As `train_together`.
+        Stopped: On Ctrl-C.
+    """
+    driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
+
+    def learn(number: int) -> dict[str, Trained]:
+        data = [concatenate([shown, *own]) if own else shown for own in driven]
+        of_stage = functools.partial(callbacks, number) if callbacks else None
+        return train_together(static, hyperparameters, data, of_stage, chunk)
+
+    stages = learn(0)
+    for number in range(1, practice.rounds + 1):
+        for run, own in enumerate(driven):
+            dial = stages["dial"].policy(run)
+            angles = np.linspace(static.low, static.high, ANGLES).tolist()
+            drivers = {f"practice {number} at {a:g}": dial.at(a) for a in angles}
+            first = practice.first_seed + run * practice.span
+            first += (number - 1) * ANGLES * practice.episodes
+            own.append(record(world, drivers, practice.episodes, practice.exploration, first))
+        stages = learn(number)
+    return Practised(stages, driven)
+
+
+def record(
+    world: RecordedWorld,
+    drivers: Mapping[str, Policy],
+    episodes: int,
+    share: float,
+    first_seed: int,
+    made_by: str = "practice",
+) -> Demonstrations:
+    """Record policies in the world, each on episodes of its own.
+
+    Args:
+        world: The world.
+        drivers: Policies by name; a mode for each.
+        episodes: Number of episodes of each.
+        share: Share of decisions that are drawn at random.
+        first_seed: Seed of the first episode.
+        made_by: What they are, for the record.
+    """
+    tables = []
+    for number, (name, policy) in enumerate(drivers.items()):
+        seeds = np.arange(episodes) + first_seed + number * episodes
+        actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
+        columns = columns_of(simulate(world.batch(episodes), actor, seeds)).transitions
+        tables.append(
+            Demonstrations.of(
+                **columns,
+                mode_names=(name,),
+                n_actions=world.n_actions,
+                source={"made_by": made_by, "first_seed": first_seed, "share": share},
+            )
+        )
+    return concatenate(tables)
+
+
+def _exploring(
+    policy: Policy, n_actions: int, share: float, seed: int
+) -> Callable[[int, np.ndarray, np.ndarray], Int64[np.ndarray, " row"]]:
+    """Return a script that draws some decisions at random, from one stream for all rows."""
+    rng = np.random.default_rng(seed)
+
+    def decide(_time: int, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
+        rows = len(running)
+        drawn = rng.integers(n_actions, size=rows)
+        chosen, _ = policy.predict(observation)
+        return np.where(rng.random(rows) < share, drawn, np.asarray(chosen))
+
+    return decide

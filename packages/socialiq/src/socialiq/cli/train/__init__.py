@@ -1,0 +1,1 @@
+"""`train`: a sub-command a learner, and the options that they share."""

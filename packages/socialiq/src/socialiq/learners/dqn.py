@@ -1,0 +1,251 @@
+"""Deep Q-learning on R(α): ε-greedy acting outside JAX, and learning in one compiled scan (5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float, Int
+
+from socialiq.errors import UserError
+from socialiq.learners import replay, settings
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.collect import Act, Behaviour, Collector, Source
+from socialiq.learners.expert_table import Batch
+from socialiq.learners.kernel import Learner, Terms, Trained
+from socialiq.learners.settings import Count
+from socialiq.learners.state import HyperparameterArrays, TrainState, linear
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
+from socialiq.social.angle import score
+from socialiq.types import Ending
+
+Loss = Literal["huber", "squared"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DQNConfig(settings.Network, settings.Replay):
+    """Choices that shape the program. Defaults: the experts of thesis 5.2.
+
+    The thesis gives network, learning rate, discount, steps and environments. The rest is of
+    Stable-Baselines3's DQN where its default fits (one update of 256 for 4 steps of each of 12
+    environments), or chosen here.
+    """
+
+    hidden: settings.Widths = (256, 256)
+    double: bool = True
+    """Whether the network chooses the action that the target network values."""
+    through_timeouts: bool = False
+    """Whether a timeout is bootstrapped through. That makes a wait that pays an income for ever,
+    which an episode of 20 s doesn't give (docs/reproduction/intersection.md)."""
+    loss: Loss = "huber"
+    """Of temporal differences. The Huber loss (Mnih et al. 2015) bounds the gradient of errors
+    above 1, so its minimum is near the median: it learns only a part of the cost of a rare
+    collision. The minimum of the squared error is the mean, the value."""
+    batch_size: Count = 256
+    """Transitions of an update."""
+    steps: Count = 5_000_000
+    """Environment steps of a run, of all its environments together."""
+    steps_per_update: Count = 48
+    """The update ratio: environment steps for each gradient step."""
+    replay_capacity: Count = 200_000
+
+    @property
+    def updates(self) -> int:
+        """Gradient steps of a run."""
+        return max(self.steps // self.steps_per_update, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DQNHyperparameters(settings.Exploration):
+    """Numbers of one run; all are traced, so runs that differ in them share one program."""
+
+    angle: settings.Angle = 0.0
+    """α of the reward R(α), in degrees."""
+    discount: settings.Discount = 0.99
+    """γ."""
+
+
+Scalar = Float[Array, ""]
+
+
+def next_value(
+    target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
+) -> Float[Array, " batch"]:
+    """max_a Q(s', a) by the target network; "double" lets the network itself choose a.
+
+    Args:
+        target_network: Q(s', ·) of the target network (Mnih et al. 2015).
+        fast: Q(s', ·) of the network (van Hasselt et al. 2016).
+        double: Who chooses.
+    """
+    chosen = jnp.argmax(fast if double else target_network, axis=-1)
+    return jnp.take_along_axis(target_network, chosen[:, None], axis=-1)[:, 0]
+
+
+def bootstrapped_target(
+    reward: Float[Array, " batch"],
+    value: Float[Array, " batch"],
+    ending: Int[Array, " batch"],
+    discount: Scalar | float,
+    through_timeouts: bool,
+) -> Float[Array, " batch"]:
+    """Y = R(α) + γ (1 - d) max_a Q(s', a).
+
+    Args:
+        reward: R(α) of each transition (Eq 4.3).
+        value: Of the state reached.
+        ending: Values of `types.Ending`.
+        discount: γ.
+        through_timeouts: Whether d = 0 at a timeout, which is the clock's doing, not a state.
+    """
+    goes_on = ending == int(Ending.NONE)
+    if through_timeouts:
+        goes_on |= ending == int(Ending.TIMEOUT)
+    return reward + discount * jnp.where(goes_on, value, 0.0)
+
+
+def td_loss(
+    q: Float[Array, "batch action"],
+    action: Int[Array, " batch"],
+    target: Float[Array, " batch"],
+    loss: Loss = "huber",
+) -> Scalar:
+    """The mean loss of Q(s, a) against the target: Huber's (Mnih et al. 2015), or ½ error²."""
+    taken = jnp.take_along_axis(q, action[:, None], axis=-1)[:, 0]
+    of_error = optax.huber_loss if loss == "huber" else optax.l2_loss
+    return jnp.mean(of_error(taken, target))
+
+
+class Carry(NamedTuple):
+    """A random key and the replay."""
+
+    key: Array
+    replay: replay.Replay
+
+
+class DQN(Learner):
+    """Deep Q-learning on R(α), from a replay that is filled outside JAX."""
+
+    name: ClassVar[str] = "dqn"
+
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+        """Draw a network from the run's seed, beside an empty replay."""
+        state, key = super().initialise(hyperparameters)
+        return state, Carry(key, replay.empty(self.static.replay_capacity, self.sizes[0]))
+
+    def draw(
+        self,
+        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+        state: TrainState,  # noqa: ARG002
+        carry: Carry,
+    ) -> tuple[Batch, Carry]:
+        """Sample the replay."""
+        key, for_batch = jax.random.split(carry.key)
+        batch = replay.sample(carry.replay, for_batch, self.static.batch_size)
+        return batch, carry._replace(key=key)
+
+    def loss(
+        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Array, Terms]:
+        """The temporal-difference loss."""
+        loss, max_q = _loss(network, target_network, batch, hyperparameters, self.static)
+        return loss, {"loss": loss, "max_q": max_q}
+
+    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
+        """Return the rate of an update: it falls linearly."""
+        one = hyperparameters
+        return linear(one.learning_rate, one.final_learning_rate, done, self.static.updates)
+
+    def policy(
+        self,
+        hyperparameters: DQNHyperparameters,
+        state: TrainState,
+        kept: Any = None,  # noqa: ARG002
+    ) -> QPolicy:
+        """Return the policy after the last update."""
+        return policy_of(self.static, hyperparameters, state.network)
+
+
+def policy_of(static: DQNConfig, hyperparameters: DQNHyperparameters, network: QNetwork) -> QPolicy:
+    """Return a network as a policy with its record; its soft form, at τ = 1, has no meaning."""
+    n_actions = network.layers[-1].out_features
+    learner = DQN(static, (0, int(n_actions)))
+    return QPolicy.of(network, 1.0, learner.record(hyperparameters))
+
+
+def train(
+    static: DQNConfig,
+    hyperparameters: Sequence[DQNHyperparameters],
+    sources: Sequence[Source],
+    sizes: tuple[int, int],
+    callbacks: Callbacks | None = None,
+    chunk: int = 200,
+) -> Trained:
+    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+
+    Args:
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
+        sources: Where each run acts; `learners.collect` makes them, for
+            `chunk * static.steps_per_update` steps.
+        sizes: Features of an observation, and number of actions.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two calls of the callbacks, and between two rounds of acting.
+
+    Raises:
+        UserError: If there is no run, or not one source for each.
+        Stopped: On Ctrl-C.
+    """
+    if not hyperparameters or len(sources) != len(hyperparameters):
+        raise UserError(
+            f"{len(hyperparameters)} runs and {len(sources)} sources: pass one for each"
+        )
+    acts = acting(static, hyperparameters)
+    collector = Collector(sources, [one.seed for one in hyperparameters], acts)
+    return DQN(static, sizes).train(hyperparameters, callbacks, chunk, collector)
+
+
+def acting(static: DQNConfig, hyperparameters: Sequence[DQNHyperparameters]) -> Behaviour:
+    """ε-greedy, ε by the share of the run that is done."""
+
+    def behaviour(network: QNetwork, run: int, done: int, rng: np.random.Generator) -> Act:
+        policy = QPolicy.of(network, 1.0, {})
+        share = hyperparameters[run].exploring(done / static.updates)
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            random = rng.integers(policy.n_actions, size=len(observation))
+            explore = rng.random(len(observation)) < share
+            return np.where(explore, random, policy.predict(observation)[0])
+
+        return act
+
+    return behaviour
+
+
+def _loss(
+    network: QNetwork,
+    target_network: QNetwork,
+    batch: Batch,
+    hyperparameters: HyperparameterArrays,
+    static: DQNConfig,
+) -> tuple[Array, Array]:
+    fast = jax.vmap(network)(batch.next_observation) if static.double else None
+    steady = jax.vmap(target_network)(batch.next_observation)
+    value = next_value(steady, steady if fast is None else fast, static.double)
+    target = jax.lax.stop_gradient(
+        bootstrapped_target(
+            score(hyperparameters.weights, batch.target),
+            value,
+            batch.ending,
+            hyperparameters.discount,
+            static.through_timeouts,
+        )
+    )
+    q = jax.vmap(network)(batch.observation)
+    return td_loss(q, batch.action, target, static.loss), jnp.max(jnp.abs(q))

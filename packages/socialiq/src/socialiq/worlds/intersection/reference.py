@@ -1,0 +1,454 @@
+"""Real highway-env as a reference for the project's core.
+
+Checked with highway-env 1.12.1; needs the extra `highway`, and nothing else imports this module.
+highway-env's classes are subclassed, never changed: an episode of the population `highway_env` is,
+draw for draw, the episode of a plain `IntersectionEnv` with the same configuration and seed.
+
+Its results differ in the last bits between CPUs with and without AVX-512: there NumPy uses other
+routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums. They differ by an
+ulp, and stopping vehicles magnify that. The variables of `highway.PORTABLE`, set before Python
+starts, select the portable routines.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.types import Ending
+from socialiq.worlds.highway.core import collisions
+from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.gym import TERMINAL
+from socialiq.worlds.highway.state import (
+    ANNOTATE,
+    DECIDE,
+    DECIDE_AND_RESET,
+    FEATURES,
+    RESET,
+    SKIP,
+    Buffers,
+    Contact,
+)
+from socialiq.worlds.intersection.batch import width
+from socialiq.worlds.intersection.core import step, traffic
+from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
+from socialiq.worlds.intersection.options import (
+    POPULATIONS,
+    ContinuousOptions,
+    Normal,
+    Options,
+    Population,
+    settings_of,
+)
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
+
+try:
+    # Type checks also run where the extra is not installed.
+    from highway_env.envs.common.action import (  # pyright: ignore[reportMissingImports]
+        ContinuousAction,
+    )
+    from highway_env.envs.intersection_env import (  # pyright: ignore[reportMissingImports]
+        IntersectionEnv,
+    )
+    from highway_env.road.regulation import RegulatedRoad  # pyright: ignore[reportMissingImports]
+    from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
+    from highway_env.vehicle.kinematics import Vehicle  # pyright: ignore[reportMissingImports]
+except ImportError as error:
+    raise UserError(
+        "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
+    ) from error
+
+
+class Driver(IDMVehicle):
+    """highway-env's driver with drawn values of the parameters that the population varies.
+
+    A driver with a desired speed enters with it as target. Road rules set the target speed to 0 for
+    a yield and to the road's limit after it. The target speed is therefore bounded by the desired
+    speed, so that the preference is kept. Subclasses name the population.
+    """
+
+    population: ClassVar[Population] = POPULATIONS["highway_env"]
+    desired_speed = math.inf  # until the draw, which follows the construction
+    _target_speed = 0.0
+
+    @property
+    def target_speed(self) -> float:
+        """Speed that the driver aims for on a free road, m/s."""
+        return self._target_speed
+
+    @target_speed.setter
+    def target_speed(self, value: float | int) -> None:
+        self._target_speed = min(float(value), self.desired_speed)
+
+    def randomize_behavior(self) -> None:
+        """Draw the exponent, then the fields of the population in their order."""
+        super().randomize_behavior()
+        desired, headway, gap, acceleration, deceleration = (
+            _drawn(normal, self.road.np_random) for normal in self.population
+        )
+        self.TIME_WANTED = headway
+        self.DISTANCE_WANTED = gap
+        self.COMFORT_ACC_MAX = acceleration
+        self.COMFORT_ACC_MIN = -deceleration
+        self.desired_speed = desired
+        if math.isfinite(desired):
+            self.target_speed = desired  # pyright: ignore[reportIncompatibleVariableOverride]
+
+
+def _drawn(normal: Normal, random: Any) -> float:
+    if normal.deviation == 0:
+        return normal.mean
+    value = normal.mean + normal.deviation * random.normal()
+    return min(max(value, normal.low), normal.high)
+
+
+DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
+    name: type(f"Driver_{name}", (Driver,), {"population": population, "__module__": __name__})
+    for name, population in POPULATIONS.items()
+    if name != "highway_env"
+}
+"""Class of the other vehicles in each population."""
+# highway-env resolves its drivers by dotted path.
+globals().update({driver.__name__: driver for driver in DRIVERS.values()})
+
+
+ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
+
+contact_of = for_python(collisions.contact_of)
+
+
+def environment_config(options: Options) -> dict[str, Any]:
+    """Return the configuration of highway-env's `IntersectionEnv` for the given options.
+
+    Nested dictionaries are complete, because highway-env replaces them and adds no defaults.
+    `flatten` is left out: highway-env accepts the key and ignores it.
+
+    Args:
+        options: The scenario; reward options are ignored.
+    """
+    metres, speed = [-POSITION_RANGE, POSITION_RANGE], [-SPEED_RANGE, SPEED_RANGE]
+    driver = DRIVERS[options.population]
+    return {
+        "observation": {
+            "type": "Kinematics",
+            "vehicles_count": options.observed_vehicles,
+            "features": list(FEATURES),
+            "features_range": {"x": metres, "y": metres, "vx": speed, "vy": speed},
+            "absolute": True,
+            "order": "sorted",
+            "normalize": True,
+            "clip": True,
+            "see_behind": False,
+            "observe_intentions": False,
+        },
+        "action": _action_config(options),
+        "simulation_frequency": options.simulation_frequency,
+        "policy_frequency": options.policy_frequency,
+        "duration": options.duration,
+        "initial_vehicle_count": options.initial_vehicle_count,
+        "spawn_probability": options.spawn_probability,
+        "destination": ARMS[options.destination],
+        "controlled_vehicles": 1,
+        "offroad_terminal": isinstance(options, ContinuousOptions) and options.offroad_terminal,
+        "neighbour_vehicles_connected_lanes": options.connected_lanes,
+        "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
+    }
+
+
+def _action_config(options: Options) -> dict[str, Any]:
+    if options.continuous:
+        return {"type": "ContinuousAction", "longitudinal": True, "lateral": width(options) == 2}
+    return {
+        "type": "DiscreteMetaAction",
+        "longitudinal": True,
+        "lateral": False,
+        "target_speeds": list(options.target_speeds),
+    }
+
+
+class _Entry(NamedTuple):
+    """Facts of a vehicle that are lost once it has driven a part of its route."""
+
+    identity: int
+    origin: int
+    destination: int
+
+
+# Of an ego with continuous actions, which highway-env gives no target lane and no route.
+_ENTRY = ("o0", "ir0")
+_WHOLE_ROUTE = (None, None, None)
+
+
+class _SteeredVehicle(Vehicle):
+    """highway-env's vehicle with continuous actions, which records where it was sent."""
+
+    def plan_route_to(self, destination: str) -> None:
+        """Record the destination; like the base class, it can't plan."""
+        self.planned = destination
+        raise AttributeError("no route is planned")
+
+
+class _SteeredAction(ContinuousAction):
+    """highway-env's continuous actions of a vehicle that records where it was sent."""
+
+    @property
+    def vehicle_class(self) -> type:
+        """Class of the ego."""
+        return _SteeredVehicle
+
+
+class _WatchedRoad(RegulatedRoad):
+    """highway-env's road that records entries and the ego's contacts."""
+
+    def __init__(self, road: RegulatedRoad) -> None:
+        super().__init__(
+            road.network,
+            np_random=road.np_random,
+            neighbour_vehicles_connected_lanes=road.neighbour_vehicles_connected_lanes,
+        )
+        self.ego: Any = None
+        self.contact, self.touched = int(Contact.NONE), -1
+        self._entries: dict[Any, _Entry] = {}
+        lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
+        self._lane_numbers = {lane: number for number, lane in enumerate(lanes)}
+
+    def enter(self, vehicle: Any) -> int:
+        """Number a vehicle that has just entered, and record its origin and destination."""
+        destination = getattr(vehicle, "planned", None) or vehicle.route[-1][1]
+        origin = vehicle.lane_index[0]
+        entry = _Entry(len(self._entries), int(origin[1:]), int(destination[1:]))
+        self._entries[vehicle] = entry
+        return entry.identity
+
+    def step(self, dt: float) -> None:
+        """Advance by a sub-step; the ego's contacts are determined before it crashes."""
+        ego = self.ego
+        untouched = ego in self.vehicles and not ego.crashed and ego.impact is None
+        super().step(dt)
+        if untouched:
+            slot = self.vehicles.index(ego)
+            contact = contact_of(self.records(), slot, dt, self.contact, self.touched)
+            self.contact, self.touched = int(contact[0]), int(contact[1])
+
+    def records(self) -> np.ndarray:
+        """Return the current vehicles in list order, VEHICLE (vehicles,)."""
+        records = np.zeros(len(self.vehicles), VEHICLE)
+        for row, vehicle in zip(records, self.vehicles, strict=True):
+            self._write(row, vehicle)
+            _write_driver(row, vehicle)
+        return records
+
+    def _write(self, row: np.void, vehicle: Any) -> None:
+        row["x"], row["y"] = vehicle.position
+        row["heading"], row["speed"] = vehicle.heading, vehicle.speed
+        row["along_x"], row["along_y"] = vehicle.direction
+        row["steering"] = vehicle.action["steering"]
+        row["acceleration"] = vehicle.action["acceleration"]
+        row["target_speed"] = getattr(vehicle, "target_speed", SPEED_LIMIT)
+        row["pushed"] = vehicle.impact is not None
+        if vehicle.impact is not None:
+            row["push_x"], row["push_y"] = vehicle.impact
+        entry = self._entries[vehicle]
+        row["identity"] = entry.identity
+        row["origin"], row["destination"] = entry.origin, entry.destination
+        row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
+        row["target_lane"] = self._lane_numbers[getattr(vehicle, "target_lane_index", _ENTRY)[:2]]
+        row["leg"] = 3 - len(getattr(vehicle, "route", _WHOLE_ROUTE))
+        row["yielding"] = getattr(vehicle, "is_yielding", False)
+        row["crashed"] = vehicle.crashed
+
+
+def _write_driver(row: np.void, vehicle: Any) -> None:
+    row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
+    if isinstance(vehicle, IDMVehicle):  # the ego has no driver model, and keeps zeros
+        row["time_headway"] = vehicle.TIME_WANTED
+        row["jam_distance"] = vehicle.DISTANCE_WANTED
+        row["max_acceleration"] = vehicle.COMFORT_ACC_MAX
+        row["comfort_deceleration"] = -vehicle.COMFORT_ACC_MIN
+        row["exponent"] = vehicle.DELTA
+
+
+class _WatchedEnv(IntersectionEnv):
+    """highway-env's intersection on a recording road; `after` has vehicles before clearing."""
+
+    road: Any
+    after: np.ndarray
+    action_type: Any
+
+    def define_spaces(self) -> None:
+        super().define_spaces()
+        if isinstance(self.action_type, ContinuousAction):
+            self.action_type = _SteeredAction(self, **self.config["action"])
+
+    def _make_road(self) -> None:
+        super()._make_road()
+        self.road = _WatchedRoad(self.road)
+
+    def _make_vehicles(self, n_vehicles: int = 10) -> None:
+        super()._make_vehicles(n_vehicles)
+        self.ego_identity = int(self.road.enter(self.vehicle))
+        self.road.ego = self.vehicle
+
+    def _spawn_vehicle(self, *where: Any, **how: Any) -> Any:
+        vehicle: Any = super()._spawn_vehicle(*where, **how)
+        if vehicle is not None:
+            self.road.enter(vehicle)
+        return vehicle
+
+    def _clear_vehicles(self) -> None:
+        self.after = self.road.records()
+        super()._clear_vehicles()
+
+
+class HighwayIntersection:
+    """Real highway-env, one episode at a time, converted to the core's records.
+
+    The state of an episode is recorded at three moments of a step. After a reset all three are
+    the initial state.
+
+    Attributes:
+        environment: highway-env's environment itself.
+        before: Vehicles at the decision, VEHICLE (vehicles,).
+        after: Vehicles after the sub-steps, before clearing and spawning,
+            VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
+        terminated: Whether highway-env says that the last step led to a terminal state.
+
+    Args:
+        options: The scenario.
+    """
+
+    def __init__(self, options: Options) -> None:
+        self.environment = _WatchedEnv(config=environment_config(options))
+        self.terminated = False
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> np.ndarray:
+        """Start an episode.
+
+        Args:
+            seed: Seed of highway-env's generator; None continues its stream.
+
+        Returns:
+            The observation, float32 (observed vehicles * 7,).
+        """
+        observation, _ = self.environment.reset(seed=seed)
+        self.before = self.after = self.vehicles
+        return observation.reshape(-1)
+
+    def step(self, action: Any) -> np.ndarray:
+        """Take one decision.
+
+        Args:
+            action: 0 slower, 1 idle, 2 faster; or the values of a continuous action.
+
+        Returns:
+            The observation, float32 (observed vehicles * 7,).
+        """
+        self.before = self.vehicles
+        observation, _, self.terminated, _, _ = self.environment.step(action)
+        self.after = self.environment.after
+        return observation.reshape(-1)
+
+    @property
+    def vehicles(self) -> np.ndarray:
+        """Current vehicles, after clearing and spawning, VEHICLE (vehicles,)."""
+        return self.environment.road.records()
+
+    @property
+    def ego(self) -> int:
+        """The ego's slot in `vehicles`."""
+        return self._slot(self.vehicles)
+
+    @property
+    def ego_after(self) -> int:
+        """The ego's slot in `after`."""
+        return self._slot(self.after)
+
+    @property
+    def contact(self) -> int:
+        """Last `Contact` of the ego: which vehicle struck."""
+        return self.environment.road.contact
+
+    @property
+    def touched(self) -> int:
+        """Identity of the vehicle that the ego last touched, -1 if none."""
+        return self.environment.road.touched
+
+    @property
+    def time(self) -> float:
+        """Seconds since the reset."""
+        return float(self.environment.time)
+
+    def _slot(self, vehicles: np.ndarray) -> int:
+        return int(np.flatnonzero(vehicles["identity"] == self.environment.ego_identity)[0])
+
+
+route_coordinate = for_python(traffic.route_coordinate)
+
+
+class Reference:
+    """One highway-env for each row of the buffers.
+
+    Args:
+        options: Scenario and reward options.
+        buffers: Arrays to fill.
+
+    Raises:
+        UserError: If highway-env is not installed.
+    """
+
+    def __init__(self, options: Options, buffers: Buffers) -> None:
+        self._buffers, self._settings = buffers, settings_of(options)
+        self._rows = [HighwayIntersection(options) for _ in buffers.episodes]
+
+    def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode."""
+        buffers = self._buffers
+        decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
+        observation = np.zeros_like(buffers.reached)
+        for row in np.flatnonzero(decided):
+            observation[row] = self._rows[row].step(actions[row]).reshape(observation[row].shape)
+            self._write_decision(int(row))
+        annotated = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
+        unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
+        step.on_threads(1, buffers, annotated, seeds, unseeded, unused, self._settings)
+        for row in np.flatnonzero(decided):
+            self._take_ending(int(row))
+        buffers.reached[decided] = observation[decided]
+        buffers.observation[decided] = observation[decided]
+        ended = (commands == DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
+        for row in np.flatnonzero((commands == RESET) | ended):
+            self._reset(int(row), int(seeds[row]) if seeded[row] else None)
+
+    def _take_ending(self, row: int) -> None:
+        """Correct an ending that is terminal here and not in highway-env, or the other way round.
+
+        A comparison then finds the difference.
+        """
+        buffers, terminated = self._buffers, self._rows[row].terminated
+        if terminated != (buffers.ending[row] in TERMINAL):
+            buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
+
+    def _reset(self, row: int, seed: int | None) -> None:
+        buffers, real = self._buffers, self._rows[row]
+        buffers.observation[row] = real.reset(seed).reshape(buffers.observation[row].shape)
+        self._write_now(row)
+        buffers.episodes[row]["start"] = route_coordinate(buffers.vehicles[row][real.ego])
+
+    def _write_decision(self, row: int) -> None:
+        buffers, real = self._buffers, self._rows[row]
+        buffers.before[row, : len(real.before)] = real.before
+        buffers.after[row, : len(real.after)] = real.after
+        buffers.present[row] = len(real.after), real.ego_after
+        self._write_now(row)
+
+    def _write_now(self, row: int) -> None:
+        buffers, real = self._buffers, self._rows[row]
+        vehicles, episode = real.vehicles, buffers.episodes[row]
+        buffers.vehicles[row, : len(vehicles)] = vehicles
+        episode["vehicles"], episode["ego"] = len(vehicles), real.ego
+        episode["time"] = real.time
+        episode["contact"], episode["touched"] = real.contact, real.touched

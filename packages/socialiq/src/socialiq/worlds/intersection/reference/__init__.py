@@ -1,1 +1,0 @@
-"""Real highway-env, and the comparison of the core with it."""
