@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import junction_strata
-from socialiq.audit.evidence.drive import Course
+from socialiq.audit.evidence.drive import Course, UniformPolicy
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
-from socialiq.audit.evidence.trivial import UniformPolicy
 from socialiq.audit.profile.profile import scenario_sha256, world_of
 from socialiq.cli.main import main
 from socialiq.errors import UserError

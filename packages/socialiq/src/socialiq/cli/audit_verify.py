@@ -85,7 +85,9 @@ class Verify(Printing):
             faults = self._again()
             checked.append("episodes, run again")
         status = 1 if faults else 3 if findings.not_checked else 0
-        claims = [] if faults else self._claims()
+        claims = read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
+        if self.log is not None and OF_A_LOG in claims:
+            claims.remove(OF_A_LOG)
         if self.json:
             row = {"folder": str(self.folder), "rerun": self.rerun, "faults": faults}
             row |= {"not_checked": findings.not_checked, "checked": [] if faults else checked}
@@ -112,7 +114,8 @@ class Verify(Printing):
             )
         sys.stdout.write(f"checked: {'; '.join(checked)}\n")
         left = [] if self.rerun else [_NOT_RUN]
-        signature = "--key checks its signatures" if self._is_signed() else "it is not signed"
+        signed = (self.folder / SIGNATURES).is_file()
+        signature = "--key checks its signatures" if signed else "it is not signed"
         left += [f"who wrote it ({signature})"] if self.key is None else []
         left.append(f"claims of the auditor ({', '.join(claims)})")
         sys.stdout.write(f"not checked: {'; '.join(left)}\n")
@@ -132,20 +135,14 @@ class Verify(Printing):
         fault = fault_of_model(path, signature, self.key)
         return [fault] if fault else []
 
-    def _is_signed(self) -> bool:
-        return (self.folder / SIGNATURES).is_file()
-
-    def _claims(self) -> list[str]:
-        """Return the auditor's claims that nothing has confirmed."""
-        claims = read_report(self.folder / REPORT)["claims_of_auditor"]
-        return [claim for claim in claims if claim != OF_A_LOG or self.log is None]
-
     def _again(self) -> list[str]:
         files = content_of(self.folder)
         report = read_report(self.folder / REPORT)
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
-        self._check_world(files[PROFILE])
+        world = parse(files[PROFILE], PROFILE).scenario.world
+        if ":" in world and self.world != world:
+            raise _asks_to_run(world, "--world")
         with tempfile.TemporaryDirectory() as folder:
             profile = Path(folder) / PROFILE
             profile.write_bytes(files[PROFILE])
@@ -157,32 +154,20 @@ class Verify(Printing):
             f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]
         ]
 
-    def _source(self, report: dict[str, Any]) -> str:
-        """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""
-        source = str(report["policy"]["record"]["source"])
+    def _request(self, report: dict[str, Any], profile: Path) -> Request:
+        """Return the request; a report may be untrusted, so it doesn't decide which code runs."""
+        source = self.policy or str(report["policy"]["record"]["source"])
         if not self.policy and source.startswith(_RUNS):
             raise _asks_to_run(source, "--policy")
-        return self.policy or source
-
-    def _references(self, report: dict[str, Any]) -> tuple[str, ...]:
-        """Return the user's references, by the same rule."""
-        for reference in () if self.reference else report["reference_files"]:
+        references = tuple(self.reference or report["reference_files"])
+        for reference in () if self.reference else references:
             if reference.startswith(_RUNS):
                 raise _asks_to_run(reference, "--reference")
-        return tuple(self.reference or report["reference_files"])
-
-    def _check_world(self, profile: bytes) -> None:
-        """Check the environment of the declaration, by the same rule."""
-        world = parse(profile, PROFILE).scenario.world
-        if ":" in world and self.world != world:
-            raise _asks_to_run(world, "--world")
-
-    def _request(self, report: dict[str, Any], profile: Path) -> Request:
         return Request(
-            policy=self._source(report),
+            policy=source,
             profile=profile,
             episodes=report["seeds"]["episodes"],
-            references=self._references(report),
+            references=references,
             soft=not report["policy"]["deterministic"],
             trust=self.code.trust,
             threads=self.threads,

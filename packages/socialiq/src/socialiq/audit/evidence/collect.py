@@ -14,9 +14,9 @@ from socialiq.audit.evidence.drive import (
     Course,
     exact_optima,
     exactly_as_declared,
+    trivial_drivers,
 )
 from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Reference, events_of
-from socialiq.audit.evidence.trivial import trivial_drivers
 from socialiq.audit.profile.environment import Environment
 from socialiq.errors import UserError
 from socialiq.evaluation.conflicts import CONFLICT_SECONDS
@@ -46,7 +46,7 @@ def collect_evidence(
     """Run the policy, its references and trivial drivers on the same episodes.
 
     In a gridworld the exact optima are always among the references, elsewhere the world's own
-    (`World.references`); an environment has none. Trivial drivers (`trivial`) run in every world.
+    (`World.references`); an environment has none. Trivial drivers run in every world.
     The result has some 50 bytes for each episode and driver.
 
     Args:

@@ -285,17 +285,6 @@ def line_of(text: str, path: str) -> int:
         The line; of a field that is missing, or hidden in an inline table, the line of the
         innermost table around it, and 1 if that is missing too.
     """
-    lines = _begun(text)
-    keys = path.split(".")
-    for length in range(len(keys), 0, -1):
-        line = lines.get(".".join(keys[:length]))
-        if line:
-            return line
-    return 1
-
-
-def _begun(text: str) -> dict[str, int]:
-    """Return the first line of every table and every field, by path."""
     table, lines = "", {}
     for number, line in enumerate(text.split("\n"), 1):
         header, key = _TABLE.match(line), _KEY.match(line)
@@ -304,7 +293,9 @@ def _begun(text: str) -> dict[str, int]:
             lines.setdefault(table, number)
         elif key:
             lines.setdefault(f"{table}.{_bare_key(key[1])}".lstrip("."), number)
-    return lines
+    keys = path.split(".")
+    above = (".".join(keys[:length]) for length in range(len(keys), 0, -1))
+    return next((lines[name] for name in above if name in lines), 1)
 
 
 def _bare_key(key: str) -> str:

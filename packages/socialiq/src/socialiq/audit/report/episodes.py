@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.replay import ReplayedEpisode, Road, Trace, replayer, road_of
+from socialiq.audit.evidence.replay import Road, Trace, replayer, road_of
 from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
@@ -79,15 +79,15 @@ def traces_of(
         or in an environment.
     """
     again = replayer(world, policy, deterministic)
-    return {kind: [_traced(again, row) for row in rows] for kind, rows in chosen.items()}
 
+    def traced(row: Mapping[str, Any]) -> Trace | None:
+        if again is None:
+            return None
+        played = again(int(row["seed"]))
+        same = played.repeats(row["decisions"], RewardPair(row["r_env"], row["r_social"]))
+        return played.trace if same else None
 
-def _traced(again: Callable[[int], ReplayedEpisode] | None, row: Mapping[str, Any]) -> Trace | None:
-    if again is None:
-        return None
-    played = again(int(row["seed"]))
-    same = played.repeats(row["decisions"], RewardPair(row["r_env"], row["r_social"]))
-    return played.trace if same else None
+    return {kind: [traced(row) for row in rows] for kind, rows in chosen.items()}
 
 
 _PER_SECOND = 5  # frames; every sub-step would take three times as long to draw

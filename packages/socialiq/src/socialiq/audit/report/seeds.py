@@ -25,26 +25,24 @@ def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
         drawn: Commitment and seed.
         episodes: Number of episodes.
     """
-    revealed = drawn.revealed
+    revealed, beacon = drawn.revealed, None
+    if isinstance(revealed, Round):
+        beacon = {
+            "chain_sha256": CHAIN,
+            "round": revealed.number,
+            "time": revealed.time.isoformat(),
+            "signature": revealed.signature,
+            "randomness": revealed.randomness,
+        }
     return {
         "seed": drawn.seed,
         "source": drawn.source,
         "worth": worth(drawn),
         "nonce": revealed if isinstance(revealed, Nonce) else None,
-        "beacon": _beacon(revealed) if isinstance(revealed, Round) else None,
+        "beacon": beacon,
         "episodes": episodes,
         "commitment_sha256": drawn.commitment.sha256,
         "order": _ORDER,
-    }
-
-
-def _beacon(beacon: Round) -> dict[str, Any]:
-    return {
-        "chain_sha256": CHAIN,
-        "round": beacon.number,
-        "time": beacon.time.isoformat(),
-        "signature": beacon.signature,
-        "randomness": beacon.randomness,
     }
 
 
@@ -104,13 +102,10 @@ def _of_revealed(draw: Draw, look: Look | None) -> list[str]:
     if isinstance(draw.revealed, Round):
         if not draw.revealed.is_genuine():
             faults.append(f"{REPORT}: the beacon did not sign this round")
-        if not _is_before(look.committed, draw.revealed):
+        try:
+            before = datetime.datetime.fromisoformat(look.committed) < draw.revealed.time
+        except ValueError:  # the schema allows a 31 February
+            before = False
+        if not before:
             faults.append(f"{REPORT}: the round was published before the commitment")
     return faults
-
-
-def _is_before(committed: str, published: Round) -> bool:
-    try:
-        return datetime.datetime.fromisoformat(committed) < published.time
-    except ValueError:  # the schema allows a 31 February
-        return False

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
+from socialiq.audit.evidence.drive import PREFIX, RANDOM
 from socialiq.audit.evidence.outcomes import AS_DECLARED
-from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 from socialiq.audit.looks.look import Look
 from socialiq.audit.seeds import Draw, worth
 from socialiq.audit.verdict.decision import Decision
@@ -61,22 +61,17 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
 
     A driver of the user's keeps its name, even if the package has a driver of that name.
     """
-    rows = [*report["references"], *report["left_out"]]
-    names = {row["name"]: _named(row) if _shipped(row) else row["name"] for row in rows}
-    return names | {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
-
-
-def _named(reference: Mapping[str, Any]) -> str:
-    name, record = plain_name(reference["name"], reference["angles"]), reference["record"]
-    # There is one family with continuous actions, so none is the simpler.
-    one_family = record is not None and "action_size" in record
-    return name.removeprefix(_SIMPLER) if one_family else name
-
-
-def _shipped(reference: Mapping[str, Any]) -> bool:
-    """Whether a reference is the package's own: without a record, or a rule, or of the atlas."""
-    record = reference["record"]
-    return record is None or record["kind"] == "rule" or record["source"].startswith("atlas:")
+    names = {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
+    for row in (*report["references"], *report["left_out"]):
+        name, record = row["name"], row["record"]
+        # The package's own reference has no record, or is a rule, or of the atlas.
+        if record is None or record["kind"] == "rule" or record["source"].startswith("atlas:"):
+            name = plain_name(name, row["angles"])
+            # There is one family with continuous actions, so none is the simpler.
+            one_family = record is not None and "action_size" in record
+            name = name.removeprefix(_SIMPLER) if one_family else name
+        names.setdefault(row["name"], name)
+    return names
 
 
 def _degrees(angle: float) -> str:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.trivial import GO_AND_WAIT
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
