@@ -38,7 +38,7 @@ def run(repeats: int) -> dict[str, Any]:
         import torch
     except ImportError as error:
         raise UserError(
-            "this benchmark needs Stable-Baselines3: pip install 'socialiq[sb3]'"
+            "this benchmark needs Stable-Baselines3: pip install 'socialiq-lab[sb3]'"
         ) from error
     torch.set_num_threads(1)
     found: dict[str, Any] = {}

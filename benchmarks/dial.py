@@ -21,6 +21,7 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.road_training import CHUNK, source_of
 from socialiq.evaluation.rollout import record
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
@@ -35,8 +36,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison_runs import Run
-from socialiq_lab.gridworld_runs import seen
-from socialiq_lab.intersection.fitting import CHUNK, source_of
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
 EPISODES_EACH = 60
@@ -113,7 +112,7 @@ def _grid_dial(run: DialPreset, seeds: Sequence[int] = (0,)) -> tuple[Trains, in
     ]
 
     def trains(updates: int, callbacks: Callbacks, chunk: int) -> Any:
-        shorter = dataclasses.replace(run.structure, one_hot=seen(world), updates=updates)
+        shorter = dataclasses.replace(run.structure, one_hot=world.one_hot, updates=updates)
         return train_dial(shorter, hyperparameters, data, world, callbacks=callbacks, chunk=chunk)
 
     return trains, run.structure.updates

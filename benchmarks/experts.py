@@ -44,7 +44,7 @@ def run(repeats: int) -> dict[str, Any]:
         import stable_baselines3  # noqa: F401
     except ImportError as error:
         raise UserError(
-            "this benchmark needs the extra sb3: pip install 'socialiq[sb3]'"
+            "this benchmark needs the extra sb3: pip install 'socialiq-lab[sb3]'"
         ) from error
     rows = [{"peer_steps_per_s": peer_steps_per_second()} | _pinned() for _ in range(repeats)]
     found = {name: statistics.median(row[name] for row in rows) for name in rows[0]}

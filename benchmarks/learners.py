@@ -117,7 +117,7 @@ def torch_loop(data: Any) -> Callable[[int], None]:
         import torch
     except ImportError as error:
         raise UserError(
-            "this benchmark needs PyTorch: pip install 'socialiq[bench]' in this environment"
+            "this benchmark needs PyTorch: pip install 'socialiq-lab[bench]' in this environment"
         ) from error
     torch.set_num_threads(1)
     torch.manual_seed(0)

@@ -14,9 +14,9 @@ import jax
 import jaxtyping
 import pytest
 
+from socialiq.evaluation.parts import available_cores
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq_lab.engine import available_cores
 
 EXTRAS = Path(__file__).parent / "extras"
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows|two cores)")

@@ -3,7 +3,7 @@
 The real simulator and the real learner, with highway-env's own reward; only the observation and
 the actions are those of `socialiq`'s intersection, so that the policy can be audited there.
 
-    pip install 'socialiq[sb3]'
+    pip install 'socialiq-lab[sb3]'
     python examples/policies/train_dqn.py examples/policies/dqn_intersection.zip
 """
 

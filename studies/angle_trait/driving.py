@@ -2,22 +2,74 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int64
 from scipy.special import softmax
 
+from socialiq.errors import UserError
 from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import packaged_results
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
 from socialiq_recordings.prediction.choices import ChoiceTable
 from socialiq_recordings.trait.planted import before
-from studies.angle_trait.config import MIXED, RANDOM
+
+DIAL = packaged_results() / "intersection-dial" / "dial.safetensors"
+"""The dial whose policies drive; its middle ends the rollouts."""
+
+OTHER_DIAL = packaged_results() / "intersection-dial-clock" / "calibrated.safetensors"
+"""The dial that is the model of drivers: of another training, seed, network and observation."""
+
+INFERENCES = (("planner", "returns"), ("dial", "returns"), ("dial", "another dial"))
+"""Kinds of drivers, and what their angles are inferred from."""
+
+MIXED = 10
+"""Angles of the dial whose policies are the base predictor of dials; that of planners is even."""
+
+RANDOM = 0.05
+"""Share of random actions in it."""
+
+CONFIDENCE = 0.9
+"""Of the drivers' intervals."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results."""
+
+    first_episode: int = 62_000_000
+    """Seed of the first episode. 50,000,000 to 50,999,999 were used in development, 61,000,000 to
+    61,999,999 by an earlier version."""
+    repeats: int = 5
+    """Populations of each kind and spread."""
+    drivers: int = 30
+    """Drivers of a population."""
+    lengths: tuple[int, ...] = (2, 16)
+    """Episodes of a driver that are used, half to infer and half to test."""
+    mean: float = 45.0
+    """Mean of the planted angles, degrees."""
+    spreads: tuple[float, ...] = (0.0, 25.0)
+    """Standard deviations of the planted angles; angles are cut off at 0 and 90 degrees."""
+    strength: float = 3.0
+    """β of planners, per typical difference of returns."""
+    step: float = 10.0
+    """Of the angles integrated over, degrees."""
+
+    def __post_init__(self) -> None:
+        """Check what no population can be made of."""
+        if not self.lengths or any(length < 2 or length % 2 for length in self.lengths):
+            raise UserError(f"lengths must be even numbers from 2, got {list(self.lengths)}")
+        if self.drivers < 2 or self.repeats < 1:
+            raise UserError("drivers must be at least 2, and repeats at least 1")
+        if not self.step > 0 or 360 % self.step:
+            raise UserError(f"step must divide 360, got {self.step:g}")
 
 
 class Population(NamedTuple):
@@ -72,41 +124,46 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
     middle = dial.at((dial.low + dial.high) / 2)
     mixed = [dial.at(angle) for angle in np.linspace(dial.low, dial.high, MIXED).tolist()]
     policies = [dial.at(angle) for angle in population.angle] if population.kind == "dial" else []
-    driver, found = np.repeat(np.arange(len(population.angle)), episodes), []
+    driver, columns = np.repeat(np.arange(len(population.angle)), episodes), []
     running = np.ones(size, bool)
     clock = dial.n_features > batch.observation.shape[1]
     while running.any():
-        returns = branched_returns(batch, lambda seen: middle.predict(seen)[0], clock)
-        seen = observed(batch, clock)
+        returns = branched_returns(batch, lambda rows: middle.predict(rows)[0], clock)
+        observation = observed(batch, clock)
         if policies:
-            of_driver = seen.reshape(len(policies), episodes, -1)
-            each = [one.predict(rows)[0] for one, rows in zip(policies, of_driver, strict=True)]
-            action = np.concatenate(each)
+            of_driver = observation.reshape(len(policies), episodes, -1)
+            actions = [
+                policy.predict(rows)[0] for policy, rows in zip(policies, of_driver, strict=True)
+            ]
+            action = np.concatenate(actions)
         else:
             action = _planned(population, returns, driver, rng)
         rows = np.flatnonzero(running)
-        base = base_of(mixed if policies else [], seen[rows])
-        seen = observed(batch, clock=True)[rows]
-        decided = (base, returns.env[rows], returns.social[rows], action[rows], seen)
-        found.append((rows, *decided))
-        made = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
-        running &= made.ending == int(Ending.NONE)
-    return Decided(*(np.concatenate(column) for column in zip(*found, strict=True)))
+        base = base_of(mixed if policies else [], observation[rows])
+        observation = observed(batch, clock=True)[rows]
+        decided = (base, returns.env[rows], returns.social[rows], action[rows], observation)
+        columns.append((rows, *decided))
+        step = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
+        running &= step.ending == int(Ending.NONE)
+    return Decided(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def base_of(
-    mixed: list[QPolicy], seen: Float[np.ndarray, "row feature"]
+    mixed: list[QPolicy], observation: Float[np.ndarray, "row feature"]
 ) -> Float[np.ndarray, "row action"]:
     """Return log p by the mixture of some policies, with `RANDOM` of random actions.
 
     Args:
         mixed: The policies; with none every action is equally likely.
-        seen: Observations, the time last; a policy without a clock doesn't read it.
+        observation: Observations, the time last; a policy without a clock doesn't read it.
     """
-    even = np.full((len(seen), len(ACTIONS)), 1 / len(ACTIONS))
+    even = np.full((len(observation), len(ACTIONS)), 1 / len(ACTIONS))
     if not mixed:
         return np.log(even)
-    chosen = [np.eye(len(ACTIONS))[one.predict(seen[:, : one.n_features])[0]] for one in mixed]
+    chosen = [
+        np.eye(len(ACTIONS))[policy.predict(observation[:, : policy.n_features])[0]]
+        for policy in mixed
+    ]
     return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
 
 
@@ -125,8 +182,8 @@ def _planned(
 
 def first_episodes(decided: Decided, episodes: int, used: int) -> Decided:
     """Return the decisions of each driver's first episodes, of so many episodes."""
-    kept = decided.row % episodes < used
-    return Decided(*(column[kept] for column in decided))
+    is_used = decided.row % episodes < used
+    return Decided(*(column[is_used] for column in decided))
 
 
 def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:

@@ -32,15 +32,13 @@ from socialiq_recordings.trait.choice_model import (
 from socialiq_recordings.trait.hierarchy import direction
 from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
 from socialiq_recordings.trait.traits import progress_trait
-from studies.angle_trait.config import (
+from studies.angle_trait.driving import (
     CONFIDENCE,
     DIAL,
     INFERENCES,
     OTHER_DIAL,
     RANDOM,
     Config,
-)
-from studies.angle_trait.driving import (
     Decided,
     Population,
     base_of,
@@ -66,11 +64,11 @@ def fit_family(
         step: Of the angles integrated over, degrees.
     """
     angle = np.linspace(dial.low, dial.high, max(2, round((dial.high - dial.low) / step) + 1))
-    policies = [dial.at(one) for one in angle.tolist()]
-    part = first_episodes(decided, episodes, used)
-    part = part._replace(log_base=base_of(policies, part.seen))
-    sample = sample_of(choices_of(part, episodes, used))
-    values = np.stack([one.q_values(part.seen) for one in policies], axis=2)
+    policies = [dial.at(value) for value in angle.tolist()]
+    decisions = first_episodes(decided, episodes, used)
+    decisions = decisions._replace(log_base=base_of(policies, decisions.seen))
+    sample = sample_of(choices_of(decisions, episodes, used))
+    values = np.stack([policy.q_values(decisions.seen) for policy in policies], axis=2)
     trait = family_trait(angle, scale=value_scale(values))
     every = tabulate_family(values, sample.table.grid, trait, RANDOM)
     of_chosen = every.at(np.arange(len(sample.table)), sample.table.chosen)
@@ -87,12 +85,12 @@ def recovery(models: Models, angle: Float[np.ndarray, " driver"]) -> Row:
         angle: Planted angles, degrees.
     """
     posterior = models.angle.drivers.sum(axis=1)
-    found = [direction(models.trait.value, one, CONFIDENCE) for one in posterior]
-    inferred = np.array([one.angle for one in found])
+    directions = [direction(models.trait.value, density, CONFIDENCE) for density in posterior]
+    inferred = np.array([entry.angle for entry in directions])
     half_step = (models.trait.value[1] - models.trait.value[0]) / 2
     covered = [
-        one.low - half_step <= truth <= one.high + half_step
-        for one, truth in zip(found, angle, strict=True)
+        inferred_direction.low - half_step <= truth <= inferred_direction.high + half_step
+        for inferred_direction, truth in zip(directions, angle, strict=True)
     ]
     varied = np.ptp(angle) > 0 and np.ptp(inferred) > 0
     low, middle, high = models.angle.population.quantiles("spread", (0.025, 0.5, 0.975))
@@ -121,10 +119,12 @@ def compute_tables(config: Config, context: Context) -> Findings:
     drivers: list[Row] = []
     for number, (kind, spread, repeat) in enumerate(cells):
         first = config.first_episode + (number + 1) * config.drivers * max(config.lengths)
-        drawn = config.mean + spread * np.random.default_rng(first).standard_normal(config.drivers)
-        angle = drawn.clip(dial.low, dial.high)
+        planted = config.mean + spread * np.random.default_rng(first).standard_normal(
+            config.drivers
+        )
+        angle = planted.clip(dial.low, dial.high)
         decided = drive(Population(kind, angle, strength), dial, max(config.lengths), first)
-        for source in [source for one, source in INFERENCES if one == kind]:
+        for source in [source for driver_kind, source in INFERENCES if driver_kind == kind]:
             for used in config.lengths:
                 head = dict(zip(_KEYS, (kind, source, spread, used), strict=True))
                 models = _inferred(config, decided, source, used, first)
@@ -140,8 +140,8 @@ def _inferred(config: Config, decided: Decided, source: str, used: int, seed: in
     episodes = max(config.lengths)
     if source == "returns":
         return fit_models(choices_of(decided, episodes, used), seed, config.step)
-    other = DialPolicy.load(OTHER_DIAL)
-    return fit_family(decided, episodes, used, other, seed, config.step)
+    other_dial = DialPolicy.load(OTHER_DIAL)
+    return fit_family(decided, episodes, used, other_dial, seed, config.step)
 
 
 _KEYS = ("kind", "inferred_from", "spread_planted", "episodes")
@@ -161,19 +161,19 @@ def _row(models: Models, angle: Float[np.ndarray, " driver"], seed: int) -> Row:
     return {
         "decisions": len(sample.table),
         **recovery(models, angle[sample.identity]),
-        **{f"over {one['angle_over']}": one["gain_nats"] for one in tests},
+        **{f"over {test['angle_over']}": test["gain_nats"] for test in tests},
         "p_holm": tests[0]["p_holm"],
         "found": float(tests[0]["found"]),
-        "beats_every_rival": float(all(one["found"] for one in tests)),
+        "beats_every_rival": float(all(entry["found"] for entry in tests)),
     }
 
 
 def _drivers(head: Row, models: Models, angle: Float[np.ndarray, " driver"]) -> list[Row]:
     posterior = models.angle.drivers.sum(axis=1)
     rows = []
-    for number, one in zip(models.sample.identity.tolist(), posterior, strict=True):
-        found = direction(models.trait.value, one, CONFIDENCE)
-        rows.append(head | {"driver": number, "planted": float(angle[number])} | found._asdict())
+    for number, density in zip(models.sample.identity.tolist(), posterior, strict=True):
+        inferred = direction(models.trait.value, density, CONFIDENCE)
+        rows.append(head | {"driver": number, "planted": float(angle[number])} | inferred._asdict())
     return rows
 
 
@@ -196,22 +196,22 @@ def draw(results: Results) -> dict[str, Figure]:
     """Draw the inferred angles over the planted ones, by inference and number of episodes."""
     rows = results.tables["drivers"]
     used = sorted({row["episodes"] for row in rows})
-    drawn = figure(4.2 * len(used), 3.7 * len(INFERENCES))
-    panels = drawn.subplots(len(INFERENCES), len(used), sharex=True, sharey=True, squeeze=False)
+    picture = figure(4.2 * len(used), 3.7 * len(INFERENCES))
+    panels = picture.subplots(len(INFERENCES), len(used), sharex=True, sharey=True, squeeze=False)
     for line, (kind, source) in zip(panels, INFERENCES, strict=True):
         for axes, episodes in zip(line, used, strict=True):
-            mine = matching(rows, kind=kind, inferred_from=source, episodes=episodes)
-            _panel(axes, mine, f"{kind} from {source}, {episodes} episodes")
-    return {"angles": drawn}
+            selected = matching(rows, kind=kind, inferred_from=source, episodes=episodes)
+            _panel(axes, selected, f"{kind} from {source}, {episodes} episodes")
+    return {"angles": picture}
 
 
 def _panel(axes: Any, rows: list[Row], title: str) -> None:
     axes.plot([0, 90], [0, 90], color="#888888", linewidth=1.0)
     for spread, color in zip((True, False), ("prosocial", "egoistic"), strict=True):
-        mine = [row for row in rows if (row["spread_planted"] > 0) == spread]
+        selected = [row for row in rows if (row["spread_planted"] > 0) == spread]
         axes.plot(
-            [row["planted"] for row in mine],
-            [row["angle"] for row in mine],
+            [row["planted"] for row in selected],
+            [row["angle"] for row in selected],
             "." if spread else "x",
             color=COLORS[color],
             alpha=0.6,

@@ -21,8 +21,7 @@ from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Row
-from studies.audit_power.population import Truth, draw_evidence
-from studies.audit_power.power import ERROR, FLOOR, MARGIN
+from studies.audit_power.power import ERROR, FLOOR, MARGIN, Truth, draw_evidence
 
 ProgressCallback = Callable[[int], None]
 

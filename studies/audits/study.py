@@ -24,13 +24,10 @@ from socialiq_lab.study import (
     Context,
     Findings,
     StageCallback,
-    Study,
     counter,
     silent,
-    view_of,
 )
 from socialiq_lab.tables import column, matching
-from studies.audits.figures import draw_figures
 from studies.audits.policies import (
     GRIDWORLD,
     AuditedPolicy,
@@ -224,22 +221,3 @@ def _counts(rows: list[Row], name: str) -> dict[str, int]:
     decisions = column(rows, name)
     kinds = ("pass", "fail", "inconclusive")
     return {"audits": len(rows), **{kind: decisions.count(kind) for kind in kinds}}
-
-
-STUDY = Study(
-    name="audits",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view_of(
-        "audits",
-        "world",
-        "policy",
-        "declared",
-        "truthful",
-        "verdict",
-        "decided_by",
-        "regret",
-        title="regret at the declared angle, in reward per episode",
-    ),
-)

@@ -18,8 +18,7 @@ from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
-from studies.classic_control.cartpole import CartPole
-from studies.classic_control.tasks import Task, make_env
+from studies.classic_control.tasks import CartPole, Task, make_env
 
 CHUNK = 250
 """Updates between two rounds of acting, in environments outside compiled programs."""
@@ -45,7 +44,7 @@ ONLINE, ONLINE_NUMBERS = presets.PRESETS["few-online"]
 
 # Cloning with what the offline preset has: network, scale, batch, rate, schedule, averaging.
 _SHARED = {
-    one.name: getattr(OFFLINE, one.name) for one in dataclasses.fields(settings.LearnerConfig)
+    entry.name: getattr(OFFLINE, entry.name) for entry in dataclasses.fields(settings.LearnerConfig)
 }
 CLONING = bc.CloningConfig(**_SHARED)
 CLONING_NUMBERS = bc.CloningHyperparameters(learning_rate=OFFLINE_NUMBERS.learning_rate)
@@ -131,11 +130,11 @@ def method_of(name: str) -> Method:
     Raises:
         UserError: If there is none of that name.
     """
-    known = METHODS | PUBLISHED
-    if name in known:
-        return known[name]
+    methods = METHODS | PUBLISHED
+    if name in methods:
+        return methods[name]
     if name not in VARIANTS:
-        raise UserError(f"unknown method '{name}': choose one of {', '.join(known)}")
+        raise UserError(f"unknown method '{name}': choose one of {', '.join(methods)}")
     change = VARIANTS[name]
     base = METHODS[change.of]
     return dataclasses.replace(
@@ -169,8 +168,8 @@ def learn(
         method.static, updates=updates or method.static.updates, input_scale=scale
     )
     runs = [
-        dataclasses.replace(method.numbers, seed=seed, dataset=place)
-        for place in range(len(datasets))
+        dataclasses.replace(method.numbers, seed=seed, dataset=index)
+        for index in range(len(datasets))
         for seed in seeds
     ]
     if isinstance(static, bc.CloningConfig):

@@ -14,17 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners.settings import check_counts
+from socialiq.plotting.style import figure, plain
 from socialiq.types import Row
 from socialiq_lab.jobs import Job
-from socialiq_lab.study import Context, Findings, Study
+from socialiq_lab.results import Results
+from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, matching, nested, paired_row, with_holm
-from studies.classic_control.data import PROTOCOLS
-from studies.classic_control.figures import draw, views
 from studies.classic_control.methods import METHODS, PUBLISHED, VARIANTS
 from studies.classic_control.runs import (
+    PROTOCOLS,
     Inspection,
     Source,
     Training,
@@ -33,6 +35,51 @@ from studies.classic_control.runs import (
     train_and_score,
 )
 from studies.classic_control.tasks import TASKS, make_env
+
+_COLORS = ("#7f7f7f", "#2166ac", "#e08214", "#053061", "#7f3b08", "#bdbdbd", "#1b7837", "#00441b")
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw the return of each policy, by method, in a panel for each kind of data."""
+    panels = groups(results.tables["returns"], "task", "protocol", "trajectories")
+    columns = 2
+    lines = -(-len(panels) // columns)
+    picture = figure(9.6, 3.0 * lines)
+    for index, (label, rows) in enumerate(panels.items(), start=1):
+        axes = picture.add_subplot(lines, columns, index)
+        methods = list(dict.fromkeys(column(rows, "method")))
+        for number, method in enumerate(methods):
+            single = [row for row in matching(rows, method=method) if row["seed"] != "ensemble"]
+            values = column(single, "mean_return")
+            color = _COLORS[number % len(_COLORS)]
+            axes.plot(values, [number] * len(values), "o", color=color, alpha=0.4, markersize=4)
+            axes.plot([sum(values) / len(values)], [number], "|", color=color, markersize=16)
+        axes.set_yticks(range(len(methods)), methods, fontsize=7)
+        axes.invert_yaxis()
+        count = "1 trajectory" if label[2] == 1 else f"{label[2]} trajectories"
+        axes.set_title(f"{label[0]}, {label[1]}, {count}", fontsize=9)
+        axes.set_xlabel("mean return", fontsize=8)
+        plain(axes)
+    return {"returns": picture}
+
+
+def views(results: Results) -> Sequence[View]:
+    """Return the tables to print."""
+    tables = results.tables
+    views = [View(_narrow(tables["pooled"]), "Over all sets of demonstrations and seeds")]
+    if "differences" in tables:
+        views.append(View(tables["differences"], "Pairs of methods, over sets of demonstrations"))
+    if "ablation_returns" in tables:
+        views.append(
+            View(_narrow(tables["ablations"]), "CartPole, one row of each block, one changed")
+        )
+    return views
+
+
+def _narrow(rows: Sequence[dict]) -> list[dict]:
+    hidden = ("best", "deviation_of_sets")
+    return [{name: value for name, value in row.items() if name not in hidden} for row in rows]
+
 
 SOLVED = 475.0
 """Mean return at which Gymnasium calls CartPole-v1 solved."""
@@ -88,7 +135,7 @@ class Config:
         counts = (*self.trajectories, *self.protocol_trajectories, *self.other_trajectories)
         if min((*counts, 1)) < 1:
             raise UserError("trajectories must be at least 1")
-        for what, names, known in (
+        for what, names, choices in (
             ("task", self.tasks, TASKS),
             ("protocol", self.protocols, PROTOCOLS),
             ("method", self.methods, METHODS),
@@ -96,7 +143,7 @@ class Config:
             ("variant", self.variants, VARIANTS),
         ):
             for name in names:
-                one_of(what, name, tuple(known))
+                one_of(what, name, tuple(choices))
 
 
 def plan(config: Config) -> list[Job]:
@@ -114,7 +161,7 @@ def _plan(config: Config) -> list[Job]:
 def _jobs(config: Config) -> Iterator[Job]:
     for task in config.tasks:
         for source in _sources(config, task):
-            name = "-".join(_folder(part) for part in source.label().values())
+            name = "-".join(_folder(label) for label in source.label().values())
             yield Job(f"data/{name}", inspect, Inspection(source, config.shrinkages))
             thin = (task, source.trajectories) == ("CartPole", 1) and source.protocol != "whole"
             for method in (*config.methods, *(config.published if thin else ())):
@@ -131,9 +178,9 @@ def _training(config: Config, source: Source, method: str, name: str) -> Job:
     return Job(name, train_and_score, run, cost=cost)
 
 
-def _folder(part: Any) -> str:
+def _folder(label: Any) -> str:
     """Return a name as that of a folder."""
-    return "".join(one if one.isalnum() else "_" for one in str(part))
+    return "".join(letter if letter.isalnum() else "_" for letter in str(label))
 
 
 def _sources(config: Config, task: str) -> list[Source]:
@@ -206,17 +253,20 @@ def _pooled(rows: Sequence[Row], *keys: str) -> list[Row]:
     for values, group in groups(rows, *keys).items():
         single = [row for row in group if row["seed"] != "ensemble"]
         joint = column(matching(group, seed="ensemble"), "mean_return")
-        found = np.array(column(single, "mean_return"))
-        of_sets = [np.mean(column(part, "mean_return")) for part in groups(single, "set").values()]
+        returns = np.array(column(single, "mean_return"))
+        of_sets = [
+            np.mean(column(rows_of_set, "mean_return"))
+            for rows_of_set in groups(single, "set").values()
+        ]
         pooled.append(
             dict(zip(keys, values, strict=True))
             | {
-                "policies": len(found),
-                "mean": float(found.mean()),
+                "policies": len(returns),
+                "mean": float(returns.mean()),
                 "deviation_of_sets": float(np.std(of_sets, ddof=1)) if len(of_sets) > 1 else 0.0,
-                "worst": float(found.min()),
-                "best": float(found.max()),
-                "solved": float((found >= SOLVED).mean()),
+                "worst": float(returns.min()),
+                "best": float(returns.max()),
+                "solved": float((returns >= SOLVED).mean()),
                 "ensemble_mean": float(np.mean(joint)),
                 "ensemble_worst": float(min(joint)),
             }
@@ -249,10 +299,10 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     keys = ("task", "protocol", "trajectories", "method")
     summary = nested(tables["pooled"], *keys, keep=names)
     for row in tables["identified"]:
-        place = summary
+        level = summary
         for key in keys:
-            place = place[str(row[key])]
-        place["identified"] = {
+            level = level[str(row[key])]
+        level["identified"] = {
             "mean": row["mean"],
             "worst": row["worst"],
             "policies": row["policies"],

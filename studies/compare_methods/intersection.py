@@ -15,6 +15,7 @@ from typing import Any
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.road_training import source_of
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.q_policy import QPolicy
@@ -41,7 +42,6 @@ from socialiq_lab.intersection.demonstration_sets import (
 )
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.intersection.episodes import EpisodesRun
-from socialiq_lab.intersection.fitting import source_of
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import as_csv, from_csv
 from studies.compare_methods.methods import BY_NAME
@@ -200,12 +200,12 @@ def train_method(
     for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):
         files: dict[int, str] = {}
         turned = [policy.at(a) if hasattr(policy, "at") else policy for a in served[run.angle]]
-        for angle, one in zip(served[run.angle], turned, strict=True):
-            if id(one) not in files:  # one policy may serve several angles
-                files[id(one)] = f"{number}_{len(files)}.safetensors"
-                one.save(folder / files[id(one)])
+        for angle, turned_policy in zip(served[run.angle], turned, strict=True):
+            if id(turned_policy) not in files:  # one policy may serve several angles
+                files[id(turned_policy)] = f"{number}_{len(files)}.safetensors"
+                turned_policy.save(folder / files[id(turned_policy)])
             label = {"setting": setting_name(run.setting), "seed": run.seed}
-            rows.append(label | {"target_angle": angle, "file": files[id(one)]})
+            rows.append(label | {"target_angle": angle, "file": files[id(turned_policy)]})
     write_atomically(folder / POLICIES, as_csv(rows))
     write_atomically(folder / SPEED, as_csv([arena.speed_row(WORLD, method, len(runs))]))
     on_progress(1.0)
@@ -232,19 +232,23 @@ def drive(
 ) -> None:
     """Drive each policy once, and write a row for each angle and action selection."""
     (trained,) = inputs.values()
-    wanted = (setting_name(config.setting), config.seed)
-    found: dict[tuple[str, str], Metrics] = {}
+    label_and_seed = (setting_name(config.setting), config.seed)
+    driven: dict[tuple[str, str], Metrics] = {}
     rows: list[Row] = []
     for row in from_csv(trained / POLICIES):
-        if (row["setting"], row["seed"]) != wanted:
+        if (row["setting"], row["seed"]) != label_and_seed:
             continue
         for readout in config.readouts:
             key = str(row["file"]), readout
-            if key not in found:
-                found[key] = _driven(config, QPolicy.load(trained / key[0]), readout)
-            label = {"world": WORLD, "method": config.method, "setting": wanted[0]}
-            label |= {"target_angle": row["target_angle"], "readout": readout, "seed": wanted[1]}
-            metrics = found[key]
+            if key not in driven:
+                driven[key] = _driven(config, QPolicy.load(trained / key[0]), readout)
+            label = {"world": WORLD, "method": config.method, "setting": label_and_seed[0]}
+            label |= {
+                "target_angle": row["target_angle"],
+                "readout": readout,
+                "seed": label_and_seed[1],
+            }
+            metrics = driven[key]
             value = {"value": metrics.value(row["target_angle"]), "regret": ""}
             rows.append(label | metrics._asdict() | value)
         on_progress(len(rows) / len(config.angles) / len(config.readouts))

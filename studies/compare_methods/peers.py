@@ -57,8 +57,8 @@ def scripts() -> Path:
 def environment_job(library: str) -> Job:
     """Return the job that makes the environment of a library."""
     pins = (scripts() / f"{library}.txt").read_text()
-    made = Environment(library, pins)
-    return Job(environment_name(library), make_environment, made, cost=200.0)
+    environment = Environment(library, pins)
+    return Job(environment_name(library), make_environment, environment, cost=200.0)
 
 
 def environment_name(library: str) -> str:
@@ -115,12 +115,12 @@ def train_tabular(
     (folder / REQUESTS).write_text(json.dumps(requests))
     script = scripts() / f"{PEERS[method.learner]}_peer.py"
     _call([str(environment / PYTHON), str(script), str(folder)], folder)
-    with np.load(folder / MADE) as made:
-        arena.rates.append(float(made["updates_per_second"]))
+    with np.load(folder / MADE) as arrays:
+        arena.rates.append(float(arrays["updates_per_second"]))
         policies = [
             {
-                angle: checked(made[f"policy_{number}_{place}"], ground)
-                for place, angle in enumerate(served[run.angle])
+                angle: checked(arrays[f"policy_{number}_{index}"], ground)
+                for index, angle in enumerate(served[run.angle])
             }
             for number, run in enumerate(placed)
         ]
@@ -174,12 +174,12 @@ def checked(table: np.ndarray, ground: Ground) -> np.ndarray:
         UserError: If it is no table of action probabilities of the world.
     """
     shape = (ground.part.mdp.n_states, ground.part.mdp.n_actions)
-    given = np.asarray(table, np.float64)
-    if given.shape != shape or not np.isfinite(given).all() or given.min() < 0.0:
+    chances = np.asarray(table, np.float64)
+    if chances.shape != shape or not np.isfinite(chances).all() or chances.min() < 0.0:
         raise UserError(
-            f"a peer's policy has shape {given.shape}: it must be {shape}, none below 0"
+            f"a peer's policy has shape {chances.shape}: it must be {shape}, none below 0"
         )
-    return given / given.sum(axis=1, keepdims=True)
+    return chances / chances.sum(axis=1, keepdims=True)
 
 
 def _call(command: Sequence[str], folder: Path) -> None:

@@ -259,8 +259,8 @@ def _all_rows(
 def _speeds(config: Config, work: Path) -> Iterator[Row]:
     """Yield updates per second of each method."""
     for world, method in config.rows:
-        own = _name(FRESH, world, method)
-        folder = own if world in GRIDWORLDS else intersection.trained(FRESH, method)
+        grid_folder = _name(FRESH, world, method)
+        folder = grid_folder if world in GRIDWORLDS else intersection.trained(FRESH, method)
         yield from from_csv(work / folder / SPEED)
 
 
@@ -274,14 +274,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
     developed = list(_all_rows(config, context.work, DEVELOPMENT))
     fresh = list(_all_rows(config, context.work, FRESH, choose(developed)))
     pooled = comparison.means(fresh, KEYS)
-    whole = overall(pooled, list(_speeds(config, context.work)))
+    by_method = overall(pooled, list(_speeds(config, context.work)))
     gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
     references = [comparison.references(world, config.angles) for world in gridworlds]
     on_road = intersection.WORLD in config.worlds
     tables = {
         "policies": fresh,
         "pooled": pooled,
-        "overall": whole,
+        "overall": by_method,
         "paired": paired(fresh),
         "references": [row for rows in references for row in rows],
         "demonstrators": from_csv(context.work / intersection.DEMONSTRATORS / ROWS)
@@ -289,7 +289,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         else [],
         "development": comparison.means(developed, KEYS),
     }
-    return Findings(tables, summarise(whole))
+    return Findings(tables, summarise(by_method))
 
 
 def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
@@ -305,8 +305,8 @@ def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
     keys = ("world", "method", "setting", "readout")
     measured = {(row["world"], row["method"]): row for row in speeds}
     rows = []
-    whole = comparison.overall(pooled, keys)
-    for row, group in zip(whole, groups(pooled, *keys).values(), strict=True):
+    by_method = comparison.overall(pooled, keys)
+    for row, group in zip(by_method, groups(pooled, *keys).values(), strict=True):
         ends = sorted(group, key=lambda row: row["target_angle"])
         steering = ends[-1]["angle"] - ends[0]["angle"]
         told = BY_NAME[row["method"]].told
@@ -331,26 +331,26 @@ def paired(policies: Sequence[Row]) -> list[Row]:
     rows: list[Row] = []
     for (world,), group in groups(matching(policies, readout=READOUT), "world").items():
         scores = {
-            method: [mean(of_seed, "value") for of_seed in groups(own, "seed").values()]
-            for (method,), own in groups(group, "method").items()
+            method: [mean(of_seed, "value") for of_seed in groups(of_method, "seed").values()]
+            for (method,), of_method in groups(group, "method").items()
         }
         best = max(scores, key=lambda name: sum(scores[name]))
         if len(scores[best]) < 2:
             continue
         tests = [
-            paired_row({"world": world, "best": best, "method": name}, scores[best], own)
-            for name, own in scores.items()
+            paired_row({"world": world, "best": best, "method": name}, scores[best], method_scores)
+            for name, method_scores in scores.items()
             if name != best
         ]
         rows += with_holm(tests)
     return rows
 
 
-def summarise(whole: Sequence[Row]) -> dict[str, Any]:
+def summarise(by_method: Sequence[Row]) -> dict[str, Any]:
     """Return mean and worst regret, J(α), steering and setting by world and method."""
     names = ("setting", "value", "regret", "worst_regret", "steering", "collision", "arrival")
     summary: dict[str, Any] = {}
-    for row in matching(whole, readout=READOUT):
+    for row in matching(by_method, readout=READOUT):
         summary.setdefault(row["world"], {})[row["method"]] = {name: row[name] for name in names}
     return summary
 
@@ -362,8 +362,8 @@ def told(row: Row) -> str:
 
 def in_order(rows: Sequence[Row]) -> list[Row]:
     """Return rows of one world by their regret, or by falling J(α) where it is unknown."""
-    known = "" not in column(rows, "regret")
-    return sorted(rows, key=lambda row: row["regret"] if known else -row["value"])
+    has_regret = "" not in column(rows, "regret")
+    return sorted(rows, key=lambda row: row["regret"] if has_regret else -row["value"])
 
 
 def draw_figures(results: Results) -> dict[str, Figure]:
@@ -384,15 +384,18 @@ def view(results: Results) -> Sequence[View]:
 def table(results: Results, world: str) -> list[Row]:
     """Return a row for each method, by its mean over the angles."""
     measured = quantity(results, world)
-    whole = matching(results.tables["overall"], world=world, readout=READOUT)
+    by_row = matching(results.tables["overall"], world=world, readout=READOUT)
     pooled = matching(results.tables["pooled"], world=world, readout=READOUT)
     by_method = groups(pooled, "method")
     return [
         {"method": BY_NAME[row["method"]].label, "mean": row[measured]}
-        | {f"{own['target_angle']:g}°": own[measured] for own in by_method[(row["method"],)]}
+        | {
+            f"{of_angle['target_angle']:g}°": of_angle[measured]
+            for of_angle in by_method[(row["method"],)]
+        }
         | {"steering": row["steering"], "collision": row["collision"], "arrival": row["arrival"]}
         | {"told": told(row), "updates/s": row["updates_per_second"], "on": row["device"]}
-        for row in in_order(whole)
+        for row in in_order(by_row)
     ]
 
 

@@ -71,8 +71,8 @@ def dial_settings(arena: Arena, preset: dial.DialPreset, run: Run) -> tuple[Any,
         updates=arena.updates,
         redraw_times=0,
     )
-    given = {"discount": arena.numbers.discount, "seed": run.seed, "dataset": run.dataset}
-    return static, dataclasses.replace(preset.numbers, **given | dict(run.setting))
+    numbers = {"discount": arena.numbers.discount, "seed": run.seed, "dataset": run.dataset}
+    return static, dataclasses.replace(preset.numbers, **numbers | dict(run.setting))
 
 
 def dial_collector(
@@ -119,14 +119,14 @@ def _regularised(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any
         **{name: getattr(arena.structure, name) for name in names},
         updates=max(share, 1),
     )
-    made = train_together(
+    stages = train_together(
         static,
-        [dataclasses.replace(preset.numbers, seed=one.seed, **dict(one.setting)) for one in runs],
-        [arena.datasets[one.dataset] for one in runs],
+        [dataclasses.replace(preset.numbers, seed=run.seed, **dict(run.setting)) for run in runs],
+        [arena.datasets[entry.dataset] for entry in runs],
         lambda _stage: arena.callbacks(),
         arena.chunk,
     )
-    return [made["dial"].policy(number) for number in range(len(runs))]
+    return [stages["dial"].policy(number) for number in range(len(runs))]
 
 
 PARIRL_SHARE = 7
@@ -148,13 +148,15 @@ def _pareto_irl(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]
         ]
     )
     kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
-    each = [first.settings(*kinds, run, prior="none") for run in placed]
-    static, numbers = each[0][0], [one for _, one in each]
-    rest = first.callbacks(), arena.chunk, first.collector(static, numbers)
-    trained = train_iq(static, numbers, datasets, arena.world, *rest)
+    settings = [first.settings(*kinds, run, prior="none") for run in placed]
+    static, numbers = settings[0][0], [entry for _, entry in settings]
+    options = first.callbacks(), arena.chunk, first.collector(static, numbers)
+    trained = train_iq(static, numbers, datasets, arena.world, *options)
     inferred = [
-        InferredReward(network_of(trained.networks, number), one.temperature, one.discount)
-        for number, one in enumerate(numbers)
+        InferredReward(
+            network_of(trained.networks, number), run_numbers.temperature, run_numbers.discount
+        )
+        for number, run_numbers in enumerate(numbers)
     ]
     dialling = []
     for run in runs:
@@ -165,18 +167,18 @@ def _pareto_irl(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]
 
 def _fronts(arena: Arena, runs: Sequence[Run], rewards: Sequence[Rewards]) -> list[Any]:
     """Train a dial for each pair of inferred rewards; they act outside JAX, in one program."""
-    each = [dial_settings(arena, dial.PRESETS["online-alone"], run) for run in runs]
-    static = dataclasses.replace(each[0][0], replay_batch=2 * arena.structure.batch_size)
-    numbers = [one for _, one in each]
+    settings = [dial_settings(arena, dial.PRESETS["online-alone"], run) for run in runs]
+    static = dataclasses.replace(settings[0][0], replay_batch=2 * arena.structure.batch_size)
+    numbers = [run_numbers for _, run_numbers in settings]
     source = arena.source(static.updates, static.environments)
     collector = Collector(
         [inferring(source, pair) for pair in rewards],
-        [one.seed for one in numbers],
+        [entry.seed for entry in numbers],
         acting(static, numbers),
     )
     callbacks = arena.callbacks()
-    made = train_dial(static, numbers, [], None, arena.sizes, callbacks, arena.chunk, collector)
-    return [made.policy(number) for number in range(len(runs))]
+    trained = train_dial(static, numbers, [], None, arena.sizes, callbacks, arena.chunk, collector)
+    return [trained.policy(number) for number in range(len(runs))]
 
 
 LEARNERS: Mapping[str, Learner] = {

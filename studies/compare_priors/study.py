@@ -193,8 +193,8 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown worlds and methods, empty options, and seeds used twice."""
-        known = tuple(BY_NAME)
-        comparison.check_choices(self, known, self.development_seeds, self.seeds, GRIDWORLDS)
+        names = tuple(BY_NAME)
+        comparison.check_choices(self, names, self.development_seeds, self.seeds, GRIDWORLDS)
 
     @property
     def rows(self) -> list[Method]:
@@ -264,11 +264,11 @@ def run_method(
     rows: list[Row] = []
     for run, policy in zip(runs, LEARNERS[method.learner](arena, method, runs), strict=True):
         label = {"world": config.world, "method": method.name} | dict(run.setting)
-        own = rows_of(ground, method, label, run.seed, policy, served[run.angle])
+        policy_rows = rows_of(ground, method, label, run.seed, policy, served[run.angle])
         if not hasattr(policy, "at"):  # one policy, whatever the angle
-            own.sort(key=lambda row: method.readouts.index(row["readout"]))
+            policy_rows.sort(key=lambda row: method.readouts.index(row["readout"]))
         share = effective_share(arena, method, run)
-        rows += [row | {"effective_share": share} for row in own]
+        rows += [row | {"effective_share": share} for row in policy_rows]
     if method.learner == "dial":
         rows.sort(key=lambda row: row["target_angle"])
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
@@ -398,9 +398,9 @@ def draw_figures(results: Results) -> dict[str, Figure]:
     figures = {}
     for (world,), rows in groups(results.tables["pooled"], "world").items():
         labels = {}
-        for (name,), own in groups(rows, "method").items():
+        for (name,), of_method in groups(rows, "method").items():
             sign = "1/τ_w" if name in ("reweighting", "clone_weighted") else "λ"
-            scale = _scale(own[0])
+            scale = _scale(of_method[0])
             suffix = "" if scale == "-" else f" ({sign} = {scale:g})"
             labels[name] = BY_NAME[name].label + suffix
         figures[world] = angle_figure(results, world, labels)

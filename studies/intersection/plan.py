@@ -122,16 +122,16 @@ ENDINGS = ("zero", "absorbing")
 SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 1000)}
 
 
-def plan(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return every job of the chosen parts, each after its inputs."""
-    jobs = list(_main(config))
+    trainings = list(_main(config))
     for part, make in _ABLATIONS.items():
         if part in config.parts:
-            jobs += make(config)
+            trainings += make(config)
     taken = members(config)
     return [
-        *jobs,
-        *evaluations(jobs, config.episodes),
+        *trainings,
+        *evaluations(trainings, config.episodes),
         *_drivers(config),
         *_connected(config),
         *on_highway(taken, config.highway_episodes),
@@ -244,8 +244,8 @@ def members(config: Config) -> dict[str, str]:
     Experts, and the first training seed's baseline and trio.
     """
     experts, learners = columns(config)["experts", "flat"], columns(config)[SHIPPED]
-    found = {name.replace(" ", "_"): jobs[0] for name, jobs in experts.items()}
-    return found | {target: jobs[0] for target, jobs in learners.items()}
+    found = {name.replace(" ", "_"): folders[0] for name, folders in experts.items()}
+    return found | {target: folders[0] for target, folders in learners.items()}
 
 
 def _ablated(updates: int) -> tuple[iq.IQLearnConfig, iq.IQLearnHyperparameters]:

@@ -6,10 +6,14 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from matplotlib.figure import Figure
+
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import support_intervals
+from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
+from socialiq_lab.intersection import thesis_values
 from socialiq_lab.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq_lab.intersection.experts import atlas_files
 from socialiq_lab.intersection.rows import (
@@ -21,7 +25,7 @@ from socialiq_lab.intersection.rows import (
     times,
 )
 from socialiq_lab.results import Results
-from socialiq_lab.study import Context, Findings, Study, View
+from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import (
     groups,
     matching,
@@ -30,8 +34,7 @@ from socialiq_lab.tables import (
     paired_row,
     with_holm,
 )
-from studies.intersection.figures import draw
-from studies.intersection.plan import TRAINED, Config, columns, members, plan
+from studies.intersection.plan import SHIPPED, TRAINED, Config, columns, jobs, members
 from studies.intersection.tables import distributions, separability, table_6_2
 
 PolicyRows = Mapping[tuple[str, str], Row]
@@ -40,8 +43,8 @@ PolicyRows = Mapping[tuple[str, str], Row]
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders alone."""
-    jobs, work = context.jobs, context.work
-    episodes = evaluated(jobs, work)
+    work = context.work
+    episodes = evaluated(context.jobs, work)
     rows = policy_rows(episodes)
     a_1, a_2 = separability(work / DEMONSTRATIONS)
     tables = {
@@ -52,10 +55,10 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "fig_a_1": distributions(work / DEMONSTRATIONS),
         "differences": differences(rows, config),
         "best_angles": best_angles([row for row in rows.values() if _is_compared(row)]),
-        "curves": curves(jobs, work),
-        "connected": connected(jobs, work),
-        "highway": highway(jobs, work),
-        "times": times(jobs, work),
+        "curves": curves(context.jobs, work),
+        "connected": connected(context.jobs, work),
+        "highway": highway(context.jobs, work),
+        "times": times(context.jobs, work),
     }
     files = atlas_files("intersection", members(config), work, rows)
     return Findings(tables, _summary(config, tables), files)
@@ -123,7 +126,7 @@ def differences(rows: PolicyRows, config: Config) -> list[Row]:
     found: list[Row] = []
     for preset, setting in TRAINED:
         names = columns(config)[preset, setting]
-        names |= {name: jobs * len(config.seeds) for name, jobs in experts.items()}
+        names |= {name: single * len(config.seeds) for name, single in experts.items()}
         family: list[Row] = []
         for one in COMPARISONS:
             first, second = (
@@ -185,7 +188,7 @@ def _printed(table_6_2: Sequence[Row]) -> dict[str, Any]:
 
 def _settings(config: Config) -> dict[str, Any]:
     """Return settings of the first expert and of the first learner of each preset."""
-    first = {job.name: dataclasses.asdict(job.config) for job in plan(config)}
+    first = {job.name: dataclasses.asdict(job.config) for job in jobs(config)}
     found: dict[str, Any] = {}
     for (preset, setting), policies in columns(config).items():
         name, target = f"{preset}_{setting}", "egoistic"
@@ -228,11 +231,24 @@ def view(results: Results) -> Sequence[View]:
     return views
 
 
-STUDY = Study(
-    name="intersection",
-    Config=Config,
-    jobs=plan,
-    tables=compute_tables,
-    figures=draw,
-    view=view,
-)
+def fig_6_5(results: Results) -> dict[str, Figure]:
+    """Draw Fig 6.5: the empirical angle of each learner, the thesis' as an open mark outside."""
+    group = "/".join(SHIPPED)
+    marks = []
+    for name in COLORS:
+        angle = results.summary["policies"]["_".join((*SHIPPED, name))]["angle"]
+        runs = [
+            row
+            for row in matching(results.tables["policies"], readout="greedy")
+            if row["policy"].startswith(f"learners/{group}/{name}/")
+        ]
+        # Around the mean, because the least and greatest number may span the gap at 180 degrees.
+        away = [angle_difference(row["angle"], angle) for row in runs]
+        spread = (angle + min(*away, 0.0), angle + max(*away, 0.0))
+        thesis = thesis_values.FIG_6_5.get(name)
+        printed = "not printed" if thesis is None else f"{thesis:.0f}°"
+        label = f"{name}: {angle:.0f}° ({spread[0]:.0f}° to {spread[1]:.0f}°; thesis {printed})"
+        marks.append(Mark(name, angle, label, thesis, spread))
+    note = "open marks: thesis; arcs: range over training seeds"
+    title = f"Intersection: empirical angle, greedy\n({note})"
+    return {"fig_6_5_ring": ring(marks, title)}

@@ -11,13 +11,14 @@ import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.episode_rows import outcome_row
 from socialiq.evaluation.episodes import Episodes
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.storage import load_arrays
 from socialiq.types import Row
 from socialiq_lab.intersection import thesis_values
-from socialiq_lab.intersection.rows import PolicyEpisodes, outcome_row
+from socialiq_lab.intersection.rows import PolicyEpisodes
 from studies.intersection.plan import Config, columns
 
 PERCENT = ("collision", "arrival", "timeout", "stopped")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import figure, finish
@@ -22,7 +23,7 @@ from socialiq.types import Row
 from socialiq_lab.intersection.episodes import load_episodes
 from socialiq_lab.intersection.experts import atlas_entries
 from socialiq_lab.intersection.known import value_at
-from socialiq_lab.intersection.rows import policy_row, times
+from socialiq_lab.intersection.rows import times
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
@@ -79,7 +80,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     best = {angle: _best(dials + policies, angle) for angle in config.angles}
     for row in dials:
         row["regret"] = best[row["asked"]] - row["value"]
-    families = [one for kind in KINDS for one in _families(kind, config, dials)]
+    families = [family for kind in KINDS for family in _families(kind, config, dials)]
     tables = {
         "main": main_table(policies, dials),
         "policies": policies,
@@ -98,7 +99,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 def _single_rows(config: Config, work: Path) -> list[Row]:
     """Return metrics of each expert and policy of a mixture, with J at its own angle, or 0."""
-    found: list[Row] = []
+    rows: list[Row] = []
     names = {f"{angle:g}": mode for mode, angle in MODES.items()}
     for job in (EXPERTS, *OF_MIXTURE):
         seeds = (config.expert_seed,) if job == EXPERTS else config.learner_seeds
@@ -110,33 +111,33 @@ def _single_rows(config: Config, work: Path) -> list[Row]:
                 row = policy_row(f"{job}/{file}", "greedy", episodes)
                 label = f"{_NAMES[job]} {mode}".strip()
                 value = value_at(row, float(angle))
-                found.append({"name": label, "seed": seed, "value": value} | row)
-    return found
+                rows.append({"name": label, "seed": seed, "value": value} | row)
+    return rows
 
 
 def _of_mixture(config: Config, work: Path) -> list[Row]:
     """Return J of each policy of a mixture at the angles of the modes, its own angle or not."""
-    found: list[Row] = []
+    rows: list[Row] = []
     for job, of_angles in OF_MIXTURE.items():
-        for asked in MODES.values():
+        for mode_angle in MODES.values():
             for seed in config.learner_seeds:
-                file = f"{asked if of_angles else 0.0:g}_{seed}.safetensors"
+                file = f"{mode_angle if of_angles else 0.0:g}_{seed}.safetensors"
                 row = policy_row(job, "greedy", load_episodes(work / EVALUATION / job / file))
-                label = {"method": _NAMES[job] or "IQ-Learn", "asked": asked, "seed": seed}
-                found.append(label | {"value": value_at(row, asked)})
-    return found
+                label = {"method": _NAMES[job] or "IQ-Learn", "asked": mode_angle, "seed": seed}
+                rows.append(label | {"value": value_at(row, mode_angle)})
+    return rows
 
 
 def _dial_rows(kind: str, config: Config, work: Path) -> list[Row]:
     """Return metrics of each dial at each angle, with J there; the regret is added later."""
-    found: list[Row] = []
+    rows: list[Row] = []
     for seed in config.seeds:
         for angle in config.angles:
             file = dial_file(f"0_{seed}", angle)
             row = policy_row(kind, "greedy", load_episodes(work / EVALUATION / kind / file))
             label = {"kind": kind, "seed": seed, "asked": angle}
-            found.append(label | {"value": value_at(row, angle), "regret": 0.0} | row)
-    return found
+            rows.append(label | {"value": value_at(row, angle), "regret": 0.0} | row)
+    return rows
 
 
 def _best(rows: Sequence[Row], angle: float) -> float:
@@ -151,33 +152,33 @@ def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
         policies: Experts and policies of a mixture.
         dials: Dials, of which the angles of the three modes are shown.
     """
-    named = {name: rows for (name,), rows in groups(policies, "name").items()}
+    by_name = {name: rows for (name,), rows in groups(policies, "name").items()}
     modes = {angle: mode for mode, angle in MODES.items()}
     for (kind, angle), rows in groups(dials, "kind", "asked").items():
         if angle in modes:
-            named[f"{_short(kind)} dial {modes[angle]}"] = rows
-    found: list[Row] = []
+            by_name[f"{_short(kind)} dial {modes[angle]}"] = rows
+    result: list[Row] = []
     for metric in METRICS:
         factor = 100 if metric in _PERCENT else 1
-        for name, rows in named.items():
+        for name, rows in by_name.items():
             values = [factor * row[metric] for row in rows]
             sd = float(np.std(values, ddof=1)) if len(values) > 1 else ""
-            found.append(
+            result.append(
                 {"policy": name, "metric": metric, "mean": float(np.mean(values)), "sd": sd}
                 | {"low": min(values), "high": max(values), "seeds": len(values)}
             )
-    return found
+    return result
 
 
 def _families(kind: str, config: Config, dials: Sequence[Row]) -> list[Row]:
     """Return J and regret at each angle, means of both, and monotony, of each dial of a kind."""
     corner = np.array([(row["r_env"], row["r_social"]) for row in dials]).min(axis=0)
-    found: list[Row] = []
+    ranked: list[Row] = []
     for seed in config.seeds:
         rows = matching(dials, kind=kind, seed=seed)
         points = np.array([(row["r_env"], row["r_social"]) for row in rows])
         turns = np.diff(points, axis=0)
-        found.append(
+        ranked.append(
             {"kind": kind, "seed": seed}
             | {f"value_{row['asked']:g}": row["value"] for row in rows}
             | {"mean_value": float(np.mean([row["value"] for row in rows]))}
@@ -186,20 +187,20 @@ def _families(kind: str, config: Config, dials: Sequence[Row]) -> list[Row]:
             | {"rise_r_env": float(max(turns[:, 0].max(initial=0.0), 0.0))}
             | {"drop_r_social": float(max((-turns[:, 1]).max(initial=0.0), 0.0))}
         )
-    return found
+    return ranked
 
 
 def _differences(families: Sequence[Row]) -> list[Row]:
     """Return the differences of each pair of kinds, paired by training seed, corrected together."""
     measures = [name for name in families[0] if name.startswith("value_")]
     measures += ["mean_value", "hypervolume"]
-    found = []
+    compared = []
     for pair in _PAIRS:
-        one, other = (matching(families, kind=kind) for kind in pair)
-        named = {"kinds": " less ".join(_short(kind) for kind in pair)}
-        rows = paired_differences(one, other, *measures, label="measure")
-        found += [named | row for row in rows]
-    return with_holm(found)
+        first_rows, second_rows = (matching(families, kind=kind) for kind in pair)
+        label = {"kinds": " less ".join(_short(kind) for kind in pair)}
+        rows = paired_differences(first_rows, second_rows, *measures, label="measure")
+        compared += [label | row for row in rows]
+    return with_holm(compared)
 
 
 def _short(kind: str) -> str:
@@ -208,20 +209,20 @@ def _short(kind: str) -> str:
 
 def _means(families: Sequence[Row]) -> dict[str, Row]:
     """Return means over training seeds by kind of dial."""
-    found = {}
+    summary = {}
     for (kind,), rows in groups(families, "kind").items():
         means = numeric_means(rows)
-        found[_short(kind)] = {k: v for k, v in means.items() if k != "seed"}
-    return found
+        summary[_short(kind)] = {k: v for k, v in means.items() if k != "seed"}
+    return summary
 
 
 def _printed(table: Sequence[Row]) -> dict[str, Any]:
     """Return the main table by policy and metric."""
-    found: dict[str, Any] = {}
+    summary: dict[str, Any] = {}
     for row in table:
-        kept = {name: row[name] for name in ("mean", "low", "high")}
-        found.setdefault(row["policy"], {})[row["metric"]] = kept
-    return found
+        ends = {name: row[name] for name in ("mean", "low", "high")}
+        summary.setdefault(row["policy"], {})[row["metric"]] = ends
+    return summary
 
 
 def _atlas(config: Config) -> Mapping[str, tuple[str, str]]:
@@ -244,34 +245,34 @@ def draw(results: Results) -> dict[str, Figure]:
 
 def _tradeoff(results: Results) -> Figure:
     """Draw mean totals of every dial, joined in the order in which it turns, and of the experts."""
-    drawn = figure(6.4, 4.6)
-    axes = drawn.subplots()
+    picture = figure(6.4, 4.6)
+    axes = picture.subplots()
     for kind, (ink, mark, label) in _LOOKS.items():
         for number, seed in enumerate(results.config["seeds"]):
             rows = matching(results.tables["dials"], kind=kind, seed=seed)
             x, y = ([row[side] for row in rows] for side in ("r_env", "r_social"))
-            named = f"dial, {label}" if number == 0 else None
+            line_label = f"dial, {label}" if number == 0 else None
             axes.plot(x, y, color=ink, marker=mark, markersize=4, linewidth=0.7, alpha=0.7,
-                      label=named)  # fmt: skip
+                      label=line_label)  # fmt: skip
     for row in results.tables["policies"]:
         if row["name"].startswith("expert"):
             axes.plot(row["r_env"], row["r_social"], marker="s", color="#1b1b1b", markersize=5)
             axes.annotate(row["name"], (row["r_env"], row["r_social"]), fontsize=6,
                           textcoords="offset points", xytext=(5, -7))  # fmt: skip
     finish(axes, "", 7, xlabel="mean r_env of an episode", ylabel="mean r_social of an episode")
-    return drawn
+    return picture
 
 
 def _values(results: Results) -> Figure:
     """Draw J(α) of every dial less the best of all policies."""
-    drawn = figure(6.0, 3.6)
-    axes = drawn.subplots()
+    picture = figure(6.0, 3.6)
+    axes = picture.subplots()
     for kind, (ink, mark, label) in _LOOKS.items():
         rows = matching(results.tables["dials"], kind=kind)
         axes.plot([row["asked"] for row in rows], [row["regret"] for row in rows], mark, color=ink,
                   markersize=4, alpha=0.6, label=f"dial, {label}")  # fmt: skip
     finish(axes, "", 7, xlabel="social angle, degrees", ylabel="regret")
-    return drawn
+    return picture
 
 
 def view(results: Results) -> Sequence[View]:
@@ -279,8 +280,8 @@ def view(results: Results) -> Sequence[View]:
     table: dict[str, Row] = {}
     for row in results.tables["main"]:
         table.setdefault(row["policy"], {"policy": row["policy"]})[row["metric"]] = row["mean"]
-    shown = ("kind", "seed", "mean_value", "mean_regret", "hypervolume")
-    families = [{name: row[name] for name in shown} for row in results.tables["families"]]
+    columns = ("kind", "seed", "mean_value", "mean_regret", "hypervolume")
+    families = [{name: row[name] for name in columns} for row in results.tables["families"]]
     return [
         View(list(table.values()), "Means over training seeds; %, km/h"),
         View(_of_methods(results), "Policies of one mixture: J, means over training seeds"),
@@ -292,9 +293,9 @@ def view(results: Results) -> Sequence[View]:
 def _of_methods(results: Results) -> list[Row]:
     """Return mean J of each method at each angle, a row for each method."""
     rows: dict[str, Row] = {}
-    for (method, asked), found in groups(results.tables["mixture"], "method", "asked").items():
-        mean = float(np.mean([row["value"] for row in found]))
-        rows.setdefault(method, {"method": method})[f"{asked:g} degrees"] = mean
+    for (method, angle), group in groups(results.tables["mixture"], "method", "asked").items():
+        mean = float(np.mean([row["value"] for row in group]))
+        rows.setdefault(method, {"method": method})[f"{angle:g} degrees"] = mean
     return list(rows.values())
 
 

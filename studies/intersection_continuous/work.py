@@ -12,6 +12,7 @@ from typing import Any
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.road_training import CHUNK, dial_collector, sizes_of
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.continuous.acting import ActorVectorCollector
 from socialiq.learners.continuous.actor_critic import ActorCritic
@@ -36,8 +37,7 @@ from socialiq_lab.intersection.demonstration_sets import (
 )
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.intersection.episodes import EpisodesRun, save_episodes
-from socialiq_lab.intersection.fitting import CHUNK, fit, sizes_of
-from socialiq_lab.intersection.training import dial_collector
+from socialiq_lab.intersection.fitting import fit
 from socialiq_lab.jobs import Job, ProgressCallback
 from studies.intersection_continuous.config import Config
 
@@ -99,7 +99,7 @@ def plan(config: Config) -> list[Job]:
         for angle in MODES.values()
     ]
     seeded = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
-    given = partial(Training, options=config.options, environments=config.environments)
+    training = partial(Training, options=config.options, environments=config.environments)
     told = DiscreteTraining(
         dataclasses.replace(config.discrete, demonstrations=False),
         tuple(dataclasses.replace(config.discrete_numbers, seed=seed) for seed in config.seeds),
@@ -109,26 +109,26 @@ def plan(config: Config) -> list[Job]:
     soft_dials = {CONTINUOUS: config.continuous, HIGH_ANGLES: config.high_angles}
     recording = Recording(episodes=config.pool_episodes, options=config.options)
     return [
-        Job(EXPERTS, train_soft, given(config.expert, tuple(experts)), cost=200.0),
+        Job(EXPERTS, train_soft, training(config.expert, tuple(experts)), cost=200.0),
         Job(DEMONSTRATIONS, record_trained, recording, (EXPERTS,), cost=10.0),
-        *_learners(config, given),
+        *_learners(config, training),
         *(
             Job(
                 name,
                 train_soft,
-                given(dataclasses.replace(one, dial=True), tuple(seeded)),
+                training(dataclasses.replace(run, dial=True), tuple(seeded)),
                 cost=300.0,
             )
-            for name, one in soft_dials.items()
+            for name, run in soft_dials.items()
         ),
         Job(DISCRETE, train_discrete, told, cost=200.0),
         *_evaluations(config),
     ]
 
 
-def _learners(config: Config, given: Any) -> list[Job]:
+def _learners(config: Config, training: Any) -> list[Job]:
     """Learners of each target, the baseline, which has no prior, and others beside them."""
-    shown = partial(given, mixture=config.mixture, size=config.size)
+    demonstrated = partial(training, mixture=config.mixture, size=config.size)
     baseline = dataclasses.replace(config.learner, prior="none", chi2_on="expert")
     weighted = dataclasses.replace(config.clone, weighted=True)
     structures = {
@@ -146,7 +146,7 @@ def _learners(config: Config, given: Any) -> list[Job]:
             for angle in angles_of(name)
             for number, seed in enumerate(config.learner_seeds)
         )
-        run = shown(structure, numbers)
+        run = demonstrated(structure, numbers)
         jobs.append(Job(name, work, run, (DEMONSTRATIONS,), cost=10.0 * len(numbers)))
     return jobs
 
@@ -158,15 +158,15 @@ def angles_of(name: str) -> tuple[float, ...]:
 
 def _evaluations(config: Config) -> list[Job]:
     """Drive the policies of each training job."""
-    given = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
+    driving = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
     cost = 3.0 * len(config.seeds) * len(config.angles)
     jobs = [
-        Job(f"{EVALUATION}/{name}", drive, given(options=config.options), (name,), cost=20.0)
+        Job(f"{EVALUATION}/{name}", drive, driving(options=config.options), (name,), cost=20.0)
         for name in (EXPERTS, *OF_MIXTURE)
     ]
     for name in KINDS:
         options = config.discrete_options if name == DISCRETE else config.options
-        run = given(options=options, angles=config.angles)
+        run = driving(options=options, angles=config.angles)
         jobs.append(Job(f"{EVALUATION}/{name}", drive_dials, run, (name,), cost))
     return jobs
 
@@ -190,9 +190,9 @@ def _fit_actors(
     rounds = -(-CHUNK * structure.env_steps_per_update // config.environments)
     sizes = (Intersection(config.options).n_features + (structure.times > 0), width(config.options))
     collector = ActorVectorCollector(env, rounds, structure, numbers)
-    more = {"sizes": sizes, "before_chunk": collector}
-    program = partial(train, learner, structure, numbers, datasets, **more)
-    fit(program, folder, on_progress, [run_file(one) for one in numbers])
+    options = {"sizes": sizes, "before_chunk": collector}
+    program = partial(train, learner, structure, numbers, datasets, **options)
+    fit(program, folder, on_progress, [run_file(run) for run in numbers])
 
 
 def train_soft(
@@ -211,7 +211,7 @@ def train_learners(
 
 def _mixtures(config: Training, inputs: Mapping[str, Path]) -> list[Demonstrations]:
     (recordings,) = inputs.values()
-    seeds = {one.dataset: one.seed for one in config.numbers}
+    seeds = {run.dataset: run.seed for run in config.numbers}
     return [mixture_of(recordings, config.mixture, config.size, seeds[n]) for n in sorted(seeds)]
 
 
@@ -219,10 +219,12 @@ def train_offline(
     config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write clones, or TD3+BC, of a mixture, as `train_learners`, without steps of their own."""
-    given = (config.structure, config.numbers, _mixtures(config, inputs))
+    inputs_of_program = (config.structure, config.numbers, _mixtures(config, inputs))
     clones = isinstance(config.structure, bc.CloningConfig)
-    program = partial(BehaviourCloning.train_on if clones else partial(train, TD3BC), *given)
-    fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
+    program = partial(
+        BehaviourCloning.train_on if clones else partial(train, TD3BC), *inputs_of_program
+    )
+    fit(program, folder, on_progress, [run_file(run) for run in config.numbers])
 
 
 def record_trained(
@@ -244,12 +246,12 @@ def train_discrete(
     on_progress: ProgressCallback,
 ) -> None:
     """Write dials of discrete actions."""
-    given = (config.structure, config.numbers)
+    inputs_of_program = (config.structure, config.numbers)
     world = Intersection(config.options)
-    collector = dial_collector(*given, world, config.environments, STEPS_PER_UPDATE)
-    more = {"sizes": sizes_of(config.options, True), "before_chunk": collector}
-    program = partial(dial_training.train, *given, [], **more)
-    fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
+    collector = dial_collector(*inputs_of_program, world, config.environments, STEPS_PER_UPDATE)
+    options = {"sizes": sizes_of(config.options, True), "before_chunk": collector}
+    program = partial(dial_training.train, *inputs_of_program, [], **options)
+    fit(program, folder, on_progress, [run_file(run) for run in config.numbers])
 
 
 def drive(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.types import Row
 from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
@@ -18,17 +19,14 @@ from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import make
-from socialiq_lab.intersection.plots import OUTCOME_COLORS, stacked_outcomes
-from socialiq_lab.intersection.rows import OUTCOMES, outcome_row, reward_row
 from socialiq_lab.results import Results
-from socialiq_lab.study import Context, Findings, StageCallback, Study, counter, view_of
-from socialiq_lab.tables import matching, nested
+from socialiq_lab.study import Context, Findings, StageCallback, counter
+from socialiq_lab.tables import nested
 
 BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
 
 POPULATIONS = ("highway_env", "thesis")
 DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
-DRAWN_DRIVERS = ("go", "random", "gap_2s", "gap_3s", "gap_4s", "stop_line", "wait")
 REWARD_DRIVERS = ("go", "wait", "random", "stop_line", "gap_3s")
 VARIANTS: tuple[dict[str, Any], ...] = (
     {},
@@ -154,45 +152,12 @@ def start_row(config: Config) -> Row:
     }
 
 
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw the intersection (thesis Fig 5.3), an episode, and outcomes by driver."""
+def pictures(_results: Results) -> dict[str, Figure]:
+    """Draw the intersection (thesis Fig 5.3) and an episode."""
     world = make(Options())
     scenes = episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
     decisions = scenes[:: world.options.frames]
     return {
         "fig_5_3": picture(scenes[4 * world.options.frames], world.view),
         "gap_3s_episode": filmstrip(decisions[:10], world.view),
-        "outcomes": _outcomes(results),
     }
-
-
-def _outcomes(results: Results) -> Figure:
-    """Draw stacked shares of the endings, by driver and population."""
-    drawn = Figure(figsize=(8.0, 3.2), layout="constrained")
-    panels = drawn.subplots(1, 2, sharey=True)
-    for axes, population in zip(panels, POPULATIONS, strict=True):
-        found = matching(results.tables["outcomes"], population=population)
-        rows = {row["driver"]: row for row in found}
-        stacked_outcomes(axes, {driver: rows[driver] for driver in DRAWN_DRIVERS}, 4.0)
-        axes.set_title(f"population {population}")
-    panels[0].invert_yaxis()
-    handles, labels = panels[0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside lower center", ncols=len(OUTCOME_COLORS))
-    return drawn
-
-
-STUDY = Study(
-    name="intersection-world",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw,
-    view=view_of(
-        "outcomes",
-        "population",
-        "driver",
-        *OUTCOMES,
-        "ego_struck",
-        "speed_kmh",
-        title="shares of episodes; ego_struck: the ego ran into another",
-    ),
-)

@@ -35,7 +35,7 @@ def train_dials(
     task: Task,
     steps: int,
     seeds: Sequence[int],
-    shown: Sequence[Demonstrations] = (),
+    datasets: Sequence[Demonstrations] = (),
 ) -> list[ActorDial]:
     """Train a dial for each seed, online.
 
@@ -43,17 +43,17 @@ def train_dials(
         task: Where it acts.
         steps: In the environment, and gradient steps.
         seeds: Training seeds.
-        shown: Demonstrations for each seed; none for a dial that learns from its rewards alone.
+        datasets: Demonstrations for each seed; none for a dial that learns from its rewards alone.
     """
-    if not shown:
+    if not datasets:
         trained = _sac(task, steps, [_numbers(task, seed) for seed in seeds], dial=True)
     else:
         static = dataclasses.replace(_demonstrated(task, steps), dial=True)
         numbers = [
-            dataclasses.replace(DEMONSTRATED, seed=seed, dataset=place, discount=task.discount)
-            for place, seed in enumerate(seeds)
+            dataclasses.replace(DEMONSTRATED, seed=seed, dataset=number, discount=task.discount)
+            for number, seed in enumerate(seeds)
         ]
-        trained = _collected(task, ContinuousIQLearn, static, numbers, shown)
+        trained = _collected(task, ContinuousIQLearn, static, numbers, datasets)
     return [trained.policy(run) for run in range(len(seeds))]
 
 
@@ -64,8 +64,8 @@ def train_standardised(task: Task, steps: int, seeds: Sequence[int]) -> list[Act
     """
     changes = [Standardisation.of(explored(task.make(), seed)) for seed in seeds]
     trained = _sac(task, steps, [_numbers(task, seed) for seed in seeds], True, changes)
-    made = zip(changes, (trained.policy(run) for run in range(len(seeds))), strict=True)
-    return [change.dial(policy) for change, policy in made]
+    pairs = zip(changes, (trained.policy(run) for run in range(len(seeds))), strict=True)
+    return [change.dial(policy) for change, policy in pairs]
 
 
 def train_experts(
@@ -78,7 +78,7 @@ def train_experts(
 
 
 def train_trio(
-    task: Task, shown: Sequence[Demonstrations], seeds: Sequence[int], angles: Sequence[float]
+    task: Task, datasets: Sequence[Demonstrations], seeds: Sequence[int], angles: Sequence[float]
 ) -> list[list[ActorPolicy]]:
     """Train IQ-Learn offline at each angle on the demonstrations of each seed."""
     static = dataclasses.replace(
@@ -86,17 +86,17 @@ def train_trio(
     )
     numbers = [
         dataclasses.replace(
-            DEMONSTRATED, seed=seed, angle=angle, dataset=place, discount=task.discount
+            DEMONSTRATED, seed=seed, angle=angle, dataset=number, discount=task.discount
         )
-        for place, seed in enumerate(seeds)
+        for number, seed in enumerate(seeds)
         for angle in angles
     ]
-    return _by_seed(train(ContinuousIQLearn, static, numbers, shown), len(angles))
+    return _by_seed(train(ContinuousIQLearn, static, numbers, datasets), len(angles))
 
 
-def _by_seed(trained: Trained, each: int) -> list[list[ActorPolicy]]:
+def _by_seed(trained: Trained, size: int) -> list[list[ActorPolicy]]:
     policies = [trained.policy(run) for run in range(len(trained.hyperparameters))]
-    return [policies[first : first + each] for first in range(0, len(policies), each)]
+    return [policies[first : first + size] for first in range(0, len(policies), size)]
 
 
 def _numbers(task: Task, seed: int, angle: float = 0.0) -> config.SACHyperparameters:
@@ -137,14 +137,14 @@ def _collected(
     learner: Any,
     static: Any,
     numbers: Sequence[Any],
-    shown: Sequence[Demonstrations] = (),
+    datasets: Sequence[Demonstrations] = (),
     changes: Sequence[Standardisation] = (),
 ) -> Trained:
     """Train with experience of the task, which goes on from round to round."""
     makers = [change.maker(task.make) for change in changes] or [task.make] * len(numbers)
     sources = [from_env(make(), ROUND, continuous=True, goes_on=True) for make in makers]
-    seeds = [one.seed for one in numbers]
+    seeds = [run.seed for run in numbers]
     collect = Collector(sources, seeds, drawing(static, static.env_steps_per_update))
     env = task.make()
     shape = sizes(env)[0], action_size(env)
-    return train(learner, static, numbers, shown, None, shape, chunk=ROUND, before_chunk=collect)
+    return train(learner, static, numbers, datasets, None, shape, chunk=ROUND, before_chunk=collect)

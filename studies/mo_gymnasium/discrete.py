@@ -38,14 +38,14 @@ def structure(task: Task, steps: int, demonstrated: bool) -> DialConfig:
     """Return the static config of a dial that takes these steps, one update for each."""
     space = task.make().observation_space
     assert isinstance(space, spaces.Box)  # of others no environment is made
-    own = task.batch_size // 2 if demonstrated else task.batch_size
+    batch_size = task.batch_size // 2 if demonstrated else task.batch_size
     return DialConfig(
         demonstrations=demonstrated,
         backup="double",
         hidden=task.hidden,
         one_hot=one_hot(space.low, space.high) if task.exact else (),
         expert_batch=task.batch_size // 2,
-        replay_batch=own,
+        replay_batch=batch_size,
         updates=steps,
         replay_capacity=steps,
         environments=1,
@@ -63,8 +63,8 @@ def exploring(static: DialConfig, numbers: Sequence[DialHyperparameters]) -> Beh
 
     def behaviour(networks: Networks, run: int, done: int, rng: np.random.Generator) -> Act:
         share = max(LAST_EXPLORATION, 1.0 - 2.0 * done / static.updates)
-        one = dataclasses.replace(numbers[run], exploration=share)
-        return Driver(static, one, networks.values, rng)
+        own_numbers = dataclasses.replace(numbers[run], exploration=share)
+        return Driver(static, own_numbers, networks.values, rng)
 
     return behaviour
 
@@ -73,7 +73,7 @@ def train_dials(
     task: Task,
     steps: int,
     seeds: Sequence[int],
-    shown: Sequence[Demonstrations] = (),
+    datasets: Sequence[Demonstrations] = (),
     only: float | None = None,
 ) -> list[DialPolicy]:
     """Train a dial for each seed, online.
@@ -82,26 +82,28 @@ def train_dials(
         task: Where it acts.
         steps: In the environment, and gradient steps.
         seeds: Training seeds.
-        shown: Demonstrations for each seed; none for a dial that learns from its rewards alone.
+        datasets: Demonstrations for each seed; none for a dial that learns from its rewards alone.
         only: The one angle to train for, in degrees; by default all from 0 to 90.
     """
-    static = structure(task, steps, bool(shown))
+    static = structure(task, steps, bool(datasets))
     if only is not None:
         static = dataclasses.replace(static, low=only, high=only, margin=0.0)
     numbers = [
-        dataclasses.replace(NUMBERS, seed=seed, discount=task.discount, dataset=place * bool(shown))
-        for place, seed in enumerate(seeds)
+        dataclasses.replace(
+            NUMBERS, seed=seed, discount=task.discount, dataset=number * bool(datasets)
+        )
+        for number, seed in enumerate(seeds)
     ]
     sources = [from_env(task.make(), ROUND, goes_on=True) for _ in seeds]
     collect = Collector(sources, list(seeds), exploring(static, numbers))
     trained = dials.train(
-        static, numbers, list(shown), None, sizes(task.make()), chunk=ROUND, before_chunk=collect
+        static, numbers, list(datasets), None, sizes(task.make()), chunk=ROUND, before_chunk=collect
     )
     return [trained.policy(run) for run in range(len(seeds))]
 
 
 def train_trio(
-    task: Task, shown: Sequence[Demonstrations], seeds: Sequence[int], angles: Sequence[float]
+    task: Task, datasets: Sequence[Demonstrations], seeds: Sequence[int], angles: Sequence[float]
 ) -> list[list[QPolicy]]:
     """Train IQ-Learn offline at each angle on the demonstrations of each seed.
 
@@ -119,10 +121,10 @@ def train_trio(
         endings=iq.Endings(timeout="bootstrap"),
     )
     numbers = [
-        dataclasses.replace(TRIO, seed=seed, angle=angle, dataset=place, discount=task.discount)
-        for place, seed in enumerate(seeds)
+        dataclasses.replace(TRIO, seed=seed, angle=angle, dataset=number, discount=task.discount)
+        for number, seed in enumerate(seeds)
         for angle in angles
     ]
-    trained = iq_learn.train(static, numbers, list(shown))
+    trained = iq_learn.train(static, numbers, list(datasets))
     policies = [trained.policy(run) for run in range(len(numbers))]
     return [policies[first : first + len(angles)] for first in range(0, len(policies), len(angles))]

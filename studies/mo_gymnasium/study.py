@@ -8,23 +8,34 @@ pieces come from `benchmarks/peers/mo_gymnasium_peer.py`, which runs morl-baseli
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.errors import UserError, one_of
 from socialiq.evaluation.front import expected_utility, hypervolume, utilities, utility_losses
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.comparisons import holm, mean_contrast, permutation_p
+from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq_lab.jobs import Job
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, matching, nested, spread, with_holm
-from studies.mo_gymnasium.config import Config
-from studies.mo_gymnasium.pieces import FOLDER, Piece, read
-from studies.mo_gymnasium.tasks import ANGLES, TASKS, exact_set, known_front
+from studies.mo_gymnasium.tasks import (
+    ANGLES,
+    FOLDER,
+    TASKS,
+    Piece,
+    exact_set,
+    known_front,
+    read,
+    within,
+)
 from studies.mo_gymnasium.training import (
     DIAL,
     METHODS,
@@ -32,6 +43,66 @@ from studies.mo_gymnasium.training import (
     Training,
     train_and_evaluate,
 )
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results."""
+
+    tasks: tuple[str, ...] = tuple(TASKS)
+    """Names of `TASKS`."""
+    methods: tuple[str, ...] = METHODS
+    """Names of `METHODS`, ours. Peers are read from `pieces`."""
+    seeds: tuple[int, ...] = (200, 201, 202, 203, 204)
+    """Training seeds of ours. 100 to 199 were used in development; the peers' are 300 to 304."""
+    steps: int = 0
+    """Steps of a method in the environment; 0 for those of each task."""
+    pieces: str = ""
+    """Folder of finished pieces, which are not made again; by default the committed ones."""
+    again: bool = False
+    """Whether ours are trained again although they are there."""
+    train: bool = True
+    """Whether what is missing of ours is trained; else the tables are of what is there."""
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names and empty sizes."""
+        for what, names, choices in (
+            ("task", self.tasks, tuple(TASKS)),
+            ("method", self.methods, METHODS),
+        ):
+            for name in names:
+                one_of(what, name, choices)
+        if not self.tasks or not self.seeds:
+            raise UserError("name at least one task and one training seed")
+        if self.steps < 0:
+            raise UserError(f"steps must be at least 1, or 0 for the task's, got {self.steps}")
+        if self.pieces and not Path(self.pieces).is_dir():
+            raise UserError(f"{self.pieces} is no folder: name the folder of finished pieces")
+
+    def methods_of(self, task: str) -> tuple[str, ...]:
+        """Return the methods of ours that a task has."""
+        standardises = TASKS[task].continuous
+        return tuple(method for method in self.methods if standardises or method != STANDARDISED)
+
+    def budget(self, task: str) -> int:
+        """Return the steps that a method may take in a task."""
+        return self.steps or TASKS[task].steps
+
+    def kept(self) -> list[Piece]:
+        """Return the finished pieces of the tasks, with their steps; peers' of every seed.
+
+        Raises:
+            UserError: If a file of the folder is no piece.
+        """
+        folder = Path(self.pieces or packaged_results() / "mo-gymnasium" / FOLDER)
+        pieces = within(read(folder), {task: self.budget(task) for task in self.tasks})
+        ours = () if self.again else self.methods
+        return [
+            piece
+            for piece in pieces
+            if piece.method not in METHODS or (piece.method in ours and piece.seed in self.seeds)
+        ]
+
 
 LINEAR, FRONT = "exact, linear", "known front"
 """Rows of reference: the optimum of each angle, and all totals that no other dominates."""
@@ -54,13 +125,13 @@ def plan(config: Config) -> list[Job]:
     """Return a job for each task and method of ours whose pieces are not all there."""
     if not config.train:
         return []
-    there = {(one.task, one.method, one.seed) for one in config.kept()}
+    there = {(piece.task, piece.method, piece.seed) for piece in config.kept()}
     jobs = []
     for task in config.tasks:
         for method in config.methods_of(task):
             seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
             if seeds:
-                name = "".join(one if one.isalnum() else "_" for one in method)
+                name = "".join(letter if letter.isalnum() else "_" for letter in method)
                 run = Training(task, method, seeds, config.budget(task))
                 jobs.append(Job(f"{task}/{name}", train_and_evaluate, run, cost=float(len(seeds))))
     return jobs
@@ -68,16 +139,16 @@ def plan(config: Config) -> list[Job]:
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Measure every piece, and add the references of tasks whose front is known."""
-    made = [one for job in context.jobs for one in read(context.work / job.name / FOLDER)]
-    pieces = sorted([*config.kept(), *made], key=_place)
-    rows = [measured(one) for one in pieces]
+    new_pieces = [piece for job in context.jobs for piece in read(context.work / job.name / FOLDER)]
+    pieces = sorted([*config.kept(), *new_pieces], key=_place)
+    rows = [measured(piece) for piece in pieces]
     references = [row for task in config.tasks if TASKS[task].exact for row in reference_rows(task)]
     tables = {
         "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
         "comparisons": comparison_rows(rows),
         "coverage": coverage(config, pieces),
         "runs": rows,
-        "points": [row for one in pieces for row in point_rows(one)],
+        "points": [row for piece in pieces for row in point_rows(piece)],
         "fronts": [
             {"task": task, "first": first, "second": second}
             for task in config.tasks
@@ -86,7 +157,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         ],
     }
     summary = nested(tables["pooled"], "task", "method", keep=MEASURES)
-    files = {f"{FOLDER}/{one.file}": one.content() for one in pieces}
+    files = {f"{FOLDER}/{piece.file}": piece.content() for piece in pieces}
     return Findings(tables, summary, files)
 
 
@@ -101,7 +172,7 @@ def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
     rows: list[Row] = []
     for task in config.tasks:
         for method in (*config.methods_of(task), *TASKS[task].peers):
-            there = sum((one.task, one.method) == (task, method) for one in pieces)
+            there = sum((piece.task, piece.method) == (task, method) for piece in pieces)
             rows.append({"task": task, "method": method, "runs": there, "of": len(config.seeds)})
     return rows
 
@@ -152,31 +223,31 @@ def reference_rows(name: str) -> list[Row]:
     rows = []
     for method, points in ((LINEAR, linear), (FRONT, known_front(name))):
         losses = utility_losses(points, best.vertices, ANGLES)
-        found = {
+        measures = {
             "hypervolume": hypervolume(points, reference),
             "expected_utility": expected_utility(points, ANGLES),
             "mean_loss": float(losses.mean()),
             "largest_loss": float(losses.max()),
         }
-        rows.append(_row({"task": name, "method": method, "runs": 0, "steps": 0}, found))
+        rows.append(_row({"task": name, "method": method, "runs": 0, "steps": 0}, measures))
     return rows
 
 
 def pooled(rows: Sequence[Row]) -> list[Row]:
     """Return the mean, least and largest of each measure over seeds, by task and method."""
-    found = []
+    means = []
     for (task, method), group in groups(rows, "task", "method").items():
         steps = max(row["steps"] for row in group)
         label = {"task": task, "method": method, "runs": len(group), "steps": steps}
         measures: Row = {}
         for name in MEASURES:
             if all(row[name] != "" for row in group):
-                both = spread(group, name)
-                measures[name] = both["mean"]
+                ends = spread(group, name)
+                measures[name] = ends["mean"]
                 if name in COMPARED:
-                    measures |= {f"{name}_least": both["low"], f"{name}_largest": both["high"]}
-        found.append(_row(label, measures))
-    return found
+                    measures |= {f"{name}_least": ends["low"], f"{name}_largest": ends["high"]}
+        means.append(_row(label, measures))
+    return means
 
 
 def comparison_rows(rows: Sequence[Row]) -> list[Row]:
@@ -187,24 +258,24 @@ def comparison_rows(rows: Sequence[Row]) -> list[Row]:
     Differences of means have Welch's interval and the p-value of the permutation test; Holm over
     the tests of a task (`p_holm_task`) and over all (`p_holm`).
     """
-    found: list[Row] = []
+    compared: list[Row] = []
     for (task,), group in groups(rows, "task").items():
         by_method = {method: runs for (method,), runs in groups(group, "method").items()}
-        peers, tests = [one for one in by_method if one not in METHODS], list[Row]()
-        pairs = [(DIAL, one) for one in peers]
-        pairs += [(STANDARDISED, one) for one in (*peers, DIAL)]
+        peers, tests = [entry for entry in by_method if entry not in METHODS], list[Row]()
+        pairs = [(DIAL, peer) for peer in peers]
+        pairs += [(STANDARDISED, rival) for rival in (*peers, DIAL)]
         for first, second in pairs:
-            own, others = by_method.get(first, []), by_method.get(second, [])
-            if min(len(own), len(others)) < 2:
+            first_runs, second_runs = by_method.get(first, []), by_method.get(second, [])
+            if min(len(first_runs), len(second_runs)) < 2:
                 continue
             for name in COMPARED:
-                sides = np.array(column(own, name)), np.array(column(others, name))
+                sides = np.array(column(first_runs, name)), np.array(column(second_runs, name))
                 label = {"task": task, "first": first, "second": second, "measure": name}
                 contrast = mean_contrast(*sides)._asdict()
                 tests.append(label | contrast | {"p": permutation_p(*sides)})
         adjusted = holm([row["p"] for row in tests]).tolist()
-        found += [row | {"p_holm_task": p} for row, p in zip(tests, adjusted, strict=True)]
-    return with_holm(found)
+        compared += [row | {"p_holm_task": p} for row, p in zip(tests, adjusted, strict=True)]
+    return with_holm(compared)
 
 
 def _row(label: Row, measures: Row) -> Row:
@@ -231,13 +302,13 @@ def draw(results: Results) -> dict[str, Figure]:
         return {}
     columns = min(COLUMNS, len(by_task))
     lines = -(-len(by_task) // columns)
-    drawn = figure(4.8 * columns, 2.6 * lines)
-    panels = np.atleast_1d(drawn.subplots(lines, columns)).ravel()
+    picture = figure(4.8 * columns, 2.6 * lines)
+    panels = np.atleast_1d(picture.subplots(lines, columns)).ravel()
     for unused in panels[len(by_task) :]:
         unused.set_axis_off()
     for axes, ((task,), rows) in zip(panels, by_task.items(), strict=False):
         _panel(axes, task, rows, matching(results.tables["pooled"], task=task))
-    return {"hypervolumes": drawn}
+    return {"hypervolumes": picture}
 
 
 def _panel(axes: Any, task: str, rows: Sequence[Row], pooled_rows: Sequence[Row]) -> None:
@@ -258,8 +329,8 @@ def _panel(axes: Any, task: str, rows: Sequence[Row], pooled_rows: Sequence[Row]
 
 def view(results: Results) -> Sequence[View]:
     """Return the tables to print."""
-    shown = ("task", "method", "runs", "steps", *MEASURES)
-    rows = [{name: row[name] for name in shown} for row in results.tables["pooled"]]
+    columns = ("task", "method", "runs", "steps", *MEASURES)
+    rows = [{name: row[name] for name in columns} for row in results.tables["pooled"]]
     title = "Means over seeds; losses against the exact optimum of each angle"
     partial = [row for row in results.tables["coverage"] if row["runs"] < row["of"]]
     tests = results.tables.get("comparisons", [])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.tabular import TabularMDP
+from socialiq.storage import read_json
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.environment import make_environment
 
@@ -72,8 +74,8 @@ class Task:
             )
         except UserError as error:
             raise UserError(
-                f"{self.env} needs pip install 'socialiq[mo]', and of the tasks of MuJoCo "
-                f"'socialiq[mujoco]': {one_line(str(error))}"
+                f"{self.env} needs pip install 'socialiq-lab[mo]', and of the tasks of MuJoCo "
+                f"'socialiq-lab[mujoco]': {one_line(str(error))}"
             ) from error
 
     def time_limit(self) -> int:
@@ -86,11 +88,13 @@ class Task:
 
 def _tasks() -> dict[str, Task]:
     content = Path(__file__).with_name("tasks.toml").read_text()
-    found = {}
+    tasks = {}
     for name, row in tomllib.loads(content).items():
-        made: Any = {key: tuple(one) if isinstance(one, list) else one for key, one in row.items()}
-        found[name] = Task(**made)
-    return found
+        values: Any = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in row.items()
+        }
+        tasks[name] = Task(**values)
+    return tasks
 
 
 TASKS = _tasks()
@@ -107,8 +111,8 @@ def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
     """
     inner: Any = env.unwrapped
     env.reset(seed=0)
-    found = {tuple(inner.current_state.tolist()): 0}
-    waiting, rows = list(found), list[list[tuple[int, int, float, float]]]()
+    numbers = {tuple(inner.current_state.tolist()): 0}
+    waiting, rows = list(numbers), list[list[tuple[int, int, float, float]]]()
     count = int(inner.action_space.n)
     while waiting:
         state = waiting.pop(0)
@@ -118,12 +122,12 @@ def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
             inner.current_state = np.array(state, np.int32)
             _, _, ended, _, info = env.step(action)
             reached = state if ended else tuple(inner.current_state.tolist())
-            if reached not in found:
-                found[reached] = len(found)
+            if reached not in numbers:
+                numbers[reached] = len(numbers)
                 waiting.append(reached)
             kind = Ending.OTHER if ended else Ending.NONE
             first, second = info["reward_pair"]
-            rows[-1].append((found[reached], int(kind), float(first), float(second)))
+            rows[-1].append((numbers[reached], int(kind), float(first), float(second)))
     successor, ending, first, second = np.moveaxis(np.array(rows), 2, 0)
     return TabularMDP(
         successor=successor.astype(np.int64)[..., None],
@@ -145,3 +149,88 @@ def known_front(name: str) -> Float[np.ndarray, "point 2"]:
     """Return the front that MO-Gymnasium publishes for a task: all non-dominated totals."""
     inner: Any = TASKS[name].make().unwrapped
     return np.array(inner.pareto_front(gamma=1.0), np.float64)
+
+
+FOLDER = "pieces"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Outcome of one training.
+
+    Attributes:
+        task: Name in `TASKS`.
+        method: Its name in the tables.
+        seed: Training seed.
+        steps: Steps taken in the environment to learn, those of its experts included.
+        evaluation_steps_while_training: Steps of evaluations that decide what is trained next.
+        angles: Angle of each policy that can be turned, in degrees; None for a set of policies.
+        totals: Mean totals (first, second reward) of each angle, or of each policy of the set.
+        settings: Settings that are not the method's own defaults.
+        seconds: Time of the training.
+        versions: Versions of the libraries.
+    """
+
+    task: str
+    method: str
+    seed: int
+    steps: int
+    evaluation_steps_while_training: int
+    angles: list[float] | None
+    totals: list[list[float]]
+    settings: dict[str, Any]
+    seconds: float
+    versions: dict[str, str]
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        short = "".join(letter if letter.isalnum() else "_" for letter in self.method)
+        return f"{self.task}-{short}-{self.seed}.json"
+
+    @property
+    def points(self) -> Float[np.ndarray, "policy 2"]:
+        """Mean totals of each policy."""
+        return np.array(self.totals, np.float64).reshape(-1, 2)
+
+    def content(self) -> bytes:
+        """Return the content of its file: one line of JSON."""
+        return (json.dumps(asdict(self), allow_nan=False) + "\n").encode()
+
+
+def read(folder: Path) -> list[Piece]:
+    """Return every piece of a folder, by name; none if the folder doesn't exist.
+
+    Raises:
+        UserError: If a file is no piece.
+    """
+    return [_read(path) for path in sorted(folder.glob("*.json"))]
+
+
+def _read(path: Path) -> Piece:
+    try:
+        piece = Piece(**read_json(path))
+        shape = np.array(piece.totals, np.float64).shape
+        listed = piece.angles is None or len(piece.angles) == len(piece.totals)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{path} is no piece of mo-gymnasium: restore or remove it") from error
+    if piece.task not in TASKS or shape != (len(piece.totals), 2) or not (listed and shape[0]):
+        raise UserError(f"{path} is no piece of mo-gymnasium: restore or remove it")
+    if not np.isfinite(piece.points).all() or path.name != piece.file:
+        raise UserError(f"{path} is damaged or has another's name: restore or remove it")
+    return piece
+
+
+def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
+    """Return the pieces of these tasks whose methods were allowed these steps.
+
+    Pieces of ours say so as `allowed_steps` of their settings: where episodes of experts end early,
+    fewer are taken. Of the others it is told by the steps taken: at most, and nearly, these.
+    """
+    return [piece for piece in pieces if piece.task in steps and _allowed(piece, steps[piece.task])]
+
+
+def _allowed(piece: Piece, steps: int) -> bool:
+    if "allowed_steps" in piece.settings:
+        return piece.settings["allowed_steps"] == steps and piece.steps <= steps
+    return 0.9 * steps <= piece.steps <= steps

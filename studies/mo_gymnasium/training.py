@@ -20,8 +20,7 @@ from socialiq.provenance import versions
 from socialiq.storage import write_atomically
 from socialiq_lab.jobs import ProgressCallback
 from studies.mo_gymnasium import continuous, discrete
-from studies.mo_gymnasium.pieces import FOLDER, Piece
-from studies.mo_gymnasium.tasks import ANGLES, TASKS, Task
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task
 
 DIAL, EXPERTS = "dial", "experts"
 STANDARDISED, SHOWN_DIAL, TRIO = "dial, standardised", "dial from demonstrations", "IQ-Learn trio"
@@ -68,21 +67,21 @@ def train_and_evaluate(
     """Write one piece for each seed."""
     task = dataclasses.replace(TASKS[config.task], steps=config.steps)
     began = time.perf_counter()
-    made = trained(task, config.method, config.seeds)
-    seconds = (time.perf_counter() - began) / len(made)
+    outcomes = trained(task, config.method, config.seeds)
+    seconds = (time.perf_counter() - began) / len(outcomes)
     progress(0.8)
-    for seed, one in zip(config.seeds, made, strict=True):
-        turned = not isinstance(one.policies, list)
-        policies = [one.policies.at(angle) for angle in ANGLES] if turned else one.policies
+    for seed, outcome in zip(config.seeds, outcomes, strict=True):
+        turned = not isinstance(outcome.policies, list)
+        policies = [outcome.policies.at(angle) for angle in ANGLES] if turned else outcome.policies
         piece = Piece(
             task=config.task,
             method=config.method,
             seed=seed,
-            steps=one.steps,
+            steps=outcome.steps,
             evaluation_steps_while_training=0,
             angles=list(ANGLES) if turned else None,
             totals=[totals(task, policy) for policy in policies],
-            settings=one.settings | {"allowed_steps": config.steps},
+            settings=outcome.settings | {"allowed_steps": config.steps},
             seconds=round(seconds, 1),
             versions=versions(LIBRARIES),
         )
@@ -93,7 +92,7 @@ def train_and_evaluate(
 def totals(task: Task, policy: Any) -> list[float]:
     """Return the mean totals of both rewards over the evaluation's episodes."""
     rolled = rollout_env(task.make(), policy, task.episodes, task.first_episode)
-    return [round(float(one.mean()), 6) for one in rolled.transitions.totals()]
+    return [round(float(total.mean()), 6) for total in rolled.transitions.totals()]
 
 
 def trained(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
@@ -108,16 +107,16 @@ def trained(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
         dials = _kind(task).train_dials(task, steps, seeds)
         return [Made(dial, steps, _settings(task)) for dial in dials]
     if method == STANDARDISED:
-        own = _whole(task, task.steps - EXPLORED)
-        if own <= 0:
+        own_steps = _whole(task, task.steps - EXPLORED)
+        if own_steps <= 0:
             raise UserError(f"{task.steps} steps are too few: {EXPLORED} are taken at random")
-        dials = continuous.train_standardised(task, own, seeds)
-        return [Made(dial, EXPLORED + own, _settings(task)) for dial in dials]
+        dials = continuous.train_standardised(task, own_steps, seeds)
+        return [Made(dial, EXPLORED + own_steps, _settings(task)) for dial in dials]
     count = len(EXPERT_ANGLES)
     if method == EXPERTS:
-        each = _whole(task, task.steps // count)
-        trained_experts = experts(task, each, seeds)
-        return [Made(one, count * each, _settings(task)) for one in trained_experts]
+        values = _whole(task, task.steps // count)
+        trained_experts = experts(task, values, seeds)
+        return [Made(trio, count * values, _settings(task)) for trio in trained_experts]
     return _from_demonstrations(task, method, seeds)
 
 
@@ -128,21 +127,26 @@ def _from_demonstrations(task: Task, method: str, seeds: Sequence[int]) -> list[
     """
     count = len(EXPERT_ANGLES)
     reserved = count * SHOWN_EPISODES * task.time_limit()
-    each = _whole(task, (task.steps - reserved) // (count if method == TRIO else 2 * count))
-    if each <= 0:
+    expert_steps = _whole(task, (task.steps - reserved) // (count if method == TRIO else 2 * count))
+    if expert_steps <= 0:
         raise UserError(
             f"{task.steps} steps are too few for {method}: episodes of its experts take {reserved}"
         )
-    found = experts(task, each, seeds)
-    shown = [demonstrations(task, *one) for one in zip(found, seeds, strict=True)]
-    taken = count * each + max(one.n_transitions for one in shown)
-    settings = _settings(task) | {"steps_of_an_expert": each, "episodes_shown": SHOWN_EPISODES}
+    result = experts(task, expert_steps, seeds)
+    datasets = [
+        demonstrations(task, *trio_and_seed) for trio_and_seed in zip(result, seeds, strict=True)
+    ]
+    taken = count * expert_steps + max(dataset.n_transitions for dataset in datasets)
+    settings = _settings(task) | {
+        "steps_of_an_expert": expert_steps,
+        "episodes_shown": SHOWN_EPISODES,
+    }
     if method == TRIO:
-        trios = _kind(task).train_trio(task, shown, seeds, EXPERT_ANGLES)
+        trios = _kind(task).train_trio(task, datasets, seeds, EXPERT_ANGLES)
         return [Made(trio, taken, settings) for trio in trios]
-    own = _whole(task, task.steps - taken)
-    dials = _kind(task).train_dials(task, own, seeds, shown)
-    return [Made(dial, taken + own, settings | {"own_steps": own}) for dial in dials]
+    own_steps = _whole(task, task.steps - taken)
+    dials = _kind(task).train_dials(task, own_steps, seeds, datasets)
+    return [Made(dial, taken + own_steps, settings | {"own_steps": own_steps}) for dial in dials]
 
 
 def experts(task: Task, steps: int, seeds: Sequence[int]) -> list[list[Any]]:
@@ -158,13 +162,13 @@ def experts(task: Task, steps: int, seeds: Sequence[int]) -> list[list[Any]]:
 
 def demonstrations(task: Task, policies: Sequence[Any], seed: int) -> Demonstrations:
     """Return the episodes that experts show, driven with their random actions."""
-    shown = []
+    episodes = []
     for angle, policy in zip(EXPERT_ANGLES, policies, strict=True):
         first = 1_000_000 + 1000 * seed + int(angle)
         mode = f"{angle:g} degrees"
         driven = rollout_env(task.make(), policy, SHOWN_EPISODES, first, False, mode)
-        shown.append(driven.transitions)
-    return concatenate(shown)
+        episodes.append(driven.transitions)
+    return concatenate(episodes)
 
 
 def _kind(task: Task) -> Any:

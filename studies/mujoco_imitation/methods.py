@@ -146,8 +146,8 @@ class Variant:
     absorbing: bool = False
 
 
-def _endings(other: str) -> dict[str, Any]:
-    return {"endings": Endings(timeout="bootstrap", other=other)}  # type: ignore[arg-type]
+def _endings(treatment: str) -> dict[str, Any]:
+    return {"endings": Endings(timeout="bootstrap", other=treatment)}  # type: ignore[arg-type]
 
 
 VARIANTS = {
@@ -166,7 +166,7 @@ def method_of(name: str) -> Method:
     """Return a method by its name in `METHODS` or `VARIANTS`."""
     if name in METHODS:
         return METHODS[name]
-    one, base = VARIANTS[name], METHODS["online"]
-    static = dataclasses.replace(base.static, **one.static)
-    numbers = dataclasses.replace(base.numbers, **one.numbers)
-    return Method(static, numbers, one.absorbing)
+    variant, base = VARIANTS[name], METHODS["online"]
+    static = dataclasses.replace(base.static, **variant.static)
+    numbers = dataclasses.replace(base.numbers, **variant.numbers)
+    return Method(static, numbers, variant.absorbing)

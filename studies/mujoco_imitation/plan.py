@@ -4,18 +4,165 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from socialiq.errors import UserError
-from socialiq.storage import write_atomically
+from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
+from socialiq.learners.settings import check_counts
+from socialiq.storage import read_json, shipped, write_atomically
 from socialiq_lab.jobs import Job, ProgressCallback
-from studies.mujoco_imitation.config import COUNTS, Config
-from studies.mujoco_imitation.expert import Expert, train_expert
-from studies.mujoco_imitation.methods import METHODS, method_of
-from studies.mujoco_imitation.pieces import Pieces, committed, name_of
-from studies.mujoco_imitation.runs import Imitation, Showing, imitate, show
+from studies.mujoco_imitation.methods import METHODS, VARIANTS, method_of
+from studies.mujoco_imitation.runs import (
+    POLICY,
+    RECORD,
+    Expert,
+    Imitation,
+    Showing,
+    imitate,
+    show,
+    train_expert,
+)
 from studies.mujoco_imitation.tasks import TASKS, make_env
+
+COUNTS = (1, 5, 25)
+"""Trajectories of a set of demonstrations, as in the tables."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study. The defaults are the whole plan; what is done of it accumulates.
+
+    A piece is an expert, or one run: a task, a method, a number of trajectories and a seed.
+    """
+
+    tasks: tuple[str, ...] = tuple(TASKS)
+    """Names of `TASKS`; MuJoCo is the extra mujoco."""
+    methods: tuple[str, ...] = tuple(METHODS)
+    """Names of `METHODS`."""
+    variants: tuple[str, ...] = tuple(VARIANTS)
+    """Names of `VARIANTS`, ablations of online imitation: on Hopper, from five trajectories."""
+    ablate: bool = True
+    """Whether the ablations belong to the plan."""
+    trajectories: tuple[int, ...] = COUNTS
+    """Trajectories of a set of demonstrations."""
+    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
+    """Seeds of imitation, each with a set of demonstrations of its own; 100 to 199 were used in
+    development."""
+    pieces: str = ""
+    """Folder of results whose pieces are taken over and not made again."""
+    new: bool = True
+    """Whether pieces that are missing are made; else the tables are of those that are there."""
+    expert_seed: int = 10
+    """Training seed of the experts."""
+    expert_updates: int = 0
+    """Updates of an expert; 0 for those of its task."""
+    updates: int = 0
+    """Updates of each imitation; 0 for those of its method."""
+    every: int = 20_000
+    """Updates between two checkpoints of an expert."""
+    judged: int = 10
+    """Episodes by which the best of them is chosen."""
+    judging_seed: int = 30_000
+    """Seed of the first of these; 50,000,000 and later ones were used in development."""
+    expert_episodes: int = 50
+    """Episodes of an expert's reported return."""
+    data_seed: int = 10_000
+    """Seed of the first demonstrated trajectory."""
+    episodes: int = 10
+    """Evaluation episodes of each policy."""
+    evaluation_seed: int = 20_000
+    """Seed of the evaluation's first states."""
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names and empty sizes."""
+        check_counts(self, ("every", "judged", "episodes", "expert_episodes"))
+        for count in self.trajectories:
+            if not 1 <= count <= max(COUNTS):
+                raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")
+        for what, names, choices in (
+            ("task", self.tasks, TASKS),
+            ("method", self.methods, METHODS),
+            ("variant", self.variants, VARIANTS),
+        ):
+            for name in names:
+                one_of(what, name, tuple(choices))
+
+
+FOLDER = "pieces"
+
+Key = tuple[str, str, int, int]
+"""Task, method, trajectories, seed."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Content of pieces.
+
+    Attributes:
+        experts: By task, the files of an expert by name.
+        runs: Of each run, its record.
+    """
+
+    experts: dict[str, dict[str, bytes]] = field(default_factory=dict)
+    runs: dict[Key, bytes] = field(default_factory=dict)
+
+    def files(self) -> dict[str, bytes]:
+        """Return the content of all files by path in a results folder."""
+        result = {
+            f"{FOLDER}/{task}_{name}": content
+            for task, files in self.experts.items()
+            for name, content in files.items()
+        }
+        return result | {f"{FOLDER}/{name_of(key)}": content for key, content in self.runs.items()}
+
+
+def name_of(key: Key) -> str:
+    """Return the name of a run's file."""
+    words = "".join(letter if letter.isalnum() else "_" for letter in key[1])
+    return f"{key[0]}-{words}-{key[2]}-{key[3]}.json"
+
+
+def key_of(record: Mapping[str, Any]) -> Key:
+    """Return the key of a run's record."""
+    return record["task"], record["method"], record["trajectories"], record["seed"]
+
+
+def committed(folder: str) -> Pieces:
+    """Read the pieces of a results folder; none if no folder is named.
+
+    Raises:
+        UserError: If it is not there, a file is damaged, or of an unknown task or method.
+    """
+    if not folder:
+        return Pieces()
+    source = shipped(Path(folder)) / FOLDER
+    if not source.is_dir():
+        raise UserError(f"{folder} holds no pieces: name a results folder of this study")
+    pieces = Pieces()
+    for path in sorted(source.glob("*.json")):
+        record = read_json(path)
+        task, _, name = path.name.partition("_")
+        if name == RECORD:
+            policy = source / f"{task}_{POLICY}"
+            if not policy.is_file():
+                raise UserError(f"{policy} is missing: restore it, or leave out {path.name}")
+            pieces.experts[task] = {RECORD: path.read_bytes(), POLICY: policy.read_bytes()}
+            continue
+        try:
+            key = key_of(record)
+            is_known = key[0] in TASKS and key[1] in (*METHODS, *VARIANTS)
+            pieces.runs[key] = path.read_bytes()
+        except (KeyError, TypeError) as error:
+            raise UserError(f"{path} is damaged: restore it or make it again") from error
+        if not is_known:
+            what = one_line(f"{key[1]} on {key[0]}")
+            raise UserError(
+                f"{path} is of {what}, which is unknown here: remove it, or update socialiq"
+            )
+    return pieces
+
 
 ABLATED = ("Hopper", 5)
 """Task and number of trajectories of the ablations."""
@@ -36,16 +183,20 @@ class Kept:
     sha256: str
 
 
-def keep(one: Kept, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback) -> None:
+def keep(
+    expert: Kept, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+) -> None:
     """Copy an expert's files.
 
     Raises:
         UserError: If they have changed since the plan was made.
     """
     del inputs
-    files = committed(one.folder).experts.get(one.task, {})
-    if _sha256(files) != one.sha256:
-        raise UserError(f"{one.folder} has changed since the study began: give the command again")
+    files = committed(expert.folder).experts.get(expert.task, {})
+    if _sha256(files) != expert.sha256:
+        raise UserError(
+            f"{expert.folder} has changed since the study began: give the command again"
+        )
     for name, content in files.items():
         write_atomically(folder / name, content)
     progress(1.0)
@@ -99,16 +250,16 @@ def _of_task(config: Config, task: str, there: Pieces) -> Iterator[Job]:
     yield _expert(config, task, there)
     for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
         first = config.data_seed + max(COUNTS) * seed
-        one = Showing(task, max(config.trajectories), first)
-        yield Job(f"shown/{task}-{seed}", show, one, (f"expert/{task}",), cost=5.0)
+        showing = Showing(task, max(config.trajectories), first)
+        yield Job(f"shown/{task}-{seed}", show, showing, (f"expert/{task}",), cost=5.0)
     for (method, count), seeds in missing.items():
         run = Imitation(
             task, method, count, seeds, config.updates, config.episodes, config.evaluation_seed
         )
-        shown = tuple(f"shown/{task}-{seed}" for seed in seeds)
+        inputs = tuple(f"shown/{task}-{seed}" for seed in seeds)
         cost = len(seeds) * (90.0 if method_of(method).online else 15.0)
         name = name_of((task, method, count, seeds[0])).removesuffix(".json")
-        yield Job(f"runs/{name}", imitate, run, shown, cost=cost)
+        yield Job(f"runs/{name}", imitate, run, inputs, cost=cost)
 
 
 def _missing(config: Config, there: Pieces, task: str, method: str, count: int) -> tuple[int, ...]:
@@ -118,8 +269,8 @@ def _missing(config: Config, there: Pieces, task: str, method: str, count: int) 
 def _expert(config: Config, task: str, there: Pieces) -> Job:
     name = f"expert/{task}"
     if task in there.experts:
-        kept = Kept(task, config.pieces, _sha256(there.experts[task]))
-        return Job(name, keep, kept, cost=1.0)
+        expert = Kept(task, config.pieces, _sha256(there.experts[task]))
+        return Job(name, keep, expert, cost=1.0)
     settings = TASKS[task].expert
     recipe = Expert(
         task=task,

@@ -77,7 +77,9 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
         return make_environment(task.env, continuous=True)
     except UserError as error:
         if isinstance(error.__cause__, gymnasium.error.DependencyNotInstalled):
-            raise UserError(f"{task.env} needs an extra: pip install 'socialiq[mujoco]'") from error
+            raise UserError(
+                f"{task.env} needs an extra: pip install 'socialiq-lab[mujoco]'"
+            ) from error
         raise
 
 

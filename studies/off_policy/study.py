@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
@@ -22,14 +21,12 @@ from socialiq.evaluation.logged import Chances, Logged
 from socialiq.evaluation.off_policy import Estimate, Evaluator, OffPolicy
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.mdp.horizon import horizon_optimum
-from socialiq.plotting.style import figure, finish
 from socialiq.social.angle import score, weights
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.results import Results
-from socialiq_lab.study import Context, Findings, Study, counter, view_of
-from socialiq_lab.tables import column, groups, matching, mean, nested
+from socialiq_lab.study import Context, Findings, counter
+from socialiq_lab.tables import groups, matching, mean, nested
 
 
 @dataclass(frozen=True)
@@ -175,42 +172,3 @@ def _pooled(values: Sequence[Any], group: Sequence[Row]) -> Row:
             f"width_{name}": float(np.mean(widths)) if widths else "",
         }
     return row
-
-
-def draw_figures(results: Results) -> dict[str, Figure]:
-    """Draw estimate against truth, by what the data show."""
-    rows = results.tables["estimates"]
-    kinds = sorted(set(column(rows, "explored")))
-    fig = figure(4.0 * len(kinds), 3.6)
-    for number, explored in enumerate(kinds, start=1):
-        axes = fig.add_subplot(1, len(kinds), number)
-        some = matching(rows, explored=explored, estimator="fitted Q")
-        for supported, label, look in ((1, "supported", "#2166ac"), (0, "not", "#c23b22")):
-            shown = matching(some, supported=supported)
-            points = column(shown, "exact"), column(shown, "value")
-            axes.plot(*points, ".", color=look, alpha=0.3, label=label)
-        ends = (min(column(some, "exact")), max(column(some, "exact")))
-        axes.plot(ends, ends, color="0.5", lw=1)
-        title = f"{explored:.0%} random actions shown"
-        finish(axes, title, 8, xlabel="exact J(α)", ylabel="fitted Q evaluation")
-    return {"truth": fig}
-
-
-STUDY = Study(
-    name="off-policy",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view_of(
-        "pooled",
-        "world",
-        "explored",
-        "estimator",
-        "supported",
-        "covers_supported",
-        "error_supported",
-        "covers_others",
-        "error_others",
-        title="95 % intervals beside exact values; supported: the estimate is reported",
-    ),
-)

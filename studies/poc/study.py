@@ -28,7 +28,7 @@ from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import Monitor, sequence, train_runs
 from socialiq_lab.results import Results
-from socialiq_lab.study import Context, Findings, StageCallback, Study, view_of
+from socialiq_lab.study import Context, Findings, StageCallback
 from socialiq_lab.tables import groups
 
 CHUNK = 1000
@@ -210,7 +210,7 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     }
 
 
-def draw_figures(results: Results) -> dict[str, Figure]:
+def pictures(results: Results) -> dict[str, Figure]:
     """Draw Fig 6.1: the commonest sequence of each policy over seeds, beside the thesis'."""
     drawn = figure(8.0, 4.2)
     axes = drawn.add_subplot()
@@ -234,12 +234,3 @@ def _draw_sequence(axes: Any, letters: str, y: float, height: float) -> None:
         fill = _FILL.get(letter, "white")
         axes.add_patch(Rectangle((x, y - height / 2), 0.9, height, facecolor=fill))
         axes.text(x + 0.45, y, letter, ha="center", va="center", color=_INK.get(letter, "#333333"))
-
-
-STUDY = Study(
-    name="poc",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view_of("agreement"),
-)

@@ -35,18 +35,18 @@ def blocked(
         observation: Of a recorded junction.
         seconds: How far ahead others are moved at their present velocities, as the ego is.
     """
-    seen = observation.reshape(len(observation), -1, len(FEATURES))
-    ego, others = seen[:, 0], seen[:, 1:]
+    vehicles = observation.reshape(len(observation), -1, len(FEATURES))
+    ego, neighbours = vehicles[:, 0], vehicles[:, 1:]
     speed = -ego[:, 4] * SPEED_RANGE
-    ahead = (ego[:, None, 2] - others[..., 2]) * POSITION_RANGE
-    side = others[..., 1] * POSITION_RANGE
-    right, forward = others[..., 3] * SPEED_RANGE, -others[..., 4] * SPEED_RANGE
-    met = np.zeros(len(seen), bool)
+    ahead = (ego[:, None, 2] - neighbours[..., 2]) * POSITION_RANGE
+    side = neighbours[..., 1] * POSITION_RANGE
+    right, forward = neighbours[..., 3] * SPEED_RANGE, -neighbours[..., 4] * SPEED_RANGE
+    met = np.zeros(len(vehicles), bool)
     for time in np.arange(0.0, seconds + 0.1, _EVERY):
         along = ahead + (forward - speed[:, None]) * time
         inside = (np.abs(side + right * time) < _SIDE) & (along > -_BEHIND)
         inside &= along < _BEFORE + _MORE * speed[:, None]
-        met |= (inside & (others[..., 0] > 0) & (ahead > _PASSED)).any(axis=1)
+        met |= (inside & (neighbours[..., 0] > 0) & (ahead > _PASSED)).any(axis=1)
     return met, speed
 
 

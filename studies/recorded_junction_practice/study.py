@@ -83,7 +83,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 def _mean(runs: Sequence[Outcomes]) -> np.ndarray:
     """Return the totals of each episode, the mean over training seeds."""
-    return np.mean([one.totals for one in runs], axis=0)
+    return np.mean([run.totals for run in runs], axis=0)
 
 
 def _row(name: str, runs: Sequence[Outcomes]) -> Row:
@@ -93,54 +93,54 @@ def _row(name: str, runs: Sequence[Outcomes]) -> Row:
         half = 1.96 * float(values.std(ddof=1)) / np.sqrt(len(values))
         mean = float(values.mean())
         row |= {side: mean, f"{side}_low": mean - half, f"{side}_high": mean + half}
-        each = [float(one.totals[:, _SIDES.index(side)].mean()) for one in runs]
-        row |= {f"{side}_least": min(each), f"{side}_largest": max(each)}
+        run_means = [float(run.totals[:, _SIDES.index(side)].mean()) for run in runs]
+        row |= {f"{side}_least": min(run_means), f"{side}_largest": max(run_means)}
     shares = {
-        "arrival": [one.ending == Ending.ARRIVAL for one in runs],
-        "at_fault": [one.at_fault for one in runs],
-        "struck": [one.struck for one in runs],
-        "timeout": [one.ending == Ending.TIMEOUT for one in runs],
-        "closed_line": [one.ending == Ending.OTHER for one in runs],
+        "arrival": [run.ending == Ending.ARRIVAL for run in runs],
+        "at_fault": [run.at_fault for run in runs],
+        "struck": [run.struck for run in runs],
+        "timeout": [run.ending == Ending.TIMEOUT for run in runs],
+        "closed_line": [run.ending == Ending.OTHER for run in runs],
     }
-    return row | {name: float(np.mean(found)) for name, found in shares.items()}
+    return row | {name: float(np.mean(result)) for name, result in shares.items()}
 
 
 def _turns(mixture: str, dials: dict[float, list[Outcomes]]) -> list[Row]:
     """Return the change of both rewards from the first angle to the last, paired by episode."""
-    first, last = (list(dials.values())[place] for place in (0, -1))
+    first, last = (list(dials.values())[end] for end in (0, -1))
     rows: list[Row] = []
-    for place, side in enumerate(_SIDES):
-        found = paired_difference(_mean(last)[:, place], _mean(first)[:, place])
-        each = [
-            float(new.totals[:, place].mean() - old.totals[:, place].mean())
+    for column, side in enumerate(_SIDES):
+        change = paired_difference(_mean(last)[:, column], _mean(first)[:, column])
+        run_changes = [
+            float(new.totals[:, column].mean() - old.totals[:, column].mean())
             for new, old in zip(last, first, strict=True)
         ]
-        label = {"mixture": mixture, "reward": side, "difference": found.mean}
-        ends = {"low": found.low, "high": found.high, "p": found.p}
-        rows.append(label | ends | {"least": min(each), "largest": max(each)})
+        label = {"mixture": mixture, "reward": side, "difference": change.mean}
+        ends = {"low": change.low, "high": change.high, "p": change.p}
+        rows.append(label | ends | {"least": min(run_changes), "largest": max(run_changes)})
     return rows
 
 
 def draw(results: Results) -> dict[str, Figure]:
     """Draw r_social over r_env: a line for each mixture's dials, points for the others."""
-    drawn = figure(7.6, 4.6)
-    axes = drawn.subplots()
+    picture = figure(7.6, 4.6)
+    axes = picture.subplots()
     inks = dict(zip(MIXTURES, _INKS, strict=True))
     for mixture, ink in inks.items():
         rows = [row for row in results.tables["angles"] if row["mixture"] == mixture]
         if rows:
             _line(axes, rows, ink, f"dial: {mixture}")
-    others = iter("*>soD^vP")
+    markers = iter("*>soD^vP")
     for row in results.tables["drivers"]:
         name = row["driver"]
         of = name.removeprefix(CLONE)
-        ink, marker = (inks[of], "X") if of in inks else ("#6e6e6e", next(others))
-        place = row["r_env"], row["r_social"]
-        axes.plot(*place, label=name, color=ink, marker=marker, markersize=6, linestyle="")
+        ink, marker = (inks[of], "X") if of in inks else ("#6e6e6e", next(markers))
+        position = row["r_env"], row["r_social"]
+        axes.plot(*position, label=name, color=ink, marker=marker, markersize=6, linestyle="")
     finish(axes, xlabel="mean r_env of an episode", ylabel="mean r_social of an episode")
     handles, names = axes.get_legend_handles_labels()
-    drawn.legend(handles, names, loc="outside right upper", frameon=False, fontsize=7)
-    return {"trade_off": drawn}
+    picture.legend(handles, names, loc="outside right upper", frameon=False, fontsize=7)
+    return {"trade_off": picture}
 
 
 def _line(axes: Any, rows: Sequence[Row], ink: str, label: str) -> None:
@@ -152,27 +152,29 @@ def _line(axes: Any, rows: Sequence[Row], ink: str, label: str) -> None:
     if np.hypot(x[-1] - x[0], y[-1] - y[0]) < _APART:
         ends = []
     for row, side, shift in ends:
-        place = row["r_env"], row["r_social"]
-        axes.annotate(f"{row['asked']:g}°", place, fontsize=7, textcoords="offset points",
+        position = row["r_env"], row["r_social"]
+        axes.annotate(f"{row['asked']:g}°", position, fontsize=7, textcoords="offset points",
                       xytext=(-shift, shift), ha=side, color=ink)  # fmt: skip
 
 
 def view(results: Results) -> Sequence[View]:
     """Return the tables to print."""
-    shown = ("mixture", "asked", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
-    rows = [{name: row[name] for name in shown} for row in results.tables["angles"]]
-    shown = ("driver", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
-    others = [{name: row[name] for name in shown} for row in results.tables["drivers"]]
+    columns = ("mixture", "asked", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
+    rows = [{name: row[name] for name in columns} for row in results.tables["angles"]]
+    columns = ("driver", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
+    drivers = [{name: row[name] for name in columns} for row in results.tables["drivers"]]
     turned = "From the first angle to the last, with 95 % intervals; range over seeds"
     checked = results.tables.get("values", [])
-    more = [View(checked, "Values of r_env beside rollouts, at the first angle")] if checked else []
+    views = (
+        [View(checked, "Values of r_env beside rollouts, at the first angle")] if checked else []
+    )
     practised = results.tables.get("practice", [])
-    more += [View(practised, "Practice, all angles together")] if practised else []
+    views += [View(practised, "Practice, all angles together")] if practised else []
     return [
         View(rows, "Dials, means over training seeds"),
         View(results.tables["turns"], turned),
-        View(others, "Beside them"),
-        *more,
+        View(drivers, "Beside them"),
+        *views,
     ]
 
 

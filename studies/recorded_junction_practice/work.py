@@ -147,10 +147,10 @@ class Driving:
 
 def plan(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
-    made = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
+    world = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
     driving = {"episodes": config.episodes, "first_episode": config.first_episode}
     jobs = [
-        Job("world", make_world, made, cost=30.0),
+        Job("world", make_world, world, cost=30.0),
         Job("drivers", drive_references, Driving("", (), (), **driving), ("world",), cost=10.0),
     ]
     for mixture in MIXTURES:
@@ -178,10 +178,10 @@ def make_world(
     """Make the world and the recorded drivers' demonstrations."""
     del inputs, on_progress
     paths = [Path(config.recordings) / name for name in sorted(config.contents)]
-    recordings = [one.recording for path in paths for one in import_file(path)]
-    made = build(recordings, WorldConfig())
-    made.world.save(folder / WORLD)
-    tables.save(folder / HUMAN, replay(made.world, config.every).table, replace=True)
+    recordings = [imported.recording for path in paths for imported in import_file(path)]
+    built = build(recordings, WorldConfig())
+    built.world.save(folder / WORLD)
+    tables.save(folder / HUMAN, replay(built.world, config.every).table, replace=True)
 
 
 def train(
@@ -190,17 +190,17 @@ def train(
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
     data = tables.load(inputs["world"] / HUMAN)
     world = RecordedWorld.load(inputs["world"] / WORLD)
-    whole = world.config.decisions
-    static = dataclasses.replace(config.structure, whole_episode=whole)
+    decisions = world.config.decisions
+    static = dataclasses.replace(config.structure, whole_episode=decisions)
     numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
 
     def callbacks(practised: int, stage: str) -> Callbacks:
         before, stages = practised * len(STAGES) + STAGES.index(stage), config.stages
-        return Callbacks(lambda one: on_progress((before + one.done / one.total) / stages))
+        return Callbacks(lambda report: on_progress((before + report.done / report.total) / stages))
 
-    found = train_with_practice(world, static, numbers, data, config.practice, callbacks)
-    stages = found.stages
-    write_json(folder / PRACTICE, _driven_in_practice(found.driven, config.seeds))
+    result = train_with_practice(world, static, numbers, data, config.practice, callbacks)
+    stages = result.stages
+    write_json(folder / PRACTICE, _driven_in_practice(result.driven, config.seeds))
     clones = stages["behaviour"].state.target_network
     for run, seed in enumerate(config.seeds):
         stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
@@ -208,7 +208,7 @@ def train(
         clone.save(folder / f"clone_{seed}.safetensors")
     if config.checked:
         critics = jax.tree.map(lambda leaf: leaf[0], stages["critics"].state.target_network)
-        _, unit = recorded(concatenate([data, *found.driven[0]]), whole)
+        _, unit = recorded(concatenate([data, *result.driven[0]]), decisions)
         row = compared(world, stages["dial"].policy(0), critics, unit, config)
         write_json(folder / VALUES, row)
 
@@ -219,14 +219,16 @@ def _driven_in_practice(driven: list[list[Demonstrations]], seeds: Sequence[int]
         {
             "seed": seed,
             "round": number + 1,
-            "episodes": len(one.totals().env),
-            "decisions": len(one.action),
-            "r_env": float(one.totals().env.mean()),
-            "r_social": float(one.totals().social.mean()),
-            "collisions": float((one.ending[one.ending > 0] == int(Ending.COLLISION)).mean()),
+            "episodes": len(episodes.totals().env),
+            "decisions": len(episodes.action),
+            "r_env": float(episodes.totals().env.mean()),
+            "r_social": float(episodes.totals().social.mean()),
+            "collisions": float(
+                (episodes.ending[episodes.ending > 0] == int(Ending.COLLISION)).mean()
+            ),
         }
-        for seed, own in zip(seeds, driven, strict=True)
-        for number, one in enumerate(own)
+        for seed, rounds in zip(seeds, driven, strict=True)
+        for number, episodes in enumerate(rounds)
     ]
 
 
@@ -239,17 +241,17 @@ def compared(
     """
     policy, seeds = dial.at(config.angle), np.arange(config.checked) + config.first_checked
     batch = JunctionBatch(world, config.checked)
-    found = visit(batch, lambda seen: policy.predict(seen)[0], seeds)
-    time = jnp.asarray(found.time / world.config.decisions)
-    seen, rows = jnp.asarray(found.observation), np.arange(len(found.time))
-    direction = RewardPair(*(jnp.full(len(rows), one) for one in weights(config.angle)))
-    values = np.asarray(ensemble_values(critics, seen, time, direction, unit).mean(axis=0))
-    believed, earned = values[..., 0], found.branched.returns[..., 0]
-    fault = found.branched.at_fault
+    visited = visit(batch, lambda observations: policy.predict(observations)[0], seeds)
+    time = jnp.asarray(visited.time / world.config.decisions)
+    observation, rows = jnp.asarray(visited.observation), np.arange(len(visited.time))
+    direction = RewardPair(*(jnp.full(len(rows), weight) for weight in weights(config.angle)))
+    values = np.asarray(ensemble_values(critics, observation, time, direction, unit).mean(axis=0))
+    believed, earned = values[..., 0], visited.branched.returns[..., 0]
+    fault = visited.branched.at_fault
     decisive = fault.any(axis=1) & ~fault.all(axis=1)
     row: Row = {"states": len(rows), "decisive": float(decisive.mean())}
-    row |= {"value": float(believed[rows, found.action].mean())}
-    row |= {"return": float(earned[rows, found.action].mean())}
+    row |= {"value": float(believed[rows, visited.action].mean())}
+    row |= {"return": float(earned[rows, visited.action].mean())}
     for name, action in (("braking", 0), ("accelerating", world.n_actions - 1)):
         row |= {f"value_{name}": float(believed[decisive, action].mean())}
         row |= {f"return_{name}": float(earned[decisive, action].mean())}
@@ -273,12 +275,12 @@ def drive_dials(
 ) -> None:
     """Drive the dials of a mixture at every angle, and the clones."""
     del on_progress
-    made = next(path for name, path in inputs.items() if name != "world")
+    trained = next(path for name, path in inputs.items() if name != "world")
     drivers = []
     for seed in config.seeds:
-        dial = DialPolicy.load(made / f"dial_{seed}.safetensors")
+        dial = DialPolicy.load(trained / f"dial_{seed}.safetensors")
         drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
-        clone = QPolicy.load(made / f"clone_{seed}.safetensors")
+        clone = QPolicy.load(trained / f"clone_{seed}.safetensors")
         drivers.append(Reference(f"clone {seed}", clone))
     _drive(RecordedWorld.load(inputs["world"] / WORLD), drivers, config, folder)
 
@@ -287,10 +289,10 @@ def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, fold
     seeds = np.arange(config.episodes) + config.first_episode
     batch = JunctionBatch(world, min(_SIDE_BY_SIDE, len(seeds)))
     arrays = {}
-    for one in drivers:
-        found = drive_junction(batch, one, seeds)
-        arrays |= {f"{one.name}/{name}": getattr(found, name) for name in _COLUMNS}
-    header = {"drivers": [one.name for one in drivers]}
+    for driver in drivers:
+        outcomes = drive_junction(batch, driver, seeds)
+        arrays |= {f"{driver.name}/{name}": getattr(outcomes, name) for name in _COLUMNS}
+    header = {"drivers": [entry.name for entry in drivers]}
     save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)
 
 

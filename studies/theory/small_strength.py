@@ -13,10 +13,10 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
-from socialiq.theory.path import QSolver, found_flips
+from socialiq.theory.response import QSolver, found_flips
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
-from studies.theory.cases import KINDS, Case
+from studies.theory.statements import KINDS, Case
 
 COLD = 1e-4
 """Temperature used for τ → 0, in units of reward."""

@@ -10,12 +10,12 @@ from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.prediction import NEXT_VALUES
 from socialiq.types import Row
-from socialiq_lab.study import Context, Findings, StageCallback, Study, view_of
+from socialiq_lab.study import Context, Findings, StageCallback
 from socialiq_lab.tables import column, groups
-from studies.theory import cases, statements, training
 from studies.theory import small_strength as lines
-from studies.theory.figures import draw_figures
-from studies.theory.verdicts import flip_counts, growth, trained_summary
+from studies.theory import statements, training
+from studies.theory.statements import Case
+from studies.theory.training import flip_counts, growth, trained_summary
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Config:
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds, each with its own data set."""
-    angles: tuple[float, ...] = cases.ANGLES
+    angles: tuple[float, ...] = statements.ANGLES
     """α in degrees of the exact part in the gridworlds; networks are trained at 0 degrees."""
     random_worlds: int = 6
     """Number of random worlds, of seeds 0, 1, ..., beside the gridworlds."""
@@ -44,9 +44,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
     """Solve the exact problems, train networks, and compare both with the theory."""
     if not config.seeds or config.random_worlds < 1:
         raise UserError("the study theory needs a seed and a random world at least")
-    worlds = cases.gridworlds()
-    grids = cases.grid_cases(worlds, angles=config.angles)
-    randoms = cases.random_cases(range(config.random_worlds))
+    worlds = statements.gridworlds()
+    grids = statements.grid_cases(worlds, angles=config.angles)
+    randoms = statements.random_cases(range(config.random_worlds))
     tables = _statements(worlds, grids, randoms)
     tables |= _small_strengths(worlds, grids, randoms, config)
     tables |= _training(config, context.on_stage)
@@ -54,7 +54,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def _statements(
-    worlds: dict[str, Any], grids: list[cases.Case], randoms: list[cases.Case]
+    worlds: dict[str, Any], grids: list[Case], randoms: list[Case]
 ) -> dict[str, list[Row]]:
     """Return the tables of the statements that hold at any λ."""
     plain = [case for case in grids + randoms if case.target_kind == "instantaneous"]
@@ -62,7 +62,8 @@ def _statements(
     angles = list(dict.fromkeys(case.angle for case in grids))
     seeds = range(len({case.world for case in randoms}))
     others = {
-        name: cases.grid_cases(worlds, (name,), angles) + cases.random_cases(seeds, (name,))
+        name: statements.grid_cases(worlds, (name,), angles)
+        + statements.random_cases(seeds, (name,))
         for name in ("advantage", "own_advantage", "to_go")
     }
     return {
@@ -78,7 +79,10 @@ def _statements(
 
 
 def _small_strengths(
-    worlds: dict[str, Any], grids: list[cases.Case], randoms: list[cases.Case], config: Config
+    worlds: dict[str, Any],
+    grids: list[Case],
+    randoms: list[Case],
+    config: Config,
 ) -> dict[str, list[Row]]:
     """Return the tables of the statements for small λ."""
     drawn = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
@@ -147,12 +151,3 @@ def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
         "lengths": growth(tables["lengths"]),
         "training": trained_summary(tables),
     }
-
-
-STUDY = Study(
-    name="theory",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view_of("predicted"),
-)

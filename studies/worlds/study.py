@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +23,7 @@ from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence
 from socialiq_lab.results import Results
-from socialiq_lab.study import Context, Findings, Study, View
+from socialiq_lab.study import Context, Findings
 
 CROSSING5_VARIANTS: tuple[dict[str, str], ...] = (
     {},
@@ -225,7 +224,7 @@ def _crossing7_summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, 
     }
 
 
-def draw_figures(results: Results) -> dict[str, Figure]:
+def pictures(results: Results) -> dict[str, Figure]:
     """Draw the first state of each world (Figs 5.1, 5.2) and a seeded prosocial episode."""
     figures = {}
     for number, name in enumerate(("crossing5", "crossing7"), start=1):
@@ -236,22 +235,3 @@ def draw_figures(results: Results) -> dict[str, Figure]:
         states = np.vstack([steps.observation, steps.next_observation[-1:]]).astype(int)
         figures[f"{name}_prosocial_episode"] = filmstrip(table.world, states.tolist())
     return figures
-
-
-def view(results: Results) -> Sequence[View]:
-    """Return the experts of every variant of both worlds."""
-    angles = ("reading", "egoistic_angle", "prosocial_angle", "altruistic_angle")
-    rows = [{key: row[key] for key in angles} for row in results.tables["crossing7_readings"]]
-    return [
-        View(results.tables["crossing5_readings"], "crossing5: experts by reading"),
-        View(rows, "crossing7: angle of the optimum by reading, degrees"),
-    ]
-
-
-STUDY = Study(
-    name="worlds",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view,
-)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from studies.classic_control import data
+from studies.classic_control import runs
 from studies.classic_control.tasks import TASKS, returns
 
 pytest.importorskip("Box2D")
@@ -15,8 +15,8 @@ def test_our_expert_lands() -> None:
 
 
 def test_what_is_kept_of_a_flight() -> None:
-    shown = data.trajectories(LANDER, 1, 50_000_000)
-    kept = data.kept(shown, "rows", LANDER, 0, True)
+    shown = runs.trajectories(LANDER, 1, 50_000_000)
+    kept = runs.thinned(shown, "rows", LANDER, 0, True)
     assert kept.terminated.sum() == 2  # the landing and its image
     half = kept.n_transitions // 2
     images = LANDER.symmetry.image(kept.observation[:half])

@@ -15,8 +15,7 @@ import minari
 
 from socialiq.cli.main import main
 from socialiq.datasets import hdf5
-from socialiq.datasets.minari_read import read_minari
-from socialiq.datasets.minari_write import write_minari
+from socialiq.datasets.minari import read_minari, write_minari
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError

@@ -105,11 +105,26 @@ def test_the_reservoir_releases_a_share_of_what_it_may():
 def test_a_small_study_adds_to_what_is_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "none").mkdir()
-    call = ["reproduce", "mo-gymnasium", "--tasks", "deep-sea-treasure", "--steps", "1500"]
-    call += ["--methods", "dial", "--processes", "1"]
-    assert main([*call, "--seeds", "100", "--pieces", "none", "--out", "one"]) == 0
+    call = ["reproduce", "mo-gymnasium", "--set", "tasks=deep-sea-treasure", "steps=1500"]
+    call += ["methods=dial"]
+    assert main([*call, "pieces=none", "--seeds", "100", "--processes", "1", "--out", "one"]) == 0
     assert len(load(tmp_path / "one").tables["runs"]) == 1
-    assert main([*call, "--seeds", "100", "101", "--pieces", "one/pieces", "--out", "two"]) == 0
+    assert (
+        main(
+            [
+                *call,
+                "pieces=one/pieces",
+                "--seeds",
+                "100",
+                "101",
+                "--processes",
+                "1",
+                "--out",
+                "two",
+            ]
+        )
+        == 0
+    )
     runs = load(tmp_path / "two").tables["runs"]
     assert [row["seed"] for row in runs] == [100, 101]
     assert runs[0] == load(tmp_path / "one").tables["runs"][0]

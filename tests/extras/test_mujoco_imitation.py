@@ -1,9 +1,9 @@
 """Study `mujoco-imitation` at a tiny size: from an expert to tables, and once more from pieces."""
 
 import pytest
-from studies.mujoco_imitation import pieces, plan
-from studies.mujoco_imitation.config import Config
+from studies.mujoco_imitation import plan
 from studies.mujoco_imitation.methods import METHODS
+from studies.mujoco_imitation.plan import Config
 from studies.mujoco_imitation.study import STUDY, compute_tables
 from studies.mujoco_imitation.tasks import TASKS, returns
 
@@ -60,7 +60,7 @@ def test_an_expert_is_imitated_and_pieces_are_taken_over(tmp_path) -> None:
     more = played(Config(**TINY, pieces=there), tmp_path / "more")
     assert [row["method"] for row in more["tables"]["ablations"]] == ["online", *TINY["variants"]]
     assert all(row in more["tables"]["runs"] for row in found["tables"]["runs"])
-    assert len(more["files"]) == len(pieces.committed(there).files()) + 2
+    assert len(more["files"]) == len(plan.committed(there).files()) + 2
     results = run(STUDY, Config(**TINY, pieces=there, new=False))
     save(STUDY, results, tmp_path / "shown", replace=False)
     assert (tmp_path / "shown" / "shares.png").is_file()

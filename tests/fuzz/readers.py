@@ -22,7 +22,7 @@ from socialiq.audit.report.signature import (
 )
 from socialiq.audit.report.verify import faults, read_report
 from socialiq.audit.seeds import read_nonce, read_round
-from socialiq.datasets.minari_read import read_minari
+from socialiq.datasets.minari import read_minari
 from socialiq.datasets.step_files import read_steps
 from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files as demonstration_files

@@ -14,14 +14,13 @@ from studies.audits import study as audits
 from studies.classic_control import runs as control_runs
 from studies.classic_control import study as control
 from studies.compare_priors import study as priors
-from studies.intersection_offline import tables as offline
-from studies.intersection_offline.config import Config as OfflineConfig
+from studies.intersection_offline import study as offline
+from studies.intersection_offline.plan import Config as OfflineConfig
 from studies.intersection_world import study as intersection_world
 from studies.off_policy import study as off_policy
 from studies.poc import study as poc
-from studies.theory import cases
 from studies.theory import small_strength as lines
-from studies.worlds import study as worlds
+from studies.theory import statements
 
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
@@ -62,7 +61,7 @@ def committed():
 
 @pytest.mark.slow
 def test_exact_facts_are_equal(committed):
-    again = run(worlds.STUDY)
+    again = run(find("worlds"))
     for name in ("crossing5_readings", "crossing5_ties", "crossing7_readings", "crossing7_front"):
         for ours, theirs in zip(again.tables[name], committed["worlds"].tables[name], strict=True):
             for key, value in theirs.items():
@@ -72,7 +71,7 @@ def test_exact_facts_are_equal(committed):
 
 def test_the_theory_predicts_and_finds_the_same(committed):
     """In the gridworlds; random worlds and networks are left to the study."""
-    grids = cases.grid_cases(cases.gridworlds(), angles=(0.0,))
+    grids = statements.grid_cases(statements.gridworlds(), angles=(0.0,))
     tables = committed["theory"].tables
     again = {"slopes": lines.slope_rows(grids), "flips": lines.flip_rows(grids, "online")}
     compared = 0
@@ -115,7 +114,7 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
 
 @pytest.mark.slow
 def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
-    again = run(poc.STUDY, poc.Config(seeds=(20, 21), readings=False))
+    again = run(find("poc"), poc.Config(seeds=(20, 21), readings=False))
 
     def sequences(results):
         return {
@@ -132,7 +131,7 @@ def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
 
 @pytest.mark.slow
 def test_off_policy_estimates_are_equal(committed):
-    again = run(off_policy.STUDY, off_policy.Config(seeds=(540,), explored=(0.0, 0.1)))
+    again = run(find("off-policy"), off_policy.Config(seeds=(540,), explored=(0.0, 0.1)))
     stored = committed["off-policy"].tables["estimates"]
     wanted = [row for row in stored if row["seed"] == 540 and row["explored"] in (0.0, 0.1)]
     assert len(again.tables["estimates"]) == len(wanted) == 2 * 2 * 7 * 3

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
@@ -10,7 +11,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import ContinuousOptions
 from socialiq_lab import results as store
 from socialiq_lab.intersection.driving import BATCH
-from socialiq_lab.intersection.rows import outcome_row, reward_row
 from socialiq_lab.tables import matching
 
 

@@ -4,8 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from studies.mujoco_imitation.config import Config
-from studies.mujoco_imitation.pieces import FOLDER
+from studies.mujoco_imitation.plan import FOLDER, Config
 from studies.mujoco_imitation.study import compute_tables
 
 from socialiq.storage import packaged_results

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from studies.angle_trait import study
-from studies.angle_trait.config import DIAL, Config
-from studies.angle_trait.driving import Population, drive
+from studies.angle_trait.driving import DIAL, Config, Population, drive
 
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results

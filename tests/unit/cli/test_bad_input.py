@@ -218,7 +218,7 @@ def test_results_that_are_not_there(capsys, tmp_path):
 def test_a_missing_extra(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     line = refused(capsys, "bench", "learners", "--repeats", "1")
-    assert "pip install 'socialiq[bench]'" in line
+    assert "pip install 'socialiq-lab[bench]'" in line
 
 
 def test_missing_extras_of_doors(capsys, monkeypatch, tmp_path, data):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
-from socialiq.datasets.npz import read_npz
+from socialiq.datasets.step_files import read_npz
 from socialiq.errors import UserError
 
 
@@ -76,7 +76,7 @@ def test_huge_shapes_cost_nothing(tmp_path):
 
 
 def test_bombs_are_refused_by_what_they_unpack_to(tmp_path, monkeypatch):
-    from socialiq.datasets import npz
+    from socialiq.datasets import step_files as npz
 
     monkeypatch.setattr(npz, "MOST_BYTES", 10_000)
     path = archive(tmp_path / "x.npz", a=member((4_000,), content=b"\0" * 32_000))

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as some_arrays
 
-from socialiq.datasets.step_columns import columns_of
 from socialiq.datasets.step_files import read_steps, write_steps
-from socialiq.datasets.step_tables import csv_of, read_csv
+from socialiq.datasets.step_tables import columns_of, csv_of, read_csv
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError

@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from socialiq.demonstrations import advantage as targets
-from socialiq.demonstrations import dataset
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.nn import regression
 from socialiq.nn.regression import cross_fitted
 from socialiq.types import RewardPair
 
@@ -49,7 +48,7 @@ def test_a_network_finds_nearly_what_the_table_gives(
     make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Four states that pay by chance; the network sees them as numbers that differ in each row."""
-    monkeypatch.setattr(targets, "cross_fitted", partial(cross_fitted, steps=500))
+    monkeypatch.setattr(regression, "cross_fitted", partial(cross_fitted, steps=500))
     rng = np.random.default_rng(0)
     state = rng.integers(4, size=900)
     pays = state + rng.normal(size=900)
@@ -65,14 +64,14 @@ def test_a_network_finds_nearly_what_the_table_gives(
 def test_a_fit_is_made_once(table: Demonstrations, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 
-    def counted(kind: str, *_: object) -> RewardPair:
-        calls.append(kind)
-        return RewardPair(np.zeros(3), np.zeros(3))
+    def counted(*_: object) -> np.ndarray:
+        calls.append("fit")
+        return np.zeros((3, 2))
 
-    monkeypatch.setattr(dataset, "advantages", counted)
+    monkeypatch.setattr(regression, "cross_fitted", counted)
     for _ in range(2):
         table.returns("advantage_fitted", 0.9)
-    assert calls == ["advantage_fitted"]
+    assert calls == ["fit"]
 
 
 def test_gaps_are_refused(table: Demonstrations) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.symmetry import Symmetry, with_images
+from socialiq.demonstrations.variants import Symmetry, with_images
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 

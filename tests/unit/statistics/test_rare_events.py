@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.statistics import rare_events as rare
+from socialiq.statistics import intervals as rare
 
 
 def test_equal_episodes_leave_a_rest():

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from studies.angle_trait.config import DIAL, Config
-from studies.angle_trait.driving import Population, choices_of, drive
+from studies.angle_trait.driving import DIAL, Config, Population, choices_of, drive
 from studies.angle_trait.study import STUDY, fit_family, recovery
 
 from socialiq.errors import UserError

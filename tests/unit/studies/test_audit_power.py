@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 from studies.audit_power import grinding
 from studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows
-from studies.audit_power.population import Truth, draw_evidence
-from studies.audit_power.power import CASES, FLOOR, MARGIN, coverage_rows, verdict_rows
+from studies.audit_power.power import (
+    CASES,
+    FLOOR,
+    MARGIN,
+    Truth,
+    coverage_rows,
+    draw_evidence,
+    verdict_rows,
+)
 
 from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision

@@ -4,10 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies.intersection_dial.config import ABLATIONS, FAMILIES, Config
+from studies.intersection_dial.plan import ABLATIONS, FAMILIES, Config
 from studies.intersection_dial.study import STUDY
 
 from socialiq.errors import UserError
+from socialiq.evaluation.road_training import ITERATION
 from socialiq.learners.dial.acting import stratified
 from socialiq.learners.dial.config import INTERSECTION
 from socialiq.nn.dial_policy import DialPolicy
@@ -15,7 +16,6 @@ from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq_lab import results as store
 from socialiq_lab.intersection.known import known_policies, value_at
-from socialiq_lab.intersection.policy_iteration import ITERATION
 from socialiq_lab.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq_lab.study import run
 

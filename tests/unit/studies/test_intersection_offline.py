@@ -4,9 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies.intersection_offline.config import METHODS, Config, runs_of
-from studies.intersection_offline.study import STUDY
-from studies.intersection_offline.tables import DEMONSTRATOR, OWN, verdict
+from studies.intersection_offline.plan import METHODS, Config, runs_of
+from studies.intersection_offline.study import DEMONSTRATOR, OWN, STUDY, verdict
 
 from socialiq.errors import UserError
 from socialiq.learners.offline.config import OfflineDialConfig

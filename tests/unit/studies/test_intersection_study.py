@@ -4,30 +4,20 @@ import dataclasses
 import json
 
 import pytest
-from studies.intersection.plan import Config, learner_name, members, plan
-from studies.intersection.study import STUDY
+from studies.intersection.plan import Config, jobs, learner_name, members
 
 from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy
+from socialiq.settings import changed
 from socialiq_lab import results as store
 from socialiq_lab.intersection import thesis_values
 from socialiq_lab.intersection.experts import policy_file
 from socialiq_lab.jobs import fingerprints, open_jobs
+from socialiq_lab.registry import study_and_declaration
 from socialiq_lab.study import run
 
-TINY = Config(
-    parts=("main",),
-    seeds=(0, 1),
-    expert_seed=0,
-    expert_steps=9600,
-    updates=40,
-    pool_episodes=12,
-    size=60,
-    episodes=20,
-    evaluation_seeds=2,
-    group_episodes=5,
-    highway_episodes=0,
-)
+STUDY, CONTENT = study_and_declaration("intersection")
+TINY = changed(Config(), CONTENT["tiny"])
 OUTCOMES = ("collision", "arrival", "timeout")
 
 
@@ -88,7 +78,7 @@ def test_policies_of_the_atlas_drive_among_both_kinds_of_neighbours(results, wor
 
 def test_every_job_has_its_time(results):
     rows = results.tables["times"]
-    assert sum(row["number"] for row in rows) == len(plan(TINY))
+    assert sum(row["number"] for row in rows) == len(jobs(TINY))
     assert all(0 <= row["longest"] <= row["seconds"] for row in rows)
     assert max(row["longest"] for row in rows) > 0
 
@@ -113,10 +103,10 @@ def test_a_second_call_does_nothing_and_gives_the_same(results, work):
 
 
 def test_only_what_a_change_touches_is_done_again(results, work):
-    jobs = plan(dataclasses.replace(TINY, episodes=30))
-    assert {job.stage for job in open_jobs(jobs, work)} == {"evaluation", "connected"}
-    jobs = plan(dataclasses.replace(TINY, pool_episodes=13))
-    assert {job.stage for job in open_jobs(jobs, work)} == {
+    planned = jobs(dataclasses.replace(TINY, episodes=30))
+    assert {job.stage for job in open_jobs(planned, work)} == {"evaluation", "connected"}
+    planned = jobs(dataclasses.replace(TINY, pool_episodes=13))
+    assert {job.stage for job in open_jobs(planned, work)} == {
         "demonstrations",
         "learners",
         "evaluation",
@@ -133,22 +123,22 @@ def test_results_are_saved_with_the_atlas_and_drawn_from_the_files(results, tmp_
 
 
 def test_the_whole_plan_has_jobs_of_distinct_names_after_their_inputs():
-    jobs = plan(Config())
-    fingerprints(jobs)  # refuses a name that is there twice
+    planned = jobs(Config())
+    fingerprints(planned)  # refuses a name that is there twice
     seen = set()
-    for job in jobs:
+    for job in planned:
         assert {*job.inputs} <= seen, job.name
         seen.add(job.name)
 
 
 @pytest.mark.parametrize(
-    ("changed", "line"),
+    ("values", "line"),
     [
         ({"parts": ("mian",)}, "unknown part 'mian'"),
         ({"episodes": 0}, "episodes must be at least 1"),
         ({"seeds": ()}, "seeds must name at least one"),
     ],
 )
-def test_a_wrong_configuration_is_refused(changed, line):
+def test_a_wrong_configuration_is_refused(values, line):
     with pytest.raises(UserError, match=line):
-        Config(**changed)
+        Config(**values)

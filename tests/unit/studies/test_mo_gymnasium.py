@@ -6,9 +6,8 @@ import json
 import numpy as np
 import pytest
 from studies.mo_gymnasium import study
-from studies.mo_gymnasium.config import Config
-from studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
-from studies.mo_gymnasium.tasks import ANGLES, TASKS
+from studies.mo_gymnasium.study import Config
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
 from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 from socialiq.cli.main import main
@@ -179,10 +178,10 @@ def test_no_piece_makes_empty_tables(tmp_path):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--tasks", "chess"], "unknown task 'chess'"),
-        (["--methods", "luck"], "unknown method 'luck'"),
-        (["--steps", "-3"], "steps must be at least 1"),
-        (["--pieces", "nowhere"], "nowhere is no folder"),
+        (["--set", "tasks=chess"], "unknown task 'chess'"),
+        (["--set", "methods=luck"], "unknown method 'luck'"),
+        (["--set", "steps=-3"], "steps must be at least 1"),
+        (["--set", "pieces=nowhere"], "nowhere is no folder"),
     ],
 )
 def test_a_mistyped_call_is_one_line(words, line, capsys, tmp_path):

@@ -2,8 +2,8 @@ import itertools
 
 import numpy as np
 import pytest
-from studies.theory import training, verdicts
-from studies.theory.study import STUDY, Config
+from studies.theory import training
+from studies.theory.study import Config
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
@@ -11,6 +11,7 @@ from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory.semi_gradient import demonstrated_policy
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 
 
@@ -33,7 +34,7 @@ def flip(predicted, found, within=1, **changes):
     [(1.14, 1.0, True), (0.86, 1.0, True), (1.16, 1.0, False), (1.0, "", False), ("", 1.0, False)],
 )
 def test_a_hit_is_within_15_percent_of_what_was_found(predicted, found, hit):
-    assert verdicts.hit(flip(predicted, found)) == hit
+    assert training.hit(flip(predicted, found)) == hit
 
 
 def test_hits_and_misses_are_counted_apart():
@@ -47,7 +48,7 @@ def test_hits_and_misses_are_counted_apart():
         flip(9.0, 9.0, world="random 1"),
         flip(1.0, 1.0, next_value="target"),
     ]
-    counts = verdicts.flip_counts(rows, "online")
+    counts = training.flip_counts(rows, "online")
     assert counts == {
         "states": 6,
         "predicted": 4,
@@ -67,19 +68,19 @@ def test_hits_and_misses_are_counted_apart():
 
 
 def test_the_earliest_is_compared_with_the_earliest_found_anywhere():
-    [first] = verdicts.earliest([flip(1.0, 3.0), flip(2.0, 2.5), flip("", 0.5)])
+    [first] = training.earliest([flip(1.0, 3.0), flip(2.0, 2.5), flip("", 0.5)])
     assert (first["predicted"], first["found"]) == (1.0, 0.5)
 
 
 def test_a_strength_is_bracketed_by_the_grid_s_step():
     row = {"below": 0.5, "first": 1.0}
-    assert [verdicts._bracketed(row, strength) for strength in (0.5, 0.7, 1.0, 1.1)] == [
+    assert [training._bracketed(row, strength) for strength in (0.5, 0.7, 1.0, 1.1)] == [
         False,
         True,
         True,
         False,
     ]
-    assert not verdicts._bracketed({"below": "", "first": ""}, 0.5)
+    assert not training._bracketed({"below": "", "first": ""}, 0.5)
 
 
 def test_sampled_advantages_telescope():
@@ -126,4 +127,4 @@ def test_settings_that_make_no_problem_are_refused(table7, setting, line):
 
 def test_a_study_of_nothing_is_refused():
     with pytest.raises(UserError, match="needs a seed"):
-        run(STUDY, Config(seeds=()))
+        run(find("theory"), Config(seeds=()))

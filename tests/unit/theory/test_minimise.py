@@ -6,8 +6,7 @@ from scipy.optimize import minimize
 
 from socialiq.mdp.solve import soft_value
 from socialiq.theory import minimise as module
-from socialiq.theory.minimise import minimise
-from socialiq.theory.support import Support
+from socialiq.theory.minimise import Support, minimise
 
 
 def test_a_symmetric_bandit_by_hand(bandit):

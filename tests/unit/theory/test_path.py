@@ -3,7 +3,7 @@ import pytest
 
 from socialiq.theory import response
 from socialiq.theory.minimise import minimise
-from socialiq.theory.path import first_flip, found_flips
+from socialiq.theory.response import first_flip, found_flips
 
 
 def solve(problem, start):

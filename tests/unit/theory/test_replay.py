@@ -5,10 +5,10 @@ from socialiq.errors import UserError
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.mdp.solve import bellman_reward, soft_policy, soft_value
 from socialiq.theory.closed_form import centre
+from socialiq.theory.demonstrators import drawn_rows
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
-from socialiq.theory.replay import equilibrium, replayed
-from socialiq.theory.rows import drawn_rows
+from socialiq.theory.semi_gradient import equilibrium, replayed
 
 HORIZON, DISCOUNT = 6, 0.9
 

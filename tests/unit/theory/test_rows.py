@@ -4,8 +4,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.theory.demonstrators import drawn_rows, with_cuts
 from socialiq.theory.objective import Problem
-from socialiq.theory.rows import drawn_rows, with_cuts
 from socialiq.worlds.tabular_policy import expert_policy
 
 SHARES = [0.5, 0.3, 0.2]

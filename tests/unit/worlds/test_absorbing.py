@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from socialiq.demonstrations.absorbing import with_absorbing_states
+from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.types import Ending

@@ -26,7 +26,7 @@ EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
 
 def check_choices(
     config: Any,
-    known: tuple[str, ...],
+    method_names: tuple[str, ...],
     development: Sequence[int],
     seeds: Sequence[int],
     worlds: tuple[str, ...] = WORLDS,
@@ -35,7 +35,7 @@ def check_choices(
 
     Args:
         config: Configuration of a comparison, with `worlds` and `methods`.
-        known: Names of all methods.
+        method_names: Names of all methods.
         development: Seeds on which settings are chosen.
         seeds: Seeds of the table.
         worlds: Names of all worlds.
@@ -46,7 +46,7 @@ def check_choices(
     for world in config.worlds:
         one_of("world", world, worlds)
     for method in config.methods:
-        one_of("method", method, known)
+        one_of("method", method, method_names)
     for name, value in vars(config).items():
         if isinstance(value, tuple) and not value:
             raise UserError(f"{name} must name at least one")
@@ -63,8 +63,8 @@ def nearest_mode(angle: float) -> str:
 
 def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
     """Return the episodes of these modes."""
-    wanted = [number for number, name in enumerate(data.mode_names) if name in modes]
-    return data.select(np.flatnonzero(np.isin(data.episode_modes, wanted)))
+    numbers = [number for number, name in enumerate(data.mode_names) if name in modes]
+    return data.select(np.flatnonzero(np.isin(data.episode_modes, numbers)))
 
 
 def references(world: str, angles: Sequence[float]) -> list[Row]:
@@ -73,15 +73,15 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
     A learner that only chooses among the demonstrators can't be better than the best of them.
     """
     ground = Ground.of(world)
-    kept = ground.table.mdp.reachable()
+    reachable = ground.table.mdp.reachable()
 
     def regret(of: float, at: float) -> float:
-        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, of)[kept])
+        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, of)[reachable])
         return ground.optimum.regret(metrics, at)
 
     return [
         {"world": world, "target_angle": angle, "value_iteration": regret(angle, angle)}
-        | {mode: regret(own, angle) for mode, own in MODES.items()}
+        | {mode: regret(mode_angle, angle) for mode, mode_angle in MODES.items()}
         for angle in angles
     ]
 
@@ -99,8 +99,8 @@ def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
     chosen: dict[tuple[str, str], Any] = {}
     for (world, method), group in groups(rows, "world", "method").items():
         values = {
-            own: round(mean(of_setting, "value"), 9)
-            for (own,), of_setting in groups(group, setting).items()
+            setting_value: round(mean(of_setting, "value"), 9)
+            for (setting_value,), of_setting in groups(group, setting).items()
         }
         chosen[world, method] = max(values, key=values.__getitem__)
     return chosen
@@ -139,10 +139,10 @@ def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """
     rows = []
     for values, group in groups(pooled, *keys).items():
-        found = dict(zip(keys, values, strict=True)) | {"angles": len(group)}
-        found |= {name: mean_or_none(group, name) for name in ("value", "regret")}
-        known = group[0]["regret"] != ""
-        rows.append(found | {"worst_regret": max(column(group, "regret")) if known else ""})
+        row = dict(zip(keys, values, strict=True)) | {"angles": len(group)}
+        row |= {name: mean_or_none(group, name) for name in ("value", "regret")}
+        has_regret = group[0]["regret"] != ""
+        rows.append(row | {"worst_regret": max(column(group, "regret")) if has_regret else ""})
     return rows
 
 

@@ -43,30 +43,32 @@ def angle_figure(
     name = quantity(results, world)
     methods = list(dict.fromkeys(column(rows, "method")))
     angles = sorted(set(column(rows, "target_angle")))
-    drawn = figure(3.4 + 0.75 * len(readouts) * len(angles), 1.4 + 0.42 * len(methods))
-    panels = np.ravel(drawn.subplots(1, len(readouts), sharey=True, squeeze=False))
+    picture_figure = figure(3.4 + 0.75 * len(readouts) * len(angles), 1.4 + 0.42 * len(methods))
+    panels = np.ravel(picture_figure.subplots(1, len(readouts), sharey=True, squeeze=False))
     norm, colors = _colors(column(rows, name), name)
     image: Any = None
     for axes, readout in zip(panels, readouts, strict=True):
         picture = np.full((len(methods), len(angles)), np.nan)
         for row in matching(rows, readout=readout):
-            place = methods.index(row["method"]), angles.index(row["target_angle"])
-            picture[place] = row[name]
-            _write(axes, place, row, name, colors(norm(row[name])))
+            cell = methods.index(row["method"]), angles.index(row["target_angle"])
+            picture[cell] = row[name]
+            _write(axes, cell, row, name, colors(norm(row[name])))
         image = axes.imshow(picture, aspect="auto", norm=norm, cmap=colors)
         axes.set_xticks(range(len(angles)), [f"{angle:g}" for angle in angles])
         axes.set_xlabel("target angle (degrees)")
         axes.set_title(readout, fontsize=10)
     panels[0].set_yticks(range(len(methods)), [labels[method] for method in methods])
-    bar = drawn.colorbar(
+    bar = picture_figure.colorbar(
         image, ax=list(panels), label=f"{TITLES[name]} (units of reward)", shrink=0.7
     )
     if name == "regret":
         top = max(column(rows, name))
         bar.set_ticks([tick for tick in (0, 0.1, 0.5, 1, 2, 5, 10, 20) if tick <= top])
     seeds = rows[0]["seeds"]
-    drawn.suptitle(f"{world}: mean over {seeds} seeds, below it the range of seeds", fontsize=11)
-    return drawn
+    picture_figure.suptitle(
+        f"{world}: mean over {seeds} seeds, below it the range of seeds", fontsize=11
+    )
+    return picture_figure
 
 
 def _colors(values: Sequence[float], name: str) -> tuple[Normalize, Any]:
@@ -77,13 +79,13 @@ def _colors(values: Sequence[float], name: str) -> tuple[Normalize, Any]:
     return Normalize(min(values), max(values)), matplotlib.colormaps["viridis"]
 
 
-def _write(axes: Any, place: tuple[int, int], row: Row, name: str, color: Any) -> None:
+def _write(axes: Any, cell: tuple[int, int], row: Row, name: str, color: Any) -> None:
     """Write the number in its field, dark on light and light on dark."""
-    line, column = place
+    line, column = cell
     text = f"{_short(row[name])}"
     if row[f"{name}_high"] - row[f"{name}_low"] >= 0.005:
         text += f"\n{_short(row[f'{name}_low'])} to {_short(row[f'{name}_high'])}"
-    light = sum(part * c for part, c in zip((0.3, 0.6, 0.1), color[:3], strict=True))
+    light = sum(share * c for share, c in zip((0.3, 0.6, 0.1), color[:3], strict=True))
     ink = "black" if light > 0.5 else "white"
     axes.text(column, line, text, ha="center", va="center", fontsize=6, color=ink)
 

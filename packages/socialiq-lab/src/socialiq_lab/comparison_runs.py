@@ -90,10 +90,10 @@ class Method:
         if self.serves == "angle":
             return {angle: (angle,) for angle in angles}
         served = {
-            own: tuple(angle for angle in angles if nearest_mode(angle) == mode)
-            for mode, own in MODES.items()
+            mode_angle: tuple(angle for angle in angles if nearest_mode(angle) == mode)
+            for mode, mode_angle in MODES.items()
         }
-        return {own: group for own, group in served.items() if group}
+        return {groups: group for groups, group in served.items() if group}
 
 
 class Run(NamedTuple):
@@ -189,12 +189,12 @@ class Arena:
             **fixed: What the method itself differs in.
         """
         chosen = fixed | dict(run.setting)
-        own = {"angle": run.angle, "seed": run.seed, "dataset": run.dataset}
+        of_run = {"angle": run.angle, "seed": run.seed, "dataset": run.dataset}
         structural = _names(config)
         static = shared_values(config, self.structure) | {"updates": self.updates}
         static |= {name: value for name, value in chosen.items() if name in structural}
         numbers = shared_values(hyperparameters, self.numbers)
-        numbers |= {name: own[name] for name in own if name in _names(hyperparameters)}
+        numbers |= {name: of_run[name] for name in of_run if name in _names(hyperparameters)}
         numbers |= {name: value for name, value in chosen.items() if name not in structural}
         return config(**static), hyperparameters(**numbers)
 
@@ -235,15 +235,15 @@ Learner = Callable[[Arena, Method, Sequence[Run]], list[Any]]
 
 
 def in_programs(
-    each: Sequence[tuple[Any, Any]], train: Callable[[Any, list[Any]], Any]
+    settings: Sequence[tuple[Any, Any]], train: Callable[[Any, list[Any]], Any]
 ) -> list[Any]:
     """Train the runs of each static config in one program; return policies in the runs' order."""
     policies: dict[int, Any] = {}
-    for static in dict.fromkeys(static for static, _ in each):
-        places = [place for place, (own, _) in enumerate(each) if own == static]
-        trained = train(static, [each[place][1] for place in places])
-        policies |= {place: trained.policy(number) for number, place in enumerate(places)}
-    return [policies[place] for place in range(len(each))]
+    for static in dict.fromkeys(static for static, _ in settings):
+        places = [indexs for indexs, (own_static, _) in enumerate(settings) if own_static == static]
+        trained = train(static, [settings[place_value][1] for place_value in places])
+        policies |= {run: trained.policy(number) for number, run in enumerate(places)}
+    return [policies[index] for index in range(len(settings))]
 
 
 def offline(learner: Any, of_mode: bool = False, **fixed: Any) -> Learner:
@@ -259,13 +259,13 @@ def offline(learner: Any, of_mode: bool = False, **fixed: Any) -> Learner:
         datasets = list(arena.datasets)
         if of_mode or method.serves == "mode":
             datasets, runs = arena.of_each_mode(runs)
-        own = {
+        changes = {
             name: arena.advantage if name in ("advantage", "weighted_by") else value
             for name, value in fixed.items()
         }
         kinds = learner.StaticConfig, learner.Hyperparameters
         return in_programs(
-            [arena.settings(*kinds, run, **own) for run in runs],
+            [arena.settings(*kinds, run, **changes) for run in runs],
             lambda static, numbers: learner.train_on(
                 static, numbers, datasets, arena.callbacks(), arena.chunk
             ),
@@ -291,10 +291,10 @@ def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
 
         def program(static: Any, numbers: list[Any]) -> Any:
             collector = arena.collector(static, numbers) if acts else None
-            rest = arena.callbacks(), arena.chunk, collector
+            options = arena.callbacks(), arena.chunk, collector
             if learner is None:
-                return train_iq(static, numbers, datasets, world, *rest)
-            return learner.of(static, datasets, world).train(numbers, *rest)
+                return train_iq(static, numbers, datasets, world, *options)
+            return learner.of(static, datasets, world).train(numbers, *options)
 
         kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
         if learner is not None:
@@ -400,8 +400,8 @@ def rows_of(
     rows: list[Row] = []
     for angle, readout in itertools.product(angles, method.readouts):
         metrics = evaluate_exactly(ground.part, chances(ground, policy, angle, readout))
-        own = {"target_angle": angle, "readout": readout, "seed": seed}
+        labels = {"target_angle": angle, "readout": readout, "seed": seed}
         regret = ground.optimum.regret(metrics, angle)
         values = {"value": metrics.value(angle), "regret": regret}
-        rows.append(label | own | metrics._asdict() | values)
+        rows.append(label | labels | metrics._asdict() | values)
     return rows

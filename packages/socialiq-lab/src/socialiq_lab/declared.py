@@ -5,7 +5,8 @@
 `[defaults]` holds what every `[[train]]` shares. docs/add-a-study.md explains the grammar.
 
 What has no grammar is a function in `study.py` beside the declaration, named with "python": a
-prior, rows of a table, a summary, a figure or a view.
+prior, rows of a table, a summary, a figure or a view. A `study.py` with a `Config`, `jobs` or
+`compute_tables` of its own takes the place of `[config]` and `[[train]]`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from socialiq.demonstrations.dataset import Demonstrations
-    from socialiq.evaluation.ground import Ground
     from socialiq.nn.q_policy import QPolicy
     from socialiq_lab.results import Results
 
@@ -54,14 +54,14 @@ class State:
 
     Attributes:
         config: Configuration of the study.
-        ground: The world.
+        ground: The world; None where `study.py` computes the tables.
         tables: Rows by table name.
         policies: Every trained policy, in the order of the declaration.
         data: Data sets by their declaration, as `"trajectories 60"`.
     """
 
     config: Any
-    ground: Ground
+    ground: Any
     tables: dict[str, list[Row]] = dataclasses.field(default_factory=dict)
     policies: list[Learned] = dataclasses.field(default_factory=list)
     data: dict[str, list[Demonstrations]] = dataclasses.field(default_factory=dict)
@@ -88,7 +88,9 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
     def view(results: Results) -> Sequence[View]:
         return _views(content, module, results)
 
-    return Study(name, config_class(name, content), compute_tables, figures, view)
+    config = getattr(module, "Config", None) or config_class(name, content)
+    jobs, more_jobs = getattr(module, "jobs", None), getattr(module, "more_jobs", None)
+    return Study(name, config, compute_tables, figures, view, jobs, more_jobs)
 
 
 def config_class(name: str, content: Mapping[str, Any]) -> type[Any]:
@@ -152,7 +154,12 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
     """Train every variant, then compute the tables and the summary in their order."""
     from socialiq.evaluation.ground import Ground
 
-    state = State(config, Ground.of(resolved(content["world"], config)))
+    findings = Findings({}, {})
+    if hasattr(module, "compute_tables"):
+        findings = module.compute_tables(config, context)
+        state = State(config, None, findings.tables)
+    else:
+        state = State(config, Ground.of(resolved(content["world"], config)))
     for variant in variants(content, config):
         _train(state, variant, module, context)
     for table in content.get("table", ()):
@@ -162,15 +169,14 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
         else:
             rows = table_operations.derived(specification, state.tables, state.ground)
         state.tables[specification["name"]] = rows
-    summary = resolved(content.get("summary", {}), config)
-    if "python" in summary:
-        return Findings(state.tables, _function(module, summary["python"])(state))
-    if not summary:
-        return Findings(state.tables, {})
-    rows = state.tables[summary["from"]]
-    return Findings(
-        state.tables, table_operations.nested(rows, *summary["nest"], keep=summary.get("keep"))
-    )
+    declared = resolved(content.get("summary", {}), config)
+    summary = findings.summary
+    if "python" in declared:
+        summary = _function(module, declared["python"])(state)
+    elif declared:
+        rows = state.tables[declared["from"]]
+        summary = table_operations.nested(rows, *declared["nest"], keep=declared.get("keep"))
+    return findings._replace(tables=state.tables, summary=summary)
 
 
 def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
@@ -280,8 +286,10 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
         specification = resolved(declared, settings)
         if "python" in specification:
             drawn |= _function(module, specification["python"])(results)
-        else:
-            drawn[specification["name"]] = figures.draw(specification, results)
+            continue
+        picture = figures.draw(specification, results)
+        if picture is not None:
+            drawn[specification["name"]] = picture
     return drawn
 
 

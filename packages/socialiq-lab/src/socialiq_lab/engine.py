@@ -7,7 +7,6 @@ of a job, and another one if that process dies.
 from __future__ import annotations
 
 import math
-import os
 import queue
 import tempfile
 import time
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialiq.errors import UserError
+from socialiq.evaluation.parts import available_cores
 from socialiq.learners.callbacks import Report, Stopped
 from socialiq.storage import write_atomically
 from socialiq_lab.jobs import Job, Progress, claimed, fingerprints, open_jobs
@@ -72,13 +72,6 @@ def work_folder(given: Path | None) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
-
-
-def available_cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def run_jobs(

@@ -35,8 +35,8 @@ class _Panel(NamedTuple):
     value: Any
 
 
-def draw(specification: Mapping[str, Any], results: Results) -> Figure:
-    """Draw a `[[figure]]` of a STUDY.toml.
+def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
+    """Draw a `[[figure]]` of a STUDY.toml; None where its table has no rows.
 
     Args:
         specification: `table`, `where`, `kind` (one of `KINDS`), `x`, `y` (a column, or several),
@@ -48,6 +48,8 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure:
     """
     layers = [{**specification, **layer} for layer in specification.get("layers", [{}])]
     rows = _rows(layers[0], results)
+    if not rows:
+        return None
     panels = _panels(specification, rows)
     side_by_side = min(specification.get("columns", len(panels)), len(panels))
     width, height = specification.get("size", (4.4, 4.0))
@@ -78,7 +80,24 @@ def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
 
 
 def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
-    return where(results.tables.get(layer["table"], []), layer.get("where", {}))
+    """Return the rows of a layer's table, with the parts of a name as columns (`split`)."""
+    rows = results.tables.get(layer["table"], [])
+    for column, names in layer.get("split", {}).items():
+        keys = names.split("/")
+        parts = [(row, str(row[column]).split("/")) for row in rows]
+        rows = [
+            row | dict(zip(keys, map(_number, values), strict=True))
+            for row, values in parts
+            if len(values) == len(keys)
+        ]
+    return where(rows, layer.get("where", {}))
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
@@ -153,18 +172,22 @@ def _series(
 def _bars(
     axes: Any, layer: Mapping[str, Any], rows: list[Row], y: str, colors: Mapping[Any, Any]
 ) -> None:
-    """Draw bars, side by side for the values of `lines`."""
+    """Draw bars at the means of equal x, side by side for the values of `lines`, a dot a row."""
     places = _values(rows, layer["x"])
     width = 0.8 / len(colors)
     for number, (name, color) in enumerate(colors.items()):
         series = rows if name is None else where(rows, {layer["lines"]: name})
-        at = [places.index(row[layer["x"]]) - 0.4 + (number + 0.5) * width for row in series]
-        heights = np.array([row[y] for row in series], float)
-        ends = None
-        if "error" in layer:
-            edges = [[row[name] for row in series] for name in layer["error"]]
-            ends = np.abs(np.array(edges) - heights)
-        axes.bar(at, heights, 0.9 * width, yerr=ends, color=color, label=name, capsize=2)
+        for place in _values(series, layer["x"]):
+            here = where(series, {layer["x"]: place})
+            values = [row[y] for row in here]
+            at = places.index(place) - 0.4 + (number + 0.5) * width
+            label = (name or layer.get("label")) if place == places[0] else None
+            axes.bar([at], [np.mean(values)], 0.9 * width, color=color, label=label, alpha=0.7)
+            if len(values) > 1:
+                axes.plot([at] * len(values), values, ".", color="black", markersize=3)
+            elif "error" in layer:
+                ends = [here[0][end] for end in layer["error"]]
+                axes.plot([at, at], ends, color="black", linewidth=1)
     axes.set_xticks(range(len(places)), list(map(str, places)), rotation=layer.get("rotation", 0))
 
 

@@ -117,7 +117,7 @@ def train_variant(
     Args:
         ground: The world.
         static: Static configuration of IQ-Learn or of behaviour cloning.
-        runs: IQLearnHyperparameters.
+        runs: Hyperparameters of each run.
         datasets: Data sets of the runs.
         on_report: Shows the progress.
         chunk: Number of updates between two exact evaluations; None for no evaluation.

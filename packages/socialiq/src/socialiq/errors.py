@@ -23,5 +23,5 @@ def one_of(what: str, value: object, known: tuple[str, ...] | list[str]) -> None
     """
     if value not in known:
         text = str(value)
-        shown = text if len(text) <= 80 else f"{text[:79]}…"
-        raise UserError(f"unknown {what} '{shown}': choose one of {', '.join(known)}")
+        short = text if len(text) <= 80 else f"{text[:79]}…"
+        raise UserError(f"unknown {what} '{short}': choose one of {', '.join(known)}")

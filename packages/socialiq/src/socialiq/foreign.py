@@ -75,6 +75,20 @@ def optional(module: str, extra: str, needed_by: str, distribution: str = "socia
         ) from error
 
 
+class Later:
+    """Module of JAX, imported when something of it is first used: acting on roads needs none.
+
+    Args:
+        module: Its name.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(optional(self._module, "learn", "learning and gridworlds"), name)
+
+
 def failure(source: str, error: BaseException) -> UserError:
     """Return an exception of foreign code as a `UserError` of one line that names its source.
 

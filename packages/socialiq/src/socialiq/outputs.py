@@ -46,7 +46,7 @@ def claimed(out: Path) -> Iterator[None]:
     if out.name in ("", ".", ".."):
         raise UserError(f"{out} is no new place: name another --out")
     out = out.absolute()
-    folder = next((one for one in out.parents if one.is_dir()), Path(out.anchor))
+    folder = next((parent for parent in out.parents if parent.is_dir()), Path(out.anchor))
     below = out.relative_to(folder).as_posix()  # of parents that don't exist yet
     name = hashlib.sha256(below.encode()).hexdigest()[:16] if "/" in below else out.name
     lock = filelock.FileLock(folder / f".{name}.claim", blocking=False)
@@ -67,11 +67,11 @@ def claimed(out: Path) -> Iterator[None]:
         lock.release()
 
 
-def move_file(part: Path, path: Path, replace: bool) -> None:
+def move_file(temporary: Path, path: Path, replace: bool) -> None:
     """Move a finished file into place.
 
     Args:
-        part: The file, beside its place.
+        temporary: The file, beside its place.
         path: Its place.
         replace: Whether a file there is replaced.
 
@@ -80,18 +80,18 @@ def move_file(part: Path, path: Path, replace: bool) -> None:
         OSError: If the move fails.
     """
     if replace:
-        part.replace(path)
+        temporary.replace(path)
         return
     try:
-        os.link(part, path)  # fails if the place is taken, at whatever moment
+        os.link(temporary, path)  # fails if the place is taken, at whatever moment
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
-        part.replace(path)
+        temporary.replace(path)
 
 
-def move_folder(part: Path, folder: Path) -> None:
+def move_folder(temporary: Path, folder: Path) -> None:
     """Move a finished folder into place, if nothing but an empty folder is there.
 
     Raises:
@@ -101,7 +101,7 @@ def move_folder(part: Path, folder: Path) -> None:
     try:
         with contextlib.suppress(FileNotFoundError):
             folder.rmdir()
-        part.rename(folder)
+        temporary.rename(folder)
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
             raise FileExistsError(errno.EEXIST, "exists already", str(folder)) from error
@@ -147,13 +147,13 @@ def whole_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
         UserError: If it can't be made or moved, or the place is taken; the old folder is then as
             it was.
     """
-    part = part_beside(folder)
+    temporary = part_beside(folder)
     try:
-        yield part
-        part.chmod(0o755)
-        swap_folder(part, folder, replace)
+        yield temporary
+        temporary.chmod(0o755)
+        swap_folder(temporary, folder, replace)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def check_output_folder(folder: Path, replace: bool) -> bool:
@@ -179,26 +179,26 @@ def check_output_folder(folder: Path, replace: bool) -> bool:
     return True
 
 
-def swap_folder(part: Path, folder: Path, replace: bool = True) -> None:
+def swap_folder(temporary: Path, folder: Path, replace: bool = True) -> None:
     """Move a finished folder into place. The old folder is removed last, and restored on failure.
 
     Args:
-        part: The finished folder, beside its place.
+        temporary: The finished folder, beside its place.
         folder: Its place.
         replace: Whether content there is replaced.
 
     Raises:
         UserError: If the move fails, or the place is taken; the old folder is then as it was.
     """
-    old = part.with_name(f"{part.name}.old")
+    old = temporary.with_name(f"{temporary.name}.old")
     try:
         if not replace:
-            move_folder(part, folder)
+            move_folder(temporary, folder)
             return
         if folder.exists():
             folder.rename(old)
         try:
-            part.rename(folder)
+            temporary.rename(folder)
         except OSError:
             if old.exists():
                 old.rename(folder)

@@ -30,13 +30,13 @@ def versions(libraries: Sequence[str] = LIBRARIES) -> dict[str, str]:
     Args:
         libraries: Names of distributions; those that are not installed are left out.
     """
-    found = {"python": platform.python_version()}
+    numbers = {"python": platform.python_version()}
     for name in libraries:
         try:
-            found[name] = importlib.metadata.version(name)
+            numbers[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return found
+    return numbers
 
 
 def machine() -> str:
@@ -49,9 +49,9 @@ def package_sha256() -> str:
     """Return the SHA-256 over the paths and bytes of all source files of this package."""
     root = Path(str(importlib.resources.files("socialiq")))
     digest = hashlib.sha256()
-    found = {path.relative_to(root).as_posix(): path for path in _sources(root)}
-    for name in sorted(found):
-        content = found[name].read_bytes()
+    files = {path.relative_to(root).as_posix(): path for path in _sources(root)}
+    for name in sorted(files):
+        content = files[name].read_bytes()
         digest.update(f"{name}\n{len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()

@@ -33,8 +33,8 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
             yield file
     except OSError as error:
         # A library's own message may have several lines.
-        said = error.strerror or one_line(str(error))
-        raise UserError(f"cannot read {path}: {said}") from error
+        reason = error.strerror or one_line(str(error))
+        raise UserError(f"cannot read {path}: {reason}") from error
 
 
 def check_file(path: Path) -> None:
@@ -92,17 +92,17 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     text = read_text(path, _LARGEST_TOML)
     try:
-        found = tomllib.loads(text)
+        document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path} is not TOML: {one_line(str(error))}") from error
-    waiting: list[Any] = [found]
+    waiting: list[Any] = [document]
     while waiting:
         value = waiting.pop()
         if isinstance(value, dict | list):
             waiting += value.values() if isinstance(value, dict) else value
         elif isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise UserError(f"{path} has a whole number of more than 64 bits: TOML has none")
-    return found
+    return document
 
 
 def sha256_of_file(path: Path) -> str:

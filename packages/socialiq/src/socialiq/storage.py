@@ -265,7 +265,7 @@ def shipped(path: Path) -> Path:
     if path.exists() or path.parts[:1] != ("results",):
         return path
     try:
-        found = packaged_results().joinpath(*path.parts[1:])
+        packaged = packaged_results().joinpath(*path.parts[1:])
     except UserError:
         return path
-    return found if found.exists() else path
+    return packaged if packaged.exists() else path

@@ -51,19 +51,18 @@ def _converted(value: Any, of_float: Callable[[float], Any], named: bool) -> Any
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, Mapping):
-        return {str(name): _converted(one, of_float, named) for name, one in value.items()}
-    pairs = _fields(value, named)
-    if pairs is not None:
-        kept = {name: one for name, one in pairs.items() if not isinstance(one, bytes)}
-        return {name: _converted(one, of_float, named) for name, one in kept.items()}
-    if isinstance(value, tuple | list):
-        return [_converted(one, of_float, named) for one in value]
-    raise TypeError(f"{type(value).__name__} has no plain form")
-
-
-def _fields(value: Any, named: bool) -> dict[str, Any] | None:
+        return {str(name): _converted(entry, of_float, named) for name, entry in value.items()}
+    pairs = None
     if named and isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {one.name: getattr(value, one.name) for one in dataclasses.fields(value)}
-    return None
+        pairs = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        pairs = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if pairs is not None:
+        return {
+            name: _converted(entry, of_float, named)
+            for name, entry in pairs.items()
+            if not isinstance(entry, bytes)
+        }
+    if isinstance(value, tuple | list):
+        return [_converted(entry, of_float, named) for entry in value]
+    raise TypeError(f"{type(value).__name__} has no plain form")

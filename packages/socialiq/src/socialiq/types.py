@@ -48,23 +48,23 @@ class RewardPair(NamedTuple):
         return RewardPair.of(info.get("reward_pair", (reward, 0.0)), 'info["reward_pair"]')
 
     @staticmethod
-    def of(given: Any, what: str) -> RewardPair:
+    def of(numbers: Any, what: str) -> RewardPair:
         """Return a pair of scalars from a sequence of two numbers.
 
         Args:
-            given: For instance a tuple or an array of length 2.
+            numbers: For instance a tuple or an array of length 2.
             what: Name of the quantity in error messages.
 
         Raises:
             UserError: If it has another length, or a number is not finite.
         """
         try:
-            pair = tuple(float(one) for one in given)
+            pair = tuple(map(float, numbers))
         except (TypeError, ValueError):
             pair = ()
         if len(pair) != 2 or not all(map(math.isfinite, pair)):
-            shown = ascii(given)[:80]
-            raise UserError(f"{what} must be two finite numbers (r_env, r_social), got {shown}")
+            text = ascii(numbers)[:80]
+            raise UserError(f"{what} must be two finite numbers (r_env, r_social), got {text}")
         return RewardPair(*pair)
 
 

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from socialiq.evaluation.road_training import CHUNK, Checks
 from socialiq.learners.state import History
 from socialiq_lab.intersection.episodes import CURVE
-from socialiq_lab.intersection.fitting import CHECKPOINT, CHUNK, Checks, fit
+from socialiq_lab.intersection.fitting import CHECKPOINT, fit
 from socialiq_lab.results import from_csv
 
 

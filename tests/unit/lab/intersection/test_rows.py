@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from socialiq.evaluation.episode_rows import outcome_row, policy_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.storage import write_json
 from socialiq.worlds.intersection.batch import Batch
@@ -10,13 +11,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq_lab.intersection.driving import Evaluation
 from socialiq_lab.intersection.episodes import load_episodes, save_episodes
-from socialiq_lab.intersection.rows import (
-    evaluated,
-    outcome_row,
-    policy_row,
-    policy_rows,
-    times,
-)
+from socialiq_lab.intersection.rows import evaluated, policy_rows, times
 from socialiq_lab.jobs import RECORD, Job
 
 SEEDS = Evaluation(episodes=6, first_seed=3).seeds

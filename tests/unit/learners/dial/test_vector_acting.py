@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
+from socialiq.evaluation.road_training import CHUNK, sizes_of, source_of
 from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
 from socialiq.learners.dial.config import INTERSECTION, DialHyperparameters
 from socialiq.learners.dial.train import Dial
@@ -15,7 +16,6 @@ from socialiq.learners.fit import _start_all
 from socialiq.learners.state import stack
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
-from socialiq_lab.intersection.fitting import CHUNK, sizes_of, source_of
 
 STATIC = dataclasses.replace(
     INTERSECTION.structure, hidden=(8,), environments=4, replay_capacity=500

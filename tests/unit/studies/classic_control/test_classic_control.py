@@ -5,11 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from studies.classic_control import data
-from studies.classic_control.cartpole import STEPS, CartPole, Episode
+from studies.classic_control import runs
 from studies.classic_control.methods import METHODS, VARIANTS, method_of
 from studies.classic_control.study import Config, plan
-from studies.classic_control.tasks import TASKS, returns
+from studies.classic_control.tasks import STEPS, TASKS, CartPole, Episode, returns
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
@@ -20,7 +19,7 @@ WITHOUT_EXTRA = [name for name in TASKS if name != "LunarLander"]
 
 @pytest.fixture(name="shown", scope="module")
 def expert_trajectory():
-    return data.trajectories(CARTPOLE, 1, 50_000_000)
+    return runs.trajectories(CARTPOLE, 1, 50_000_000)
 
 
 def test_the_compiled_cartpole_moves_as_gymnasiums() -> None:
@@ -80,15 +79,15 @@ def test_an_expert_answers_one_observation_as_it_answers_a_batch() -> None:
 
 def test_the_stride_beats_with_the_experts_cycle(shown) -> None:
     """At a stride of 20 the fast features hardly vary; one row of each block keeps their spread."""
-    rows, stride = (data.kept(shown, one, CARTPOLE, 0, False) for one in ("rows", "stride"))
+    rows, stride = (runs.thinned(shown, one, CARTPOLE, 0, False) for one in ("rows", "stride"))
     assert rows.n_transitions == stride.n_transitions == 25
-    assert data.spread_kept(stride, shown) < 0.2 < 0.5 < data.spread_kept(rows, shown)
-    assert data.spread_kept(shown, shown) == pytest.approx(1.0)
+    assert runs.spread_kept(stride, shown) < 0.2 < 0.5 < runs.spread_kept(rows, shown)
+    assert runs.spread_kept(shown, shown) == pytest.approx(1.0)
 
 
 def test_the_cycle_of_a_periodic_demonstrator(shown) -> None:
     periodic = np.arange(shown.n_transitions, dtype=np.int32) // 3 % 2
-    one = data.Demonstrations.of(
+    one = runs.Demonstrations.of(
         observation=shown.observation,
         action=periodic,
         next_observation=shown.next_observation,
@@ -97,11 +96,11 @@ def test_the_cycle_of_a_periodic_demonstrator(shown) -> None:
         episode=shown.episode,
         n_actions=2,
     )
-    assert data.cycle(one) == (6, 1.0)
+    assert runs.cycle(one) == (6, 1.0)
 
 
 def test_a_linear_fit_of_whole_trajectories_recovers_the_expert(shown) -> None:
-    weights = data.linear_fit(shown, 1e-4)
+    weights = runs.linear_fit(shown, 1e-4)
     expected = np.array([0.05, 0.1, 1.0, 0.3])
     cosine = weights @ expected / np.linalg.norm(weights) / np.linalg.norm(expected)
     assert cosine > 0.99

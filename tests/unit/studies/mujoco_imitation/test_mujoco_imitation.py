@@ -4,8 +4,7 @@ import dataclasses
 import json
 
 import pytest
-from studies.mujoco_imitation import pieces, plan, study
-from studies.mujoco_imitation.config import Config
+from studies.mujoco_imitation import plan, study
 from studies.mujoco_imitation.methods import (
     CHOSEN,
     LONGER,
@@ -14,6 +13,7 @@ from studies.mujoco_imitation.methods import (
     WITHOUT_FORCES,
     method_of,
 )
+from studies.mujoco_imitation.plan import Config
 from studies.mujoco_imitation.runs import Imitation, settled
 from studies.mujoco_imitation.tasks import TASKS
 
@@ -56,7 +56,7 @@ def folder(tmp_path):
         run("cloning", 1, 80.0, 40.0),
         run("regression", 0, 20.0),
     ):
-        (place / pieces.name_of(pieces.key_of(one))).write_text(json.dumps(one))
+        (place / plan.name_of(plan.key_of(one))).write_text(json.dumps(one))
     return str(tmp_path / "results")
 
 
@@ -143,21 +143,21 @@ def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
     for broken in ({"task": "Hopper"}, []):
         (tmp_path / "results" / "pieces" / "Hopper-online-5-0.json").write_text(json.dumps(broken))
         with pytest.raises(UserError, match=r"Hopper-online-5-0\.json is damaged"):
-            pieces.committed(folder)
+            plan.committed(folder)
     (tmp_path / "results" / "pieces" / "Hopper_expert.safetensors").unlink()
     (tmp_path / "results" / "pieces" / "Hopper-online-5-0.json").unlink()
     with pytest.raises(UserError, match=r"Hopper_expert\.safetensors is missing"):
-        pieces.committed(folder)
+        plan.committed(folder)
     with pytest.raises(UserError, match="holds no pieces"):
-        pieces.committed(str(tmp_path / "nothing"))
+        plan.committed(str(tmp_path / "nothing"))
 
 
 def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
     newer = run("online, of a later version", 0, 1.0)
-    name = pieces.name_of(pieces.key_of(newer))
+    name = plan.name_of(plan.key_of(newer))
     (tmp_path / "results" / "pieces" / name).write_text(json.dumps(newer))
     with pytest.raises(UserError, match="is of online, of a later version on Hopper, which is unk"):
-        pieces.committed(folder)
+        plan.committed(folder)
 
 
 def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
+from socialiq.evaluation.episode_rows import outcome_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
@@ -20,7 +21,6 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import results as store
 from socialiq_lab import study as experiment
-from socialiq_lab.intersection.rows import outcome_row
 from socialiq_lab.registry import find
 
 FILMED = "prosocial"

@@ -17,6 +17,7 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.road_training import CHUNK, soft_collector
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as iq
@@ -28,7 +29,6 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq_lab.intersection.episodes import DIAL, LAST
-from socialiq_lab.intersection.fitting import CHUNK, soft_collector
 from socialiq_lab.jobs import ProgressCallback
 
 

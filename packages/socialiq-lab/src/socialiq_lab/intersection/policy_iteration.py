@@ -10,31 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
-from socialiq.evaluation.branching import Branching
-from socialiq.learners.dial.rows import stratified_angles
+from socialiq.evaluation.road_training import Checks, dial_labeller, observes_time, sizes_of
 from socialiq.learners.policy_iteration import dial
 from socialiq.learners.policy_iteration import train as one_angle
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.intersection.episodes import DIAL
-from socialiq_lab.intersection.fitting import CHUNK, Checks, fit, sizes_of
+from socialiq_lab.intersection.fitting import fit
 from socialiq_lab.jobs import ProgressCallback
-
-ITERATION = dial.DialIterationConfig(
-    batch_size=512,
-    updates=20_000,
-    states_per_update=40,
-    first_rounds=10,
-    replay_capacity=400_000,
-)
-"""Static config that improves dials of the intersection's preset; the network is the dial's."""
-
-ITERATION_NUMBERS = one_angle.IterationHyperparameters(
-    learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
-)
-"""Hyperparameters beside it."""
 
 
 @dataclass(frozen=True)
@@ -82,30 +66,3 @@ def train_dial_by_iteration(
     )
     monitor = config.checks.monitor(structure.updates, measure, "total")
     fit(fitting, folder, on_progress, [DIAL], monitor)
-
-
-def observes_time(start: DialPolicy, options: Options) -> bool:
-    """Whether a dial of the intersection observes the time.
-
-    Raises:
-        UserError: If it is of another world.
-    """
-    (n_features, n_actions) = sizes_of(options)
-    if start.n_actions != n_actions or start.n_features not in (n_features, n_features + 1):
-        raise UserError(
-            f"this dial takes {start.n_features} features and has {start.n_actions} actions: "
-            "give one of the intersection"
-        )
-    return start.n_features > n_features
-
-
-def dial_labeller(
-    structure: dial.DialIterationConfig, options: Options, environments: int, clock: bool
-) -> Branching:
-    """Return the labeller of one run, whose episodes have angles of their own."""
-
-    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
-        return stratified_angles(structure, count, rng)
-
-    states = CHUNK * structure.states_per_update
-    return Branching(options, states, environments, clock, angles)

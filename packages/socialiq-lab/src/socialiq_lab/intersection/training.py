@@ -14,37 +14,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.road_training import (
+    MEASURES,
+    STEPS_PER_UPDATE,
+    Checks,
+    dial_collector,
+    sizes_of,
+    soft_collector,
+    source_of,
+)
 from socialiq.learners import dqn
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
-from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Policy, Row
-from socialiq.worlds.highway.gym import RoadVectorEnv
-from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab.engine import available_cores
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq_lab.intersection.episodes import BEST, DIAL, LAST
-from socialiq_lab.intersection.fitting import (
-    CHUNK,
-    MEASURES,
-    Checks,
-    fit,
-    road_source,
-    sizes_of,
-    soft_collector,
-    source_of,
-)
+from socialiq_lab.intersection.fitting import fit
 from socialiq_lab.jobs import ProgressCallback
 
 
@@ -118,38 +113,6 @@ def train_learner(
     train = partial(train_iq, structure, [numbers], [data], before_chunk=collector)
     monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
     fit(train, folder, on_progress, [LAST], monitor)
-
-
-STEPS_PER_UPDATE = 12
-"""Rows of experience that a dial takes in for each update."""
-
-
-def dial_collector(
-    structure: dial.DialConfig,
-    numbers: Sequence[dial.DialHyperparameters],
-    world: Intersection | SceneWorld,
-    environments: int,
-    steps_per_update: int,
-) -> DialCollector | DialVectorCollector:
-    """Return what collects dials' experience on the core, from episodes of each run.
-
-    Several runs act together, on as many threads as there are runs, or cores if fewer.
-
-    Args:
-        structure: Shared by all runs; with a clock where times are redrawn.
-        numbers: Of each run.
-        world: The road.
-        environments: Episodes side by side, of each run.
-        steps_per_update: Rows for each update.
-    """
-    clock, count = structure.redraw_times > 0, len(numbers)
-    if count == 1:
-        source = road_source(world, environments, steps_per_update, clock)
-        return DialCollector([source], structure, numbers)
-    batch = world.batch(count * environments, min(count, available_cores()))
-    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
-    rounds = -(-CHUNK * steps_per_update // environments)
-    return DialVectorCollector(env, rounds, structure, numbers)
 
 
 DIAL_STRUCTURE = dial.DialConfig(

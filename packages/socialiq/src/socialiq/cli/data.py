@@ -10,9 +10,8 @@ from typing import Annotated
 import tyro
 
 from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.datasets.actions import Bounds
-from socialiq.datasets.minari_read import read_minari
-from socialiq.datasets.minari_write import id_of, write_minari
+from socialiq.datasets.columns import Bounds
+from socialiq.datasets.minari import id_of, read_minari, write_minari
 from socialiq.datasets.step_files import format_of, read_steps, write_steps
 from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files

@@ -16,7 +16,6 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
-from socialiq.cli.evaluate_data import evaluate_data
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
@@ -24,6 +23,7 @@ from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.context import evaluate_by_rule
+from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
@@ -42,7 +42,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
-from socialiq_lab.intersection.rows import policy_row
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
@@ -136,6 +135,8 @@ class Evaluate(Printing):
 
     def _from_data(self, data: Path) -> None:
         """Estimate from episodes; nothing is rolled out, so options of rollouts are refused."""
+        from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
+
         given = [
             name
             for name, value in (

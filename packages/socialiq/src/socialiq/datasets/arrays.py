@@ -8,10 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Float32, Int32
 
-from socialiq.datasets.actions import Bounds, actions_of
-from socialiq.datasets.plain_columns import features_of, flag_of, pair_of, whole_of
+from socialiq.datasets.columns import Bounds, actions_of, features_of, flag_of, pair_of, whole_of
 from socialiq.demonstrations.columns import flags_of, steps_of
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -66,77 +65,59 @@ def of_steps(
     Raises:
         UserError: If a column is missing or wrong; the line names it.
     """
-    seen = features_of("observation", observation, flatten)
-    rows = len(seen)
-    flags = [flag_of(name, one) for name, one in _given(terminated=terminated, truncated=truncated)]
+    observed = features_of("observation", observation, flatten)
+    rows = len(observed)
+    flags = {"truncated": truncated, "terminated": terminated}
+    flags = {name: flag_of(name, flag) for name, flag in flags.items() if flag is not None}
     kinds = None if ending is None else whole_of("ending", ending).astype(np.int8)
-    ends = _ends(rows, *flags, kinds) if flags or kinds is not None else None
+    ends = [*flags.values(), *([] if kinds is None else [kinds])]
+    for column in ends:
+        if len(column) != rows:
+            raise UserError(
+                f"terminated, truncated and ending need {rows} rows, as observation has: one has "
+                f"{len(column)}"
+            )
     number = _episodes(rows, episode, ends)
-    columns = {
-        "observation": seen,
+    if kinds is None:  # `Demonstrations` checks that flags and kinds agree
+        kinds = np.zeros(rows, np.int8)
+        for name, flag in flags.items():
+            kinds[flag] = Ending.TIMEOUT if name == "truncated" else Ending.OTHER
+    terminal, timeout = flags_of(kinds)
+    pair = pair_of(reward, social)
+    arrays = {
+        "observation": observed,
         "action": actions_of(action, n_actions, bounds),
-        "next_observation": _next(seen, number, next_observation, final_observation, flatten),
-        **_endings(rows, terminated, truncated, kinds),
+        "next_observation": _next(observed, number, next_observation, final_observation, flatten),
+        "terminated": flags.get("terminated", terminal),
+        "truncated": flags.get("truncated", timeout),
+        "ending": kinds,
+        "r_env": pair.env,
+        "r_social": pair.social,
         "mode": np.zeros(rows, np.int8) if mode is None else whole_of("mode", mode).astype(np.int8),
         "episode": number,
         "step": steps_of(number) if step is None else whole_of("step", step),
     }
-    pair = pair_of(reward, social)
-    arrays = {**columns, "r_env": pair.env, "r_social": pair.social}
-    kept = {} if bounds is None else {ACTION_BOUNDS: bounds.as_json()}
-    return Demonstrations.of_arrays(arrays, mode_names, n_actions, {**(source or {}), **kept})
+    origin = {} if bounds is None else {ACTION_BOUNDS: bounds.as_json()}
+    return Demonstrations.of_arrays(arrays, mode_names, n_actions, {**(source or {}), **origin})
 
 
-def _given(**columns: Any) -> list[tuple[str, Any]]:
-    return [(name, one) for name, one in columns.items() if one is not None]
-
-
-def _ends(rows: int, *columns: Any) -> Bool[np.ndarray, " row"]:
-    """Return whether an episode ends at each row, by any of the columns."""
-    ends = np.zeros(rows, np.bool_)
-    for one in columns:
-        if one is not None:
-            if len(one) != rows:
-                raise UserError(
-                    f"terminated, truncated and ending need {rows} rows, as observation has: one "
-                    f"has {len(one)}"
-                )
-            ends |= one != 0
-    return ends
-
-
-def _episodes(rows: int, episode: Any, ends: Any) -> Int32[np.ndarray, " row"]:
+def _episodes(rows: int, episode: Any, ends: list[np.ndarray]) -> Int32[np.ndarray, " row"]:
+    """Return the number of each row's episode, which ends at a row by any of the columns."""
     if episode is not None:
         number = whole_of("episode", episode)
         if len(number) != rows:
             raise UserError(f"episode has {len(number)} rows where observation has {rows}")
         return number
-    if ends is None:
+    if not ends:
         raise UserError(
             "nothing says where an episode ends: pass terminated and truncated, or episode"
         )
-    return np.cumsum(np.concatenate([[0], ends[:-1]]), dtype=np.int32)
-
-
-def _endings(rows: int, terminated: Any, truncated: Any, kinds: Any) -> dict[str, np.ndarray]:
-    """Return the flags and the kind of ending; `Demonstrations` checks that they agree."""
-    no = np.zeros(rows, np.bool_)
-    if kinds is None:
-        kinds = no.astype(np.int8)
-        if truncated is not None:
-            kinds[flag_of("truncated", truncated)] = Ending.TIMEOUT
-        if terminated is not None:
-            kinds[flag_of("terminated", terminated)] = Ending.OTHER
-    ended, timeout = flags_of(kinds)
-    return {
-        "terminated": ended if terminated is None else flag_of("terminated", terminated),
-        "truncated": timeout if truncated is None else flag_of("truncated", truncated),
-        "ending": kinds,
-    }
+    over = np.any([column != 0 for column in ends], axis=0)
+    return np.cumsum(np.concatenate([[0], over[:-1]]), dtype=np.int32)
 
 
 def _next(
-    seen: Float32[np.ndarray, "row feature"],
+    observed: Float32[np.ndarray, "row feature"],
     episode: Int32[np.ndarray, " row"],
     following: Any,
     final: Any,
@@ -152,11 +133,11 @@ def _next(
             f"final_observation, a row for each of {len(last)} episodes"
         )
     ends = features_of("final_observation", final, flatten)
-    if ends.shape != (len(last), seen.shape[1]):
+    if ends.shape != (len(last), observed.shape[1]):
         raise UserError(
-            f"final_observation has shape {ends.shape}: pass one row of {seen.shape[1]} features "
-            f"for each of {len(last)} episodes"
+            f"final_observation has shape {ends.shape}: pass one row of {observed.shape[1]} "
+            f"features for each of {len(last)} episodes"
         )
-    after = np.roll(seen, -1, axis=0)
+    after = np.roll(observed, -1, axis=0)
     after[last] = ends
     return after

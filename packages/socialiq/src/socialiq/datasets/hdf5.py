@@ -1,4 +1,4 @@
-"""Untrusted HDF5 files: plain numeric arrays that are stored in the file itself.
+"""Untrusted HDF5 files of plain numeric arrays, and demonstrations in D4RL's layout of them.
 
 An HDF5 file can link to other files, store its data in them, or claim shapes of any size without
 data. None of that is followed, and a shape is checked against a limit before it is read. h5py runs
@@ -7,13 +7,15 @@ HDF5's own C code on the file; a defect of that code cannot be prevented here.
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.reading import check_file
@@ -57,23 +59,18 @@ class Reader:
     def __enter__(self) -> Reader:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._file.close()
 
     def text(self, name: str) -> bytes | None:
         """Return a text that the root has as an attribute; None if there is none."""
         try:
-            found = self._file.attrs.get(name)
+            text = self._file.attrs.get(name)
         except _FAULTS as error:
             raise self._damaged() from error
-        if isinstance(found, np.void):  # bytes of any length
-            return found.tobytes()
-        return found.encode() if isinstance(found, str) else None
+        if isinstance(text, np.void):  # bytes of any length
+            return text.tobytes()
+        return text.encode() if isinstance(text, str) else None
 
     def size(self) -> int:
         """Return the number of members of the file's root."""
@@ -85,7 +82,7 @@ class Reader:
     def has(self, name: str) -> bool:
         """Whether there is a member of that path, separated by slashes."""
         try:
-            return self._found(name) is not None
+            return self._member(name) is not None
         except _FAULTS as error:
             raise self._damaged() from error
 
@@ -96,42 +93,118 @@ class Reader:
             UserError: If it is missing, not numeric, stored elsewhere, or too large.
         """
         try:
-            found = self._found(name)
-            if found is None:
+            member = self._member(name)
+            if member is None:
                 raise UserError(f"{self._path} lacks {name}: record it again")
-            self._check(found, name)
-            return np.asarray(found[()])
+            self._check(member, name)
+            return np.asarray(member[()])
         except _FAULTS as error:
             raise self._damaged() from error
 
-    def _found(self, name: str) -> Any:
+    def _member(self, name: str) -> Any:
         """Return a member of this file, without following a link to another place."""
         group = self._file
-        for part in name.split("/"):
-            if not isinstance(group, self._h5py.Group):
+        for word in name.split("/"):
+            if not isinstance(group, self._h5py.Group) or word not in group:
                 return None
-            link = group.get(part, getlink=True) if part in group else None
+            link = group.get(word, getlink=True)
             if link is None:
                 return None
             if not isinstance(link, self._h5py.HardLink):
                 raise UserError(f"{self._path}: {name} is a link to another place: copy it in")
-            group = group[part]
+            group = group[word]
         return group
 
-    def _check(self, found: Any, name: str) -> None:
-        if not isinstance(found, self._h5py.Dataset):
+    def _check(self, member: Any, name: str) -> None:
+        if not isinstance(member, self._h5py.Dataset):
             raise UserError(
                 f"{self._path}: {name} is nested: only plain arrays are read, flatten it first"
             )
-        if found.external or found.is_virtual:
+        if member.external or member.is_virtual:
             raise UserError(f"{self._path}: {name} is stored in another file: copy it in")
-        if found.dtype.kind not in "fiub" or found.shape is None or not found.shape:
-            kind = one_line(str(found.dtype), 40)
+        if member.dtype.kind not in "fiub" or member.shape is None or not member.shape:
+            kind = one_line(str(member.dtype), 40)
             raise UserError(f"{self._path}: {name} is {kind}, not an array of numbers")
-        largest = max(math.prod(found.shape), math.prod(found.chunks or (1,)))
+        largest = max(math.prod(member.shape), math.prod(member.chunks or (1,)))
         if largest > self._left:
             raise UserError(f"{self._path} claims more than {MOST_NUMBERS:,} numbers: split it")
         self._left -= largest
 
     def _damaged(self) -> UserError:
         return UserError(f"{self._path} is damaged or no HDF5 file: record it again")
+
+
+NAMES = {
+    "observation": "observations",
+    "action": "actions",
+    "terminated": "terminals",
+    "truncated": "timeouts",
+    "next_observation": "next_observations",
+}
+"""D4RL's name of each column."""
+
+REWARD, PAIRS = "rewards", ("infos/reward_vector", "infos/reward_pair")
+"""D4RL's reward, and what holds a pair of rewards beside it; the first of these is written."""
+
+MORE = ("ending", "mode", "episode", "step")
+"""Columns of a table that D4RL has no name for; they are kept in `infos/socialiq`."""
+
+OURS = "infos/socialiq"
+
+
+def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
+    """Read the arrays of `arrays.of_steps` from a file in D4RL's layout.
+
+    Args:
+        path: The file.
+        key: Attribute of the file with a header.
+
+    Returns:
+        The arrays by their names there, and the header or None.
+
+    Raises:
+        UserError: If the file is missing or damaged, an array is missing, or nothing says what
+            follows the last step of an episode.
+    """
+    with Reader(path) as reader:
+        required = (*list(NAMES.values())[:3], REWARD)
+        missing = [name for name in required if not reader.has(name)]
+        if missing:
+            raise UserError(f"{path} has no {', '.join(missing)}: is it of D4RL's layout?")
+        if not reader.has(NAMES["next_observation"]):
+            raise UserError(
+                f"{path} has no next_observations: what follows the last step of an episode is in "
+                "no other array"
+            )
+        arrays = {
+            name: reader.array(member) for name, member in NAMES.items() if reader.has(member)
+        }
+        arrays["reward"] = reader.array(next(filter(reader.has, PAIRS), REWARD))
+        header = reader.text(key)
+        if header is not None:
+            arrays |= {name: reader.array(f"{OURS}/{name}") for name in MORE}
+        return arrays, header
+
+
+def d4rl_of(table: Demonstrations, key: str, header: bytes) -> bytes:
+    """Return a table as the bytes of a file in D4RL's layout; its one reward is r_env.
+
+    Args:
+        table: The table.
+        key: Attribute of the file that holds the header.
+        header: The header.
+
+    Raises:
+        UserError: If h5py is not installed.
+    """
+    h5py, content = library("HDF5 files"), io.BytesIO()
+    columns = table.arrays()
+    with h5py.File(content, "w") as file:
+        for name, member in NAMES.items():
+            file.create_dataset(member, data=columns[name])
+        file.create_dataset(REWARD, data=table.rewards.env)
+        file.create_dataset(PAIRS[0], data=np.stack(table.rewards, axis=1))
+        for name in MORE:
+            file.create_dataset(f"{OURS}/{name}", data=columns[name])
+        file.attrs[key] = np.void(header)
+    return content.getvalue()

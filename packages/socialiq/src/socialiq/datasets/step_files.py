@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import json
+import math
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 
-from socialiq.datasets.actions import Bounds
+from socialiq.datasets import step_tables
 from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.d4rl import d4rl_of, read_d4rl
-from socialiq.datasets.npz import npz_of, read_npz
-from socialiq.datasets.step_columns import STEPS, columns_of
-from socialiq.datasets.step_tables import csv_of, parquet_of, read_csv, read_parquet
+from socialiq.datasets.columns import Bounds
+from socialiq.datasets.hdf5 import d4rl_of, read_d4rl
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.reading import sha256_of_file
+from socialiq.reading import open_file, sha256_of_file
 from socialiq.storage import write_atomically
 
 FORMATS = (".npz", ".csv", ".parquet", ".hdf5")
@@ -106,15 +111,18 @@ def write_steps(path: Path, table: Demonstrations, replace: bool = True) -> None
     kind = format_of(path)
     header = json.dumps({**files.header_of(table), "sha256": files.sha256_of(table)}).encode()
     if kind == ".csv":
-        content = csv_of(columns_of(table))
+        content = step_tables.csv_of(step_tables.columns_of(table))
     elif kind == ".parquet":
-        content = parquet_of(columns_of(table), HEADER, header)
+        content = step_tables.parquet_of(step_tables.columns_of(table), HEADER, header)
     elif kind == ".hdf5":
         content = d4rl_of(table, HEADER, header)
     else:
         arrays = table.arrays()
         arrays["reward"] = np.stack([arrays.pop("r_env"), arrays.pop("r_social")], axis=1)
-        content = npz_of({**arrays, HEADER: np.frombuffer(header, np.uint8)})
+        arrays[HEADER] = np.frombuffer(header, np.uint8)
+        file = io.BytesIO()
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+        content = file.getvalue()
     write_atomically(path, content, replace)
 
 
@@ -145,9 +153,12 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
         return arrays, None if header is None else header.tobytes()
     if kind == ".hdf5":
         return read_d4rl(path, HEADER)
-    columns, header = (read_csv(path), None) if kind == ".csv" else read_parquet(path, HEADER)
-    arrays = STEPS.arrays_of(columns, str(path))
-    following = STEPS.vectors[1]
+    if kind == ".csv":
+        columns, header = step_tables.read_csv(path), None
+    else:
+        columns, header = step_tables.read_parquet(path, HEADER)
+    arrays = step_tables.STEPS.arrays_of(columns, str(path))
+    following = step_tables.STEPS.vectors[1]
     if following not in arrays:
         raise UserError(
             f"{path} has no column {following}_0, ...: what follows an episode's last step is in "
@@ -176,8 +187,81 @@ def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:
     return written
 
 
-def _agreed(path: Path, what: str, given: Any, written: Any) -> Any:
+def _agreed(path: Path, what: str, option: Any, written: Any) -> Any:
     """Return the file's own value; refuse an option that differs."""
-    if given and given != written:
-        raise UserError(f"{path} has {what}: {written}, not {given}: leave the option out")
+    if option and option != written:
+        raise UserError(f"{path} has {what}: {written}, not {option}: leave the option out")
     return written
+
+
+MOST_BYTES = 2 * 1024**3
+"""Largest size of all arrays of one archive together."""
+
+_MEMBERS = 1_000
+_FAULTS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    EOFError,
+    ValueError,
+    RuntimeError,  # encrypted members; NotImplementedError for unknown compression is one too
+    RecursionError,
+    SyntaxError,
+    tokenize.TokenError,
+)
+
+
+def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Read arrays of numbers in an archive of NumPy, of unknown origin; nothing is unpickled.
+
+    The header of a member is checked against its size before memory is allocated: NumPy itself
+    would allocate an array of any shape that the header claims.
+
+    Args:
+        path: The archive.
+        names: Members to read if they exist; others are never opened.
+
+    Raises:
+        UserError: If it is missing or damaged, or one of these members is not numeric.
+    """
+    try:
+        with open_file(path) as file, zipfile.ZipFile(file) as archive:
+            members = {member.filename: member for member in archive.infolist()[:_MEMBERS]}
+            members = {name: members[f"{name}.npy"] for name in names if f"{name}.npy" in members}
+            if sum(member.file_size for member in members.values()) > MOST_BYTES:
+                raise UserError(f"{path} holds more than {MOST_BYTES:,} bytes: split it")
+            return {name: _member(archive, member, path) for name, member in members.items()}
+    except UserError:
+        raise
+    except _FAULTS as error:
+        raise UserError(f"{path} is damaged or no .npz archive: save it again") from error
+
+
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> np.ndarray:
+    name = member.filename.removesuffix(".npy")
+    with archive.open(member) as file:
+        shape, dtype = _npy_header(file)
+        if dtype.kind not in "fiub":
+            raise UserError(
+                f"{path}: {name} is {dtype.kind!r}, not an array of numbers: save numbers"
+            )
+        if file.tell() + math.prod(shape) * dtype.itemsize != member.file_size:
+            raise UserError(f"{path}: {name} has another size than its header: save it again")
+    with archive.open(member) as file:
+        return npy.read_array(file, allow_pickle=False)
+
+
+def _npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
+    """Return shape and type of a member.
+
+    Raises:
+        ValueError: If it is not one that NumPy writes for plain arrays.
+    """
+    version = npy.read_magic(file)
+    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    if version not in readers:
+        raise ValueError("unknown version")
+    shape, _, dtype = readers[version](file)
+    if any(size < 0 for size in shape):
+        raise ValueError("negative size")
+    return shape, dtype

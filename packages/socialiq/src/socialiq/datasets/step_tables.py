@@ -1,5 +1,8 @@
 """Flat columns of steps as files: CSV, and Parquet through pyarrow (the extra `parquet`).
 
+One row for each step, one column for each number: a vector takes one column for each feature,
+`observation_0`, `observation_1`, ... (docs/files.md).
+
 In CSV numbers are written so that they are read back to the bit. Of Parquet only columns of plain
 numbers are read. Their types are checked before any of them is read, and nothing is unpickled:
 pyarrow has made no extension type from a file's pickle since 14.0.1 (CVE-2023-47248). pyarrow's own
@@ -10,20 +13,177 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from array import array
-from collections.abc import Callable, Generator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from socialiq.datasets.step_columns import STEPS, Kind, Layout
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.reading import open_file
 from socialiq.storage import open_csv
+
+Kind = Literal["number", "integer", "flag"]
+"""Content of a column's cells."""
+
+
+class Layout(NamedTuple):
+    """Columns of a kind of file.
+
+    Attributes:
+        vectors: Columns of one number for each feature, NAME_0, NAME_1, ...: of the observation
+            and of the next one.
+        action: Column of discrete actions; continuous ones take NAME_0, NAME_1, ...
+        scalars: All other columns; among them `r_env` and `r_social`.
+        reward: The column instead of these two, for a reward of one number a step.
+        required: Columns that a file must have beside a reward and actions.
+    """
+
+    vectors: tuple[str, str]
+    action: str
+    scalars: Mapping[str, Kind]
+    reward: str
+    required: tuple[str, ...]
+
+    def kind_of(self, name: str) -> Kind | None:
+        """Return what the cells of a column hold, or None for an unknown column."""
+        if self._feature(name):
+            return "number"
+        return "integer" if name == self.action else self.scalars.get(name)
+
+    def check_names(self, names: Sequence[str], source: str) -> None:
+        """Refuse a header that is not that of this layout.
+
+        Args:
+            names: The columns of the file.
+            source: The file's name in messages.
+
+        Raises:
+            UserError: If a column is unknown, twice there or missing; the line names it.
+        """
+        for name in names:
+            if self.kind_of(name) is None:
+                vectors = (f"{vector}_0, ..." for vector in (*self.vectors, self.action))
+                columns = ", ".join((*vectors, self.action, *self.scalars))
+                raise UserError(
+                    f"{source} has an unknown column '{one_line(name, 60)}': remove or rename it; "
+                    f"known are {columns}"
+                )
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise UserError(f"{source} has two columns {twice}: leave one")
+        self._check_features(names, source)
+        alone = self.reward in names
+        missing = [name for name in self.required if name not in names]
+        continuous = f"{self.action}_0" in names
+        missing += [self.action] if self.action not in names and not continuous else []
+        missing += [name for name in ("r_env", "r_social") if name not in names and not alone]
+        if missing:
+            raise UserError(
+                f"{source} has no column {', '.join(missing)}: add it; a reward of one number a "
+                f"step is a column {self.reward}, instead of r_env and r_social"
+            )
+        if continuous and self.action in names:
+            raise UserError(
+                f"{source} has {self.action} beside {self.action}_0: leave one or the other"
+            )
+        if alone and ("r_env" in names or "r_social" in names):
+            raise UserError(
+                f"{source} has {self.reward} beside r_env and r_social: leave one or the other"
+            )
+
+    def arrays_of(self, columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
+        """Return arrays by name, with vectors and the reward pair in one array each.
+
+        Args:
+            columns: One-dimensional arrays under the names of a file.
+            source: The file's name in messages.
+
+        Raises:
+            UserError: If a header is wrong, or a number is not finite; the line names column and
+                row.
+        """
+        self.check_names(list(columns), source)
+        for name, column in columns.items():
+            if column.dtype.kind == "f" and not (finite := np.isfinite(column)).all():
+                raise UserError(
+                    f"{source}: column {name}, row {int(np.argmin(finite))}: not finite: leave out "
+                    "the episode, or correct its recording"
+                )
+        single = (*self.scalars, self.action)
+        arrays = {name: column for name, column in columns.items() if name in single}
+        for vector in (*self.vectors, self.action):
+            if size := len(self._features(list(columns), vector)):
+                arrays[vector] = np.stack([columns[f"{vector}_{k}"] for k in range(size)], 1)
+        if self.reward not in columns:
+            pair = arrays.pop("r_env"), arrays.pop("r_social")
+            arrays[self.reward] = np.stack(pair, axis=1)
+        return arrays
+
+    def _feature(self, name: str) -> re.Match[str] | None:
+        return re.fullmatch(
+            rf"({'|'.join((*self.vectors, self.action))})_(0|[1-9][0-9]{{0,8}})", name
+        )
+
+    def _features(self, names: Sequence[str], vector: str) -> list[int]:
+        """Return the numbers of the features that have a column, in rising order."""
+        matches = (self._feature(name) for name in names)
+        return sorted(int(match[2]) for match in matches if match and match[1] == vector)
+
+    def _check_features(self, names: Sequence[str], source: str) -> None:
+        vectors = (*self.vectors, self.action)
+        sizes = {vector: self._features(names, vector) for vector in vectors}
+        for vector, numbers in sizes.items():
+            gap = next((count for count, number in enumerate(numbers) if count != number), None)
+            if gap is not None:
+                raise UserError(
+                    f"{source} has {vector}_{numbers[-1]} but no column {vector}_{gap}: number the "
+                    "columns 0, 1, 2, ..."
+                )
+        observed, following = (len(sizes[vector]) for vector in self.vectors)
+        if following and observed != following:
+            now, after = self.vectors
+            raise UserError(
+                f"{source} has {observed} columns {now}_0, ... and {following} columns "
+                f"{after}_0, ...: give both as many"
+            )
+
+
+STEPS = Layout(
+    vectors=("observation", "next_observation"),
+    action="action",
+    scalars={
+        "reward": "number",
+        "r_env": "number",
+        "r_social": "number",
+        "terminated": "flag",
+        "truncated": "flag",
+        "ending": "integer",
+        "mode": "integer",
+        "episode": "integer",
+        "step": "integer",
+    },
+    reward="reward",
+    required=("observation_0",),
+)
+"""Demonstrations, under the names of `arrays.of_steps`."""
+
+
+def columns_of(table: Demonstrations) -> dict[str, np.ndarray]:
+    """Return every column of a table under its name in `STEPS`, in a file's order."""
+    columns: dict[str, Any] = {}
+    for name, values in table.arrays().items():
+        if values.ndim == 2:
+            columns |= {f"{name}_{number}": column for number, column in enumerate(values.T)}
+        else:
+            columns[name] = values
+    return columns
+
 
 MOST_BYTES = 2 * 1024**3
 """Largest size of a file, bytes; in memory a cell takes at most 8 bytes."""
@@ -64,8 +224,10 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
         UserError: If the file is missing, empty or too large, its header is wrong, or a cell
             cannot be read; the line names the file's line and the column.
     """
-    with closing(_lines(path)) as lines:  # an error leaves no file open
-        return _columns(csv.reader(lines), layout, path)
+    with open_csv(path) as file:
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            raise UserError(f"{path} is larger than {MOST_BYTES:,} bytes: split it")
+        return _columns(csv.reader(file), layout, path)
 
 
 def _columns(rows: Any, layout: Layout, path: Path) -> dict[str, np.ndarray]:
@@ -78,17 +240,17 @@ def _columns(rows: Any, layout: Layout, path: Path) -> dict[str, np.ndarray]:
         columns = {name: array(parser.code) for name, parser in parsers.items()}
         for cells in rows:
             if cells:  # an empty line has none
-                _take(cells, parsers, columns, f"{path}, line {rows.line_num}")
+                _append(cells, parsers, columns, f"{path}, line {rows.line_num}")
     except csv.Error as error:
         raise UserError(f"{path}, line {rows.line_num}: {error}: is this a CSV file?") from error
     if not len(columns[names[0]]):
         raise UserError(f"{path} has no row but its header: name a file with steps")
-    found = {name: np.array(column) for name, column in columns.items()}
-    flags = {name: found[name].astype(np.bool_) for name in names if parsers[name].code == "b"}
-    return found | flags
+    arrays = {name: np.array(column) for name, column in columns.items()}
+    flags = {name: arrays[name].astype(np.bool_) for name in names if parsers[name].code == "b"}
+    return arrays | flags
 
 
-def _take(
+def _append(
     cells: list[str], parsers: Mapping[str, _Parser], columns: Mapping[str, Any], where: str
 ) -> None:
     """Append one row to the columns."""
@@ -111,27 +273,19 @@ def csv_of(columns: Mapping[str, np.ndarray]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(zip(*(_cells(column) for column in columns.values()), strict=True))
+    flags = (column.dtype.kind == "b" for column in columns.values())
+    cells = (
+        (np.where(column, "true", "false") if flag else column).tolist()
+        for flag, column in zip(flags, columns.values(), strict=True)
+    )
+    writer.writerows(zip(*cells, strict=True))
     return text.getvalue().encode()
-
-
-def _cells(column: np.ndarray) -> list[Any]:
-    if column.dtype.kind == "b":
-        return np.where(column, "true", "false").tolist()
-    return column.tolist()
-
-
-def _lines(path: Path) -> Generator[str, None, None]:
-    with open_csv(path) as file:
-        if path.is_file() and path.stat().st_size > MOST_BYTES:
-            raise UserError(f"{path} is larger than {MOST_BYTES:,} bytes: split it")
-        yield from file
 
 
 MOST_NUMBERS = 2**28
 """Largest number of values in all columns of a file."""
 
-_WANTED: dict[Kind | None, tuple[str, str]] = {
+_NUMPY_KINDS: dict[Kind | None, tuple[str, str]] = {
     "number": ("fiu", "numbers"),
     "integer": ("iu", "integers"),
     "flag": ("b", "booleans"),
@@ -200,15 +354,15 @@ def parquet_of(columns: Mapping[str, np.ndarray], key: str, entry: bytes) -> byt
     return file.getvalue()
 
 
-def _check_type(field: Any, wanted_kind: Kind | None, path: Path) -> None:
-    kinds, wanted = _WANTED[wanted_kind]
+def _check_type(field: Any, expected: Kind | None, path: Path) -> None:
+    kinds, words = _NUMPY_KINDS[expected]
     try:
         kind = np.dtype(field.type.to_pandas_dtype()).kind
     except (NotImplementedError, TypeError):  # nested, or an extension's
         kind = "O"
     if kind not in kinds:
-        found = one_line(str(field.type), 40)
-        raise UserError(f"{path}: column {field.name} is {found}: write it as {wanted}")
+        name = one_line(str(field.type), 40)
+        raise UserError(f"{path}: column {field.name} is {name}: write it as {words}")
 
 
 def _column(table: Any, name: str, path: Path) -> np.ndarray:

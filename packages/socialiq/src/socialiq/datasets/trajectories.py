@@ -14,15 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64
 
-from socialiq.datasets.actions import Bounds, plain_actions
 from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.npz import read_npz
-from socialiq.datasets.plain_columns import features_of, pair_of
-from socialiq.datasets.step_columns import Layout
-from socialiq.datasets.step_files import format_of, source_of
-from socialiq.datasets.step_tables import read_csv, read_parquet
+from socialiq.datasets.columns import Bounds, features_of, pair_of, plain_actions
+from socialiq.datasets.step_files import format_of, read_npz, source_of
+from socialiq.datasets.step_tables import Layout, read_csv, read_parquet
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
@@ -60,29 +56,31 @@ def of_trajectories(
     listed = list(trajectories)
     if not listed:
         raise UserError("no trajectories: pass at least one")
-    named = [modes] * len(listed) if isinstance(modes, str) else list(modes)
-    if len(named) != len(listed):
-        raise UserError(f"{len(named)} modes for {len(listed)} trajectories: name one for each")
-    parts = []
-    for number, one in enumerate(listed):
+    mode_of_each = [modes] * len(listed) if isinstance(modes, str) else list(modes)
+    if len(mode_of_each) != len(listed):
+        raise UserError(
+            f"{len(mode_of_each)} modes for {len(listed)} trajectories: name one for each"
+        )
+    tables = []
+    for number, trajectory in enumerate(listed):
         try:
-            parts.append(_columns(one, social, time_limit, flatten))
+            tables.append(_columns(trajectory, social, time_limit, flatten))
         except UserError as error:
             raise UserError(f"trajectory {number}: {error}") from error
-    widths = {part["observation"].shape[1] for part in parts}
+    widths = {table["observation"].shape[1] for table in tables}
     if len(widths) > 1:
         raise UserError(f"trajectories differ in features ({', '.join(map(str, sorted(widths)))})")
-    if len({part["action"].shape[1:] for part in parts}) > 1:
+    if len({table["action"].shape[1:] for table in tables}) > 1:
         raise UserError("trajectories differ in actions: give all of them the same kind and size")
-    lengths = [len(part["action"]) for part in parts]
-    names = tuple(dict.fromkeys(named))
+    lengths = [len(table["action"]) for table in tables]
+    names = tuple(dict.fromkeys(mode_of_each))
     columns: dict[str, Any] = {
-        name: np.concatenate([part[name] for part in parts]) for name in parts[0]
+        name: np.concatenate([table[name] for table in tables]) for name in tables[0]
     }
     return of_steps(
         **columns,
-        episode=np.repeat(np.arange(len(parts)), lengths),
-        mode=np.repeat([names.index(one) for one in named], lengths),
+        episode=np.repeat(np.arange(len(tables)), lengths),
+        mode=np.repeat([names.index(name) for name in mode_of_each], lengths),
         mode_names=names,
         n_actions=n_actions,
         bounds=bounds,
@@ -116,18 +114,21 @@ def read_trajectories(
     Raises:
         UserError: If the file is missing or damaged, or an array or column is missing or wrong.
     """
-    kind, more = format_of(path), {"social": social, "time_limit": time_limit, "flatten": flatten}
+    kind, options = (
+        format_of(path),
+        {"social": social, "time_limit": time_limit, "flatten": flatten},
+    )
     source = source_of(path) if path.is_file() else {}
     if kind == ".npz":
         arrays = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
         return of_condensed(
-            arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **more
+            arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **options
         )
     columns = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
     try:
-        parts = _by_trajectory(ROWS.arrays_of(columns, str(path)))
+        trajectories = _by_trajectory(ROWS.arrays_of(columns, str(path)))
         return of_trajectories(
-            parts, n_actions=n_actions, bounds=bounds, modes=mode, source=source, **more
+            trajectories, n_actions=n_actions, bounds=bounds, modes=mode, source=source, **options
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
@@ -225,12 +226,12 @@ def of_condensed(
         )
     trajectories = [
         {
-            "obs": obs[begin + place : end + place + 1],
+            "obs": obs[begin + number : end + number + 1],
             "acts": acts[begin:end],
             "rews": None if rews is None else rews[begin:end],
-            "terminal": terminal[place],
+            "terminal": terminal[number],
         }
-        for place, (begin, end) in enumerate(itertools.pairwise(edges))
+        for number, (begin, end) in enumerate(itertools.pairwise(edges))
     ]
     return of_trajectories(
         trajectories,
@@ -244,67 +245,54 @@ def of_condensed(
     )
 
 
-def _columns(one: Any, social: str, time_limit: int, flatten: bool) -> dict[str, np.ndarray]:
+def _columns(trajectory: Any, social: str, time_limit: int, flatten: bool) -> dict[str, np.ndarray]:
     """Return the columns of one trajectory, under the names of `of_steps`."""
-    seen: Float32[np.ndarray, "moment feature"] = features_of("obs", _field(one, "obs"), flatten)
-    action = plain_actions(_field(one, "acts"))
+    moments = features_of("obs", _field(trajectory, "obs"), flatten)
+    action = plain_actions(_field(trajectory, "acts"))
     steps = len(action)
-    if len(seen) != steps + 1 or steps == 0:
-        raise UserError(f"obs has {len(seen)} rows for {steps} actions: it needs one more")
-    infos = _infos(one, steps)
+    if len(moments) != steps + 1 or steps == 0:
+        raise UserError(f"obs has {len(moments)} rows for {steps} actions: it needs one more")
+    try:
+        infos = list(_field(trajectory, "infos", [{}] * steps))
+    except TypeError:
+        infos = []
+    if len(infos) != steps or not all(isinstance(info, Mapping) for info in infos):
+        raise UserError(f"infos must be {steps} dicts, one for each action")
+    terminal = np.asarray(_field(trajectory, "terminal"))
+    if terminal.shape != () or terminal.dtype.kind not in "biu":
+        raise UserError("terminal must be one boolean: whether the trajectory has an end")
     ending = np.zeros(steps, np.int8)
-    ending[-1] = _ending(_terminal(one), infos[-1], time_limit == steps)
+    if terminal:
+        last = infos[-1]
+        timeout = str(last.get("ending", "")).lower() == "timeout" or time_limit == steps
+        truncated = bool(last.get("TimeLimit.truncated", False)) or timeout
+        ending[-1] = Ending.of_step(not truncated, truncated, last)
     return {
-        "observation": seen[:-1],
+        "observation": moments[:-1],
         "action": action,
-        "next_observation": seen[1:],
-        "reward": np.stack(_rewards(one, infos, social), axis=1),
+        "next_observation": moments[1:],
+        "reward": np.stack(_rewards(trajectory, infos, social), axis=1),
         "ending": ending,
     }
 
 
-def _field(one: Any, name: str, default: Any = None) -> Any:
-    found = one.get(name) if isinstance(one, Mapping) else getattr(one, name, None)
-    if found is None and name in ("obs", "acts", "terminal"):
+def _field(trajectory: Any, name: str, default: Any = None) -> Any:
+    is_mapping = isinstance(trajectory, Mapping)
+    value = trajectory.get(name) if is_mapping else getattr(trajectory, name, None)
+    if value is None and name in ("obs", "acts", "terminal"):
         raise UserError(f"it has no {name}: pass obs, acts and terminal")
-    return default if found is None else found
+    return default if value is None else value
 
 
-def _infos(one: Any, steps: int) -> list[Mapping[str, Any]]:
-    found = _field(one, "infos", [{}] * steps)
-    try:
-        listed = list(found)
-    except TypeError:
-        listed = []
-    if len(listed) != steps or not all(isinstance(info, Mapping) for info in listed):
-        raise UserError(f"infos must be {steps} dicts, one for each action")
-    return listed
-
-
-def _terminal(one: Any) -> bool:
-    terminal = np.asarray(_field(one, "terminal"))
-    if terminal.shape != () or terminal.dtype.kind not in "biu":
-        raise UserError("terminal must be one boolean: whether the trajectory has an end")
-    return bool(terminal)
-
-
-def _ending(terminal: bool, info: Mapping[str, Any], cut: bool) -> Ending:
-    """Return the ending of the last step."""
-    if not terminal:
-        return Ending.NONE
-    named = str(info.get("ending", "")).lower() == "timeout"
-    truncated = bool(info.get("TimeLimit.truncated", False)) or named or cut
-    return Ending.of_step(not truncated, truncated, info)
-
-
-def _rewards(one: Any, infos: list[Mapping[str, Any]], social: str) -> RewardPair:
+def _rewards(trajectory: Any, infos: list[Mapping[str, Any]], social: str) -> RewardPair:
     if all("reward_pair" in info for info in infos):
         pair = pair_of([info["reward_pair"] for info in infos], "")
-    elif (rews := _field(one, "rews")) is None:
+    elif (rewards := _field(trajectory, "rews")) is None:
         raise UserError('no reward: pass rews of (steps, 2), or info["reward_pair"] of each step')
     else:
-        pair = pair_of(rews, social)
-    env: Float64[np.ndarray, " step"] = pair.env
-    if len(env) != len(infos):
-        raise UserError(f"rews has {len(env)} rows for {len(infos)} actions: give one for each")
+        pair = pair_of(rewards, social)
+    if len(pair.env) != len(infos):
+        raise UserError(
+            f"rews has {len(pair.env)} rows for {len(infos)} actions: give one for each"
+        )
     return pair

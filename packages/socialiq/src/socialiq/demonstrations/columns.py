@@ -77,8 +77,8 @@ def flags_of(
 def steps_of(episode: Int[np.ndarray, " transition"]) -> Int32[np.ndarray, " transition"]:
     """Number the rows of each episode from 0; rows of equal episode numbers are adjacent."""
     begins = np.diff(episode, prepend=episode[:1] - 1) != 0
-    place = np.arange(len(episode))
-    return (place - np.maximum.accumulate(np.where(begins, place, 0))).astype(np.int32)
+    row = np.arange(len(episode))
+    return (row - np.maximum.accumulate(np.where(begins, row, 0))).astype(np.int32)
 
 
 def json_able(source: Any) -> dict[str, Any]:

@@ -16,10 +16,17 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int, Int8, Int32, Shaped
 
 from socialiq.demonstrations import columns
-from socialiq.demonstrations.advantage import ADVANTAGE_KINDS, advantages
 from socialiq.errors import UserError, one_of
-from socialiq.social.returns import TARGET_KINDS, cumulative
+from socialiq.social.returns import TARGET_KINDS, advantage, cumulative, mean_by_state
 from socialiq.types import Ending, RewardPair
+
+ADVANTAGE_KINDS = ("advantage", "advantage_fitted")
+"""Targets that are the rewards, shaped by the demonstrators' mean return-to-go V of a state.
+
+`advantage` takes the mean over the rows with the same observation, which is exact in worlds with a
+table of states. `advantage_fitted` fits a small network, for observations that never repeat; each
+row's V comes from a network that has not seen its episode, because a V that was fitted to a row's
+own return would cancel it."""
 
 
 # Compared by identity: the generated comparison of arrays would raise. Two tables hold the same
@@ -73,7 +80,7 @@ class Demonstrations:
         """Check every column, and detach `source` from the caller's dict."""
         if not isinstance(self.rewards, RewardPair):
             raise UserError("rewards must be a RewardPair of two columns (r_env, r_social)")
-        columns.check(self._columns(), self.n_actions, self.mode_names)
+        columns.check(self.arrays(), self.n_actions, self.mode_names)
         object.__setattr__(self, "source", columns.json_able(self.source))
 
     @staticmethod
@@ -155,9 +162,13 @@ class Demonstrations:
             **plain, rewards=rewards, mode_names=mode_names, n_actions=n_actions, source=source
         )
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, Any]:
         """Return all columns by name, in a file's order; the rewards as `r_env` and `r_social`."""
-        return self._columns()
+        rewards = {"r_env": self.rewards.env, "r_social": self.rewards.social}
+        return {
+            name: rewards[name] if name in rewards else getattr(self, name)
+            for name in columns.LAYOUT
+        }
 
     @property
     def n_transitions(self) -> int:
@@ -198,11 +209,12 @@ class Demonstrations:
         """Return (G_env, G_social) of every transition, each (transition,), float64 (thesis 5.3.1).
 
         Args:
-            kind: One of `social.returns.TARGET_KINDS`, or of `advantage.ADVANTAGE_KINDS`.
+            kind: One of `social.returns.TARGET_KINDS`, or of `ADVANTAGE_KINDS`.
             discount: γ_svo of Table C.1.
 
         Raises:
-            UserError: If the kind is unknown, or needs steps or states that are not here.
+            UserError: If the kind is unknown, or needs steps, repeated states or episodes that are
+                not here.
         """
         one_of("target kind", kind, (*TARGET_KINDS, *ADVANTAGE_KINDS))
         if kind in ADVANTAGE_KINDS:
@@ -213,18 +225,20 @@ class Demonstrations:
         return RewardPair(env, social)
 
     def _advantages(self, kind: str, discount: float) -> RewardPair:
-        """Return the advantages, cached: a learner needs them twice, and a fit takes long."""
-        known, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
-        if key not in known:
-            known[key] = advantages(
-                kind,
-                self.observation,
-                self.rewards,
-                self.returns("to_go", discount),
-                self.episode,
-                discount,
-            )
-        return RewardPair(*(column.copy() for column in known[key]))
+        """Return A of both rewards, cached: a learner needs them twice, and a fit takes long."""
+        cached, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
+        if key not in cached:
+            to_go = self.returns("to_go", discount)
+            if kind == "advantage_fitted":
+                from socialiq.nn import regression  # needs JAX
+
+                returns = np.stack(to_go, axis=1)
+                values = regression.cross_fitted(self.observation, returns, self.episode).T
+            else:
+                values = [mean_by_state(self.observation, returns) for returns in to_go]
+            pairs = zip(self.rewards, values, strict=True)
+            cached[key] = RewardPair(*(advantage(r, v, self.episode, discount) for r, v in pairs))
+        return RewardPair(*(column.copy() for column in cached[key]))
 
     def totals(self) -> RewardPair:
         """Return undiscounted sums of r_env and r_social over each episode, each (episode,).
@@ -317,8 +331,8 @@ class Demonstrations:
         lost = [n for n, size in self.counts().items() if size != (0, 0) and n not in mode_names]
         if lost:
             raise UserError(f"mode '{lost[0]}' has episodes: keep it among the mode names")
-        place = {name: index for index, name in enumerate(mode_names)}
-        index = np.array([place.get(name, -1) for name in self.mode_names], np.int8)
+        places = {name: index for index, name in enumerate(mode_names)}
+        index = np.array([places.get(name, -1) for name in self.mode_names], np.int8)
         return dataclasses.replace(self, mode=index[self.mode], mode_names=mode_names)
 
     def counts(self) -> dict[str, tuple[int, int]]:
@@ -345,14 +359,6 @@ class Demonstrations:
                 f"episode {self.episode[np.argmax(gaps)]} misses steps or its end, so its returns "
                 "are not known: use the target kind instantaneous, or whole episodes"
             )
-
-    def _columns(self) -> dict[str, Any]:
-        # As `arrays`, before the types are checked.
-        rewards = {"r_env": self.rewards.env, "r_social": self.rewards.social}
-        return {
-            name: rewards[name] if name in rewards else getattr(self, name)
-            for name in columns.LAYOUT
-        }
 
     def _take(
         self,

@@ -163,8 +163,10 @@ def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
                 "record them in one world with one encoding"
             )
     mode_names = tuple(dict.fromkeys(name for table in tables for name in table.mode_names))
-    parts = [table.with_mode_names(mode_names).arrays() for table in tables]
-    arrays = {name: np.concatenate([part[name] for part in parts]) for name in columns.LAYOUT}
+    contents = [table.with_mode_names(mode_names).arrays() for table in tables]
+    arrays = {
+        name: np.concatenate([content[name] for content in contents]) for name in columns.LAYOUT
+    }
     sizes = np.array([table.n_episodes for table in tables])
     first = np.repeat(np.cumsum(sizes) - sizes, [table.n_transitions for table in tables])
     arrays["episode"] = (arrays["episode"] + first).astype(np.int32)
@@ -212,10 +214,10 @@ def _orders(pools: Pools, seed: int) -> dict[str, Int[np.ndarray, " episode"]]:
     if not pools:
         raise UserError("no pools to mix: pass at least one mode's demonstrations")
     for mode, pool in pools.items():
-        other = [name for name, (size, _) in pool.counts().items() if size and name != mode]
-        if other:
+        strange = [name for name, (size, _) in pool.counts().items() if size and name != mode]
+        if strange:
             raise UserError(
-                f"the pool of mode '{mode}' has episodes of '{other[0]}': pass one mode per pool"
+                f"the pool of mode '{mode}' has episodes of '{strange[0]}': pass one mode per pool"
             )
     return {
         mode: np.random.default_rng([seed, index]).permutation(pool.n_episodes)
@@ -227,7 +229,7 @@ def _draw(
     pools: Pools, counts: Mapping[str, int], seed: int, recipe: dict[str, Any]
 ) -> Demonstrations:
     """Take the counted episodes of each pool; `source` records recipe and sources."""
-    parts = []
+    tables = []
     for mode, order in _orders(pools, seed).items():
         if len(order) < counts[mode]:
             raise UserError(
@@ -236,7 +238,7 @@ def _draw(
             )
         # A mode whose share is 0 has no rows, but its name stays.
         if counts[mode] > 0:
-            parts.append(pools[mode].select(order[: counts[mode]]).with_mode_names(tuple(pools)))
-    mixed = concatenate(parts)
+            tables.append(pools[mode].select(order[: counts[mode]]).with_mode_names(tuple(pools)))
+    mixed = concatenate(tables)
     source = {**recipe, "of": {mode: pool.source for mode, pool in pools.items()}}
     return Demonstrations.of_arrays(mixed.arrays(), mixed.mode_names, mixed.n_actions, source)

@@ -14,8 +14,6 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.learners.collect import Act
-from socialiq.learners.policy_iteration.train import Labelled
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds import world
@@ -23,6 +21,9 @@ from socialiq.worlds.highway.episodes import RoadBatch, State
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
+
+Act = Callable[[np.ndarray], Any]
+"""Given observations, (row, feature), returns one action for each."""
 
 Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
 """Given the number of episodes and random numbers, returns an angle for each, in degrees."""
@@ -163,7 +164,7 @@ class Branching:
         self._states, self._clock, self._angles, self._worth = states, clock, angles, worth
         self._batch = Batch(options, min(episodes, states))
 
-    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
+    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Any:
         """Drive with `visit`, and label the states by rollouts of `follow`."""
         batch, labelled = self._batch, []
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
@@ -176,6 +177,8 @@ class Branching:
         states, env, social = (
             np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
         )
+        from socialiq.learners.policy_iteration.train import Labelled  # learning needs JAX
+
         return Labelled(states, RewardPair(env, social))
 
 

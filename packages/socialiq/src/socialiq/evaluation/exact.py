@@ -13,7 +13,6 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.worlds.enumerate import Table
 
@@ -92,6 +91,7 @@ def exact_monitor(
         table: The world, or (faster) its reachable part.
         temperatures: τ of each run.
     """
+    from socialiq.nn.q_network import network_of  # learning needs JAX
 
     def monitor(state: Any) -> dict[str, np.ndarray]:
         values: dict[str, list[float]] = {}

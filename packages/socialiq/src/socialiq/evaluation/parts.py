@@ -24,6 +24,13 @@ _EACH = 4  # parts of a process, so that there is progress to report
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def check_processes(processes: int) -> None:
     """Refuse a negative number of processes.
 

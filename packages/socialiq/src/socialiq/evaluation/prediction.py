@@ -14,9 +14,8 @@ from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.theory import response, semi_gradient
-from socialiq.theory.demonstrators import mean_target, occupancies
+from socialiq.theory.demonstrators import drawn_rows, mean_target, occupancies
 from socialiq.theory.objective import Problem
-from socialiq.theory.rows import drawn_rows
 from socialiq.theory.shaping import orthogonal
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import expert_policy

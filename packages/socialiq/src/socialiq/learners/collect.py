@@ -101,14 +101,14 @@ class VectorCollector:
     def __call__(self, runs: Runs, done: int) -> Runs:
         """Let every run act with its present network, and store what happens."""
         streams = [
-            np.random.default_rng(np.random.SeedSequence([one.seed, done])) for one in self.numbers
+            np.random.default_rng(np.random.SeedSequence([run.seed, done])) for run in self.numbers
         ]
         firsts = [int(rng.integers(2**31)) for rng in streams]
         # A list, which the type of the base class does not name.
         seeds: Any = [first + row for first in firsts for row in range(self.each)]
         observation, _ = self.env.reset(seed=seeds)
-        made = self.collected(runs, done, streams, observation)
-        ring = self._add(runs.carry.replay, made)
+        columns = self.collected(runs, done, streams, observation)
+        ring = self._add(runs.carry.replay, columns)
         return runs._replace(carry=runs.carry._replace(replay=ring))
 
     def collected(
@@ -158,8 +158,8 @@ def acting_in(
     """
     steps = chunk * static.env_steps_per_update
     sources = [from_env(make(), steps) for _ in hyperparameters]
-    behaviour = soft([one.temperature for one in hyperparameters])
-    return Collector(sources, [one.seed for one in hyperparameters], behaviour)
+    behaviour = soft([run.temperature for run in hyperparameters])
+    return Collector(sources, [run.seed for run in hyperparameters], behaviour)
 
 
 def from_env(
@@ -260,14 +260,14 @@ def columns_by_run(
     """
 
     def column(number: int, kind: type[np.generic]) -> jax.Array:
-        made = np.stack([row[number] for row in rows]).astype(kind)
-        made = made.reshape(len(rows), count, -1, *made.shape[2:]).swapaxes(0, 1)
-        return jnp.asarray(made.reshape(count, -1, *made.shape[3:]))
+        values = np.stack([row[number] for row in rows]).astype(kind)
+        values = values.reshape(len(rows), count, -1, *values.shape[2:]).swapaxes(0, 1)
+        return jnp.asarray(values.reshape(count, -1, *values.shape[3:]))
 
-    seen, after = column(0, np.float32), column(2, np.float32)
+    observation, after = column(0, np.float32), column(2, np.float32)
     reward = RewardPair(column(4, np.float32), column(5, np.float32))
     action = column(1, np.float32 if continuous else np.int32)
-    return Batch(seen, action, after, column(3, np.int32), reward)
+    return Batch(observation, action, after, column(3, np.int32), reward)
 
 
 def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:

@@ -159,8 +159,8 @@ class DQN(Learner):
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
         """Return the rate of an update: it falls linearly."""
-        one = hyperparameters
-        return linear(one.learning_rate, one.final_learning_rate, done, self.static.updates)
+        numbers = hyperparameters
+        return linear(numbers.learning_rate, numbers.final_learning_rate, done, self.static.updates)
 
     def policy(
         self,
@@ -207,7 +207,7 @@ def train(
             f"{len(hyperparameters)} runs and {len(sources)} sources: pass one for each"
         )
     acts = acting(static, hyperparameters)
-    collector = Collector(sources, [one.seed for one in hyperparameters], acts)
+    collector = Collector(sources, [run.seed for run in hyperparameters], acts)
     return DQN(static, sizes).train(hyperparameters, callbacks, chunk, collector)
 
 

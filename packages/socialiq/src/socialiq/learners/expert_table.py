@@ -134,8 +134,8 @@ class ExpertTable(NamedTuple):
         """Draw transitions by the cumulative sum of their (normalised) weights."""
         # Scaled, because a rounded sum that ends below 1 would leave draws beyond all weights.
         draws = jax.random.uniform(key, (size,)) * cumulative[-1]
-        drawn = jnp.searchsorted(cumulative, draws, side="right")
-        return self.rows(jnp.minimum(drawn, self.row_bounds[-1] - 1))
+        rows = jnp.searchsorted(cumulative, draws, side="right")
+        return self.rows(jnp.minimum(rows, self.row_bounds[-1] - 1))
 
     def sample_initial(
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
@@ -162,8 +162,8 @@ def shares_of_endings(
 ) -> Float[Array, " kind"]:
     """Return the share of the counted transitions with each value of `types.Ending`."""
     kinds = jnp.arange(len(Ending))
-    found = (ending == kinds[:, None]) & counted
-    return found.sum(axis=1) / jnp.maximum(counted.sum(), 1)
+    matches = (ending == kinds[:, None]) & counted
+    return matches.sum(axis=1) / jnp.maximum(counted.sum(), 1)
 
 
 def draw_between(
@@ -174,5 +174,5 @@ def draw_between(
     Half the random bits of `jax.random.randint`, and half its time to compile.
     """
     share = jax.random.uniform(key, (size,))
-    drawn = first + jnp.floor(share * (end - first)).astype(jnp.int32)
-    return jnp.minimum(drawn, end - 1)
+    integers = first + jnp.floor(share * (end - first)).astype(jnp.int32)
+    return jnp.minimum(integers, end - 1)

@@ -32,23 +32,23 @@ def load(place: str, option: str, allow_code: bool) -> Any:
         UserError: If the code may not run, or there is no such file or name, or it fails.
     """
     file, _, name = place.rpartition(":")
-    shown = one_line(place)
+    label = one_line(place)
     if not file.endswith(".py") or not name.isidentifier():
-        raise UserError(f"{option} {shown} is no FILE.py:NAME: write for instance mine.py:l1")
+        raise UserError(f"{option} {label} is no FILE.py:NAME: write for instance mine.py:l1")
     if not allow_code:
         raise UserError(
-            f"{option} {shown} runs its author's code with your rights: "
+            f"{option} {label} runs its author's code with your rights: "
             "allow that with --allow-code"
         )
     try:
-        found = getattr(imported(file), name, None)
+        attribute = getattr(imported(file), name, None)
     except UserError:
         raise
     except FAILURES as error:
-        raise failure(shown, error) from error
-    if found is None:
+        raise failure(label, error) from error
+    if attribute is None:
         raise UserError(f"{one_line(file)} has no '{name}': name a function or class of it")
-    return found
+    return attribute
 
 
 def checked_prior(prior: Callable[..., Any]) -> Callable[..., Any]:
@@ -80,21 +80,23 @@ def checked_divergence(divergence: Any) -> Divergence:
     """
     what = f"divergence '{_name(divergence)}'"
     if isinstance(divergence, Divergence):
-        found = divergence
+        checked = divergence
     elif callable(divergence):
         phi: Callable[[Any], Any] = divergence
-        found = Divergence(phi, jax.grad(lambda rewards: jnp.sum(phi(rewards))), None)
+        checked = Divergence(phi, jax.grad(lambda rewards: jnp.sum(phi(rewards))), None)
     else:
         raise UserError(f"{what} must be a function φ of rewards, or a Divergence")
-    rewards = jnp.asarray(_SAMPLE if found.floor is None else np.abs(_SAMPLE) + max(found.floor, 0))
-    value = _tried(what, lambda: jnp.asarray(found.phi(rewards)))
+    rewards = jnp.asarray(
+        _SAMPLE if checked.floor is None else np.abs(_SAMPLE) + max(checked.floor, 0)
+    )
+    value = _tried(what, lambda: jnp.asarray(checked.phi(rewards)))
     if value.shape != rewards.shape:
         raise UserError(
             f"{what} must return one value for each reward, got shape {list(value.shape)} for "
             f"{list(rewards.shape)}"
         )
-    _check_finite(what, value, _tried(what, lambda: found.slope(rewards)))
-    return found
+    _check_finite(what, value, _tried(what, lambda: checked.slope(rewards)))
+    return checked
 
 
 LEARNERS: dict[str, type[Learner]] = {
@@ -146,8 +148,8 @@ def _tried(what: str, call: Callable[[], Any]) -> Any:
 
 
 def _check_finite(what: str, value: Any, slope: Any) -> None:
-    for name, one in (("value", value), ("slope", slope)):
-        if not bool(jnp.isfinite(one).all()):
+    for name, values in (("value", value), ("slope", slope)):
+        if not bool(jnp.isfinite(values).all()):
             raise UserError(f"{what}: its {name} is not finite on rewards in [-1, 1]")
 
 

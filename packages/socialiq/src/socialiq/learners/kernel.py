@@ -63,8 +63,8 @@ class Trained:
 
     def policy(self, run: int) -> Any:
         """Return the trained policy of one run; it can be saved."""
-        state, kept = (network_of(tree, run) for tree in (self.state, self.kept))
-        return self.learner.policy(self.hyperparameters[run], state.deployed(), kept)
+        state, remainder = (network_of(tree, run) for tree in (self.state, self.kept))
+        return self.learner.policy(self.hyperparameters[run], state.deployed(), remainder)
 
 
 class Learner(eqx.Module):
@@ -137,10 +137,10 @@ class Learner(eqx.Module):
 
     def network(self, key: PRNGKeyArray) -> Any:
         """Draw a network."""
-        one = self.static
+        static = self.static
         n_features, n_actions = self.sizes
-        shape = (n_features, one.hidden, n_actions, one.activation, one.view)
-        return QNetwork.initialise(key, *shape, scale=getattr(one, "input_scale", 1.0))
+        shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+        return QNetwork.initialise(key, *shape, scale=getattr(static, "input_scale", 1.0))
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Any:
         """Return the learning rate after so many updates: constant, or by the `schedule`.
@@ -212,7 +212,7 @@ class Learner(eqx.Module):
             UserError: If there is no run, or no such set of demonstrations.
             Stopped: On Ctrl-C.
         """
-        if not hyperparameters or max(one.dataset for one in hyperparameters) >= len(datasets):
+        if not hyperparameters or max(run.dataset for run in hyperparameters) >= len(datasets):
             raise UserError("pass at least one run, and the demonstrations that each run names")
         return cls.of(static, datasets).train(hyperparameters, callbacks, chunk)
 
@@ -240,7 +240,7 @@ class Learner(eqx.Module):
         if not hyperparameters:
             raise UserError("no runs: pass at least one set of hyperparameters")
         callbacks = callbacks or Callbacks()
-        names = callbacks.run_names or tuple(self.run_name(one) for one in hyperparameters)
+        names = callbacks.run_names or tuple(self.run_name(run) for run in hyperparameters)
         arrays = stack(hyperparameters)
         if self.functions():
             _check_own(self, arrays[0])
@@ -256,13 +256,13 @@ class Learner(eqx.Module):
         )
         terms = fit.term_names(self, arrays, runs)
         failures = fit.failure_lines(runs, terms, names, arrays)
-        kept = self.kept(runs.carry)
-        return Trained(self, tuple(hyperparameters), runs.state, kept, history, failures)
+        remainder = self.kept(runs.carry)
+        return Trained(self, tuple(hyperparameters), runs.state, remainder, history, failures)
 
 
 def _check_own(learner: Learner, hyperparameters: HyperparameterArrays) -> None:
     """Refuse code of the user's own that fails, or whose terms are not named scalars."""
-    what = ", ".join(f"'{one['name']}'" for one in learner.functions().values())
+    what = ", ".join(f"'{description['name']}'" for description in learner.functions().values())
     try:
         terms = jax.eval_shape(
             lambda one: learner.update(one, *learner.initialise(one))[2], hyperparameters

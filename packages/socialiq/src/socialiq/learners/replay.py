@@ -61,10 +61,10 @@ def add_many(replay: Replay, transitions: Any) -> Replay:
     """Add transitions in order (leading axis); of more than the ring holds, the newest stay."""
     capacity = _length(replay.columns)
     count = _length(transitions)
-    kept = min(count, capacity)  # two writes to one slot would be in no defined order
-    slots = (replay.added + count - kept + jnp.arange(kept)) % capacity
+    stored = min(count, capacity)  # two writes to one slot would be in no defined order
+    slots = (replay.added + count - stored + jnp.arange(stored)) % capacity
     columns = jax.tree.map(
-        lambda column, values: column.at[slots].set(values[-kept:]), replay.columns, transitions
+        lambda column, values: column.at[slots].set(values[-stored:]), replay.columns, transitions
     )
     return Replay(columns, replay.added + count)
 

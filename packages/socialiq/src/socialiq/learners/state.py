@@ -122,16 +122,20 @@ def stack(hyperparameters: Sequence[Any]) -> HyperparameterArrays:
         UserError: If a field is not a number.
     """
     values: dict[str, Any] = {}
-    for one in dataclasses.fields(hyperparameters[0]):
-        column = [getattr(run, one.name) for run in hyperparameters]
+    for column_field in dataclasses.fields(hyperparameters[0]):
+        column = [getattr(run, column_field.name) for run in hyperparameters]
         if not all(isinstance(value, int | float) for value in column):
-            raise UserError(f"hyperparameter '{one.name}' must be a number: put it elsewhere")
-        if one.name == "angle":
+            raise UserError(
+                f"hyperparameter '{column_field.name}' must be a number: put it elsewhere"
+            )
+        if column_field.name == "angle":
             env, social = zip(*(exact_weights(angle) for angle in column), strict=True)
             pair = RewardPair(jnp.array(env, jnp.float32), jnp.array(social, jnp.float32))
             values["weights"] = pair
         else:
-            values[one.name] = jnp.array(column, _DTYPES.get(one.name, jnp.float32))
+            values[column_field.name] = jnp.array(
+                column, _DTYPES.get(column_field.name, jnp.float32)
+            )
     return HyperparameterArrays(values)
 
 

@@ -60,12 +60,12 @@ class AttainableSet:
         vertex that ties at 0 or 90 degrees only is dominated, and omitted.
         """
         spans = [self.supporting_interval(vertex) for vertex in range(len(self.vertices))]
-        kept = [
+        efficient = [
             (low, vertex)
             for vertex, (low, high) in enumerate(spans)
             if low < 90.0 - _ANGLE_TOLERANCE and high > _ANGLE_TOLERANCE
         ]
-        return self.vertices[[vertex for _, vertex in sorted(kept)]]
+        return self.vertices[[vertex for _, vertex in sorted(efficient)]]
 
     def optimum(self, angle: float) -> Optimum:
         """Return the best vertex for R(α) of Eq 4.3.
@@ -195,8 +195,8 @@ class _Extremes(NamedTuple):
     def __call__(self, weights: np.ndarray) -> np.ndarray:
         mdp = self.mdp
         scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
-        found = horizon_optimum(mdp, scored, self.horizon, allowed=self.allowed)
-        policy = found.probabilities(mdp.n_actions)
+        best = horizon_optimum(mdp, scored, self.horizon, allowed=self.allowed)
+        policy = best.probabilities(mdp.n_actions)
         return np.array(horizon_evaluation(mdp, policy, self.horizon).totals)
 
 
@@ -209,23 +209,25 @@ def _beyond(
     if length <= tolerance:
         return None
     normal = np.array([along[1], -along[0]]) / length
-    found = best(normal)
-    return found if normal @ (found - start) > tolerance else None
+    farthest = best(normal)
+    return farthest if normal @ (farthest - start) > tolerance else None
 
 
 def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndarray, "vertex 2"]:
     """Drop repeated points and points inside an edge, which ties between actions produce."""
     followed = zip(points, [*points[1:], points[0]], strict=True)
-    kept = [here for here, after in followed if np.linalg.norm(after - here) > tolerance]
-    kept = kept or points[:1]
+    corners = [here for here, after in followed if np.linalg.norm(after - here) > tolerance]
+    corners = corners or points[:1]
     index = 0
-    while len(kept) > 2 and index < len(kept):
-        if _on_chord(kept[index - 1], kept[index], kept[(index + 1) % len(kept)], tolerance):
-            kept.pop(index)
+    while len(corners) > 2 and index < len(corners):
+        if _on_chord(
+            corners[index - 1], corners[index], corners[(index + 1) % len(corners)], tolerance
+        ):
+            corners.pop(index)
             index = max(index - 1, 0)
         else:
             index += 1
-    array = np.array(kept)
+    array = np.array(corners)
     best = array[:, 0] >= array[:, 0].max() - tolerance
     return np.roll(array, -int(np.where(best, array[:, 1], -np.inf).argmax()), axis=0)
 

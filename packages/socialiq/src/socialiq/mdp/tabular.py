@@ -50,10 +50,10 @@ class TabularMDP:
             check_reward(self, reward, name)
         if self.successor.min() < 0 or self.successor.max() >= self.n_states:
             raise UserError(f"a successor is outside the {self.n_states} states of the MDP")
-        known = [ending for ending in Ending if ending is not Ending.TIMEOUT]
-        if not np.isin(self.ending, known).all():
+        allowed = [ending for ending in Ending if ending is not Ending.TIMEOUT]
+        if not np.isin(self.ending, allowed).all():
             raise UserError(
-                f"endings must be among {', '.join(ending.name for ending in known)}: "
+                f"endings must be among {', '.join(ending.name for ending in allowed)}: "
                 "a time limit is the horizon's, not the MDP's"
             )
 
@@ -73,9 +73,9 @@ class TabularMDP:
         shape = (self.n_states * self.n_actions, self.n_states)
         rows = np.repeat(np.arange(shape[0]), self.successor.shape[2])
         # Impossible outcomes are omitted, so that the pattern is the graph of possible transitions.
-        kept = ((self.ending == Ending.NONE) & (self.probability > 0.0)).ravel()
-        entries = self.probability.ravel()[kept]
-        return csr_array((entries, (rows[kept], self.successor.ravel()[kept])), shape=shape)
+        possible = ((self.ending == Ending.NONE) & (self.probability > 0.0)).ravel()
+        entries = self.probability.ravel()[possible]
+        return csr_array((entries, (rows[possible], self.successor.ravel()[possible])), shape=shape)
 
     @cached_property
     def ending_probability(self) -> Float[np.ndarray, "state action kind"]:
@@ -124,14 +124,14 @@ class TabularMDP:
         states = np.flatnonzero(self.reachable())
         index = np.zeros(self.n_states, np.int64)
         index[states] = np.arange(len(states))
-        part = TabularMDP(
+        restricted = TabularMDP(
             successor=index[self.successor[states]],
             probability=self.probability[states],
             ending=self.ending[states],
             rewards=RewardPair(*(reward[states] for reward in self.rewards)),
             initial=self.initial[states],
         )
-        return part, states
+        return restricted, states
 
 
 def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndarray, " state"]:
@@ -142,11 +142,11 @@ def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndar
             once j is in.
         start: Initial states.
     """
-    found = frontier = start
+    reached = frontier = start
     while frontier.any():
-        frontier = (edges @ frontier.astype(np.float64) > 0.0) & ~found
-        found = found | frontier
-    return found
+        frontier = (edges @ frontier.astype(np.float64) > 0.0) & ~reached
+        reached = reached | frontier
+    return reached
 
 
 def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> None:

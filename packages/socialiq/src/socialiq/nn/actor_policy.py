@@ -137,8 +137,8 @@ class ActorPolicy(SavedNetwork):
     def has_sound_settings(self) -> bool:
         """Whether there are such actions, with a mean and no or a deviation for each number."""
         size = self.action_size
-        whole = type(size) is int and size > 0 and self.squash in SQUASHES
-        return whole and len(self.biases[-1]) in (size, 2 * size)
+        possible = type(size) is int and size > 0 and self.squash in SQUASHES
+        return possible and len(self.biases[-1]) in (size, 2 * size)
 
     @classmethod
     def of_content(cls, arrays: Arrays, header: Header) -> ActorPolicy:

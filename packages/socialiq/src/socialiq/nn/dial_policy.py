@@ -318,7 +318,7 @@ def _settings_of(path: Path, header: Header, low: float, high: float) -> Setting
         rows = tuple((first, network) for first, network in header.get("settings", []))
     except (TypeError, ValueError):
         rows = ((np.nan, np.nan),)
-    known = all(type(angle) is float and low <= angle <= high for row in rows for angle in row)
-    if known and all(row[0] < following[0] for row, following in itertools.pairwise(rows)):
+    inside = all(type(angle) is float and low <= angle <= high for row in rows for angle in row)
+    if inside and all(row[0] < following[0] for row, following in itertools.pairwise(rows)):
         return rows
     raise refusal(path, "has no settings of angles")

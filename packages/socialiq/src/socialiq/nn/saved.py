@@ -215,8 +215,8 @@ class SavedNetwork(Saved):
         """Build the policy from a file's content, the inverse of `content`, without checks."""
 
     def _agrees(self, extra: int) -> bool:
-        known = self.activation in ACTIVATIONS and isinstance(self.provenance, dict)
-        if not (known and self.has_sound_settings() and view_is_possible(self.view)):
+        plain = self.activation in ACTIVATIONS and isinstance(self.provenance, dict)
+        if not (plain and self.has_sound_settings() and view_is_possible(self.view)):
             return False
         # Before anything is computed with them: widths that a header claims could be of any size.
         width = self.view.width if self.view else self.weights[0].shape[1] - extra

@@ -162,10 +162,10 @@ class View:
     @property
     def width(self) -> int:
         """Number of inputs of the perceptron."""
-        own = ROW - 1 + self.times
+        of_ego = ROW - 1 + self.times
         if self.choice.pooled:
-            return own + 2 * ENCODER[-1]
-        return own + (self.n_features // ROW - 1) * row_width(self.choice)
+            return of_ego + 2 * ENCODER[-1]
+        return of_ego + (self.n_features // ROW - 1) * row_width(self.choice)
 
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
         """Encode observations along the last axis; the time comes first."""
@@ -180,14 +180,14 @@ class View:
         """Return the features of the ego and of the other vehicles."""
         xp = observation.__array_namespace__()
         rows = observation.reshape(*observation.shape[:-1], -1, ROW)
-        ego, others = rows[..., 0, :], rows[..., 1:, :]
-        own, columns = self.absolute(ego), self.of_others(ego, others)
+        ego, vehicles = rows[..., 0, :], rows[..., 1:, :]
+        of_ego, columns = self.absolute(ego), self.of_others(ego, vehicles)
         if not self.choice.pooled:
-            return xp.concatenate([own, columns.reshape(*columns.shape[:-2], -1)], axis=-1)
+            return xp.concatenate([of_ego, columns.reshape(*columns.shape[:-2], -1)], axis=-1)
         for weight, bias in zip(self.weights, self.biases, strict=True):
             columns = xp.maximum(columns @ weight.T + bias, 0.0)
-        columns = columns * others[..., :1]  # rows without a vehicle have weight 0
-        return xp.concatenate([own, columns.sum(axis=-2), columns.max(axis=-2)], axis=-1)
+        columns = columns * vehicles[..., :1]  # rows without a vehicle have weight 0
+        return xp.concatenate([of_ego, columns.sum(axis=-2), columns.max(axis=-2)], axis=-1)
 
     def absolute(self, row: Any) -> Any:
         """Return a row without its presence, scaled."""
@@ -257,13 +257,13 @@ class PresentRows:
     ) -> Float32[np.ndarray, "batch width"]:
         """Encode observations; the time comes first."""
         times = self.view.times
-        vehicles = observation[:, :-1] if times else observation
-        rows = vehicles.reshape(len(observation), -1, ROW)
-        ego, others = rows[:, 0], rows[:, 1:]
-        present = others[..., 0] > 0
+        listed = observation[:, :-1] if times else observation
+        rows = listed.reshape(len(observation), -1, ROW)
+        ego, vehicles = rows[:, 0], rows[:, 1:]
+        present = vehicles[..., 0] > 0
         counts = present.sum(axis=1)
         egos = np.repeat(ego, counts, axis=0)
-        columns = self.view.of_others(egos, others[present][:, None])[:, 0]
+        columns = self.view.of_others(egos, vehicles[present][:, None])[:, 0]
         for weight, bias in zip(self.view.weights, self.view.biases, strict=True):
             columns = np.maximum(columns @ weight.T + bias, 0.0)
         pooled = np.zeros((2, len(rows), columns.shape[1]), np.float32)

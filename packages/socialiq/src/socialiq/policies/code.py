@@ -48,11 +48,11 @@ def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[Na
         UserError: If one of `files` doesn't exist.
     """
     program = NamedFile(command[0], Path(shutil.which(command[0]) or command[0]))
-    named = [program] if program.path.is_file() else []
+    entries = [program] if program.path.is_file() else []
     for word in command[1:]:
         path = next(filter(_is_there, (word, word.partition("=")[2])), "")
-        named += [NamedFile(word, Path(path))] if path else []
-    return named + further_files(files)
+        entries += [NamedFile(word, Path(path))] if path else []
+    return entries + further_files(files)
 
 
 def further_files(files: Sequence[str]) -> list[NamedFile]:
@@ -187,8 +187,8 @@ def hash_of_python(name: str, source: str, files: Sequence[str]) -> CodeHash:
             f"no such module: {one_line(module)}; name the path of its file, ending in .py"
         )
     paths = list(spec.submodule_search_locations or ()) or [str(spec.origin)]
-    named = [NamedFile(top, Path(path)) for path in paths]
-    return hash_files(words, [*named, *further_files(files)])
+    entries = [NamedFile(top, Path(path)) for path in paths]
+    return hash_files(words, [*entries, *further_files(files)])
 
 
 def _split(name: str, source: str) -> tuple[str, str]:

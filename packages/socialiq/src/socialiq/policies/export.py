@@ -199,22 +199,22 @@ class _Graph:
     def _view(self, view: View) -> str:
         """Add the ego's row and the other vehicles: encoded, summed and maximised, or listed."""
         scale = view.choice.scale
-        own = self.gather(list(range(1, ROW)), "own.read")
-        own = self.scaled(own, [scale] * 4 + [1.0] * 2, "own")
+        ego = self.gather(list(range(1, ROW)), "own.read")
+        ego = self.scaled(ego, [scale] * 4 + [1.0] * 2, "own")
         if view.choice.relative:
             self._ego()
-        others = range(1, view.n_features // ROW)
-        rows = [self._vehicle(view, number) for number in others]
-        first = [own]
+        numbers = range(1, view.n_features // ROW)
+        rows = [self._vehicle(view, number) for number in numbers]
+        first = [ego]
         if view.times:  # the last feature, one place for each value
             read = self.gather([view.n_features - 1] * view.times, "time.read")
             values = self.constant("time.values", np.arange(view.times, dtype=np.float32))
             equal = self.add("Equal", [read, values], "time.equal")
-            first = [self.add("Cast", [equal], "time", to=self._onnx.TensorProto.FLOAT), own]
+            first = [self.add("Cast", [equal], "time", to=self._onnx.TensorProto.FLOAT), ego]
         if not view.choice.pooled:
             return self.add("Concat", [*first, *rows], "view", axis=1)
         total = most = rows[0]
-        for number, row in zip(others[1:], rows[1:], strict=True):
+        for number, row in zip(numbers[1:], rows[1:], strict=True):
             total = self.add("Add", [total, row], f"sum_{number}")
             most = self.add("Max", [most, row], f"most_{number}")
         return self.add("Concat", [*first, total, most], "view", axis=1)

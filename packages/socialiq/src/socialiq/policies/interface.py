@@ -90,17 +90,17 @@ class Interface(NamedTuple):
         Raises:
             UserError: If it is anything else, out of range or not finite.
         """
-        shape, kinds, each = (rows,), "iu", "one integer"
+        shape, kinds, words = (rows,), "iu", "one integer"
         if self.action_size:
-            shape, kinds, each = (rows, self.action_size), "fiu", _numbers(self.action_size)
+            shape, kinds, words = (rows, self.action_size), "fiu", _numbers(self.action_size)
         try:
             actions = np.asarray(answer)
         except (ValueError, TypeError) as error:  # rows of several lengths
-            each = each if self.action_size else "one action"
-            raise UserError(f"{source} must answer {each} for each observation") from error
+            words = words if self.action_size else "one action"
+            raise UserError(f"{source} must answer {words} for each observation") from error
         if actions.shape != shape or actions.dtype.kind not in kinds:
             raise UserError(
-                f"{source} answered {actions.dtype} of shape {actions.shape}: it must be {each} "
+                f"{source} answered {actions.dtype} of shape {actions.shape}: it must be {words} "
                 f"for each of {rows} observations"
             )
         if not self.action_size:
@@ -130,16 +130,16 @@ class Interface(NamedTuple):
             return
         if self.action_size or world.action_size:
             clock = " (a clock adds a feature)" if self.n_features == world.n_features + 1 else ""
-            own, expected = (
+            takes, expected = (
                 f"actions of {_numbers(sizes.action_size)}"
                 if sizes.action_size
                 else f"{sizes.n_actions} discrete actions"
                 for sizes in (self, world)
             )
         else:
-            own, expected, clock = f"{self.n_actions} actions", str(world.n_actions), ""
+            takes, expected, clock = f"{self.n_actions} actions", str(world.n_actions), ""
         raise UserError(
-            f"{source} takes {self.n_features} features and {own}, the world has "
+            f"{source} takes {self.n_features} features and {takes}, the world has "
             f"{world.n_features} and {expected}{clock}: name the world it was made for"
         )
 

@@ -87,9 +87,9 @@ def load_policy(
         UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
     world, source = Interface(n_features, n_actions, action_size), one_line(spec)
-    head, colon, rest = spec.partition(":")
+    head, colon, words = spec.partition(":")
     if colon and head == "process":
-        command = command_of(rest.strip())
+        command = command_of(words.strip())
         code = _Code(source, command, lambda: hash_files(command, files_named_by(command, files)))
         return code.started(world, limits or Limits(), isolation or NOT_ASKED)
     if colon and head == "python":
@@ -99,12 +99,12 @@ def load_policy(
                 "as ONNX or isolated by bubblewrap"
             )
         if isolation is None:
-            policy, text = read_callable(rest, source, world)
+            policy, text = read_callable(words, source, world)
             covers = "the module's source, not what it imports"
             record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
             return Loaded(policy, record)
-        command = command_of_python(rest, source)
-        code = _Code(source, command, lambda: hash_of_python(rest, source, files), (OWN_FOLDER,))
+        command = command_of_python(words, source)
+        code = _Code(source, command, lambda: hash_of_python(words, source, files), (OWN_FOLDER,))
         return code.started(world, limits or Limits(), isolation)
     if files:
         raise UserError(

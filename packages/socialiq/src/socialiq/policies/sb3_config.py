@@ -93,8 +93,8 @@ def read_config(content: bytes, source: str) -> Sb3Config:
     if algorithm != "DQN" and _is_space(space, "Box"):
         shape = space.get("_shape")
         size = shape[0] if isinstance(shape, list) and len(shape) == 1 else 0
-        known = type(size) is int and 1 <= size <= MOST_NUMBERS
-        if not known or space.get("dtype") not in _FLOATS:
+        possible = type(size) is int and 1 <= size <= MOST_NUMBERS
+        if not possible or space.get("dtype") not in _FLOATS:
             raise _refusal(source, "its actions are not one vector of floats")
         interface = Interface(_features(data, source), 0, size)
         if algorithm == "actor-critic":

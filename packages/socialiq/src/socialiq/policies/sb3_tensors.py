@@ -229,7 +229,7 @@ class _Machine:
             case "BINGET" | "LONG_BINGET":
                 push(self.memo[argument])
             case "GLOBAL":
-                if argument not in {known.value for known in _Known}:
+                if argument not in {mark.value for mark in _Known}:
                     raise _Refused(f"the name {one_line(argument, 60)}")
                 push(_Known(argument))
             case "MARK":

@@ -133,19 +133,19 @@ class ViewModule(torch.nn.Module):
 
     def _vehicles(self, observation: torch.Tensor) -> torch.Tensor:
         rows = observation.reshape(len(observation), -1, ROW)
-        ego, others = rows[:, :1], rows[:, 1:]
-        present = others[..., :1]
-        columns = [present, self._absolute(others)]
+        ego, vehicles = rows[:, :1], rows[:, 1:]
+        present = vehicles[..., :1]
+        columns = [present, self._absolute(vehicles)]
         if self.choice.relative:
-            columns += self._relative(ego, others)
+            columns += self._relative(ego, vehicles)
         value = torch.cat(columns, dim=-1) * present
-        own = self._absolute(ego)[:, 0]
+        of_ego = self._absolute(ego)[:, 0]
         if not self.choice.pooled:
-            return torch.cat([own, value.flatten(1)], dim=-1)
+            return torch.cat([of_ego, value.flatten(1)], dim=-1)
         for layer in self.layers:
             value = torch.relu(layer(value))
         value = value * present
-        return torch.cat([own, value.sum(dim=1), value.amax(dim=1)], dim=-1)
+        return torch.cat([of_ego, value.sum(dim=1), value.amax(dim=1)], dim=-1)
 
     def _absolute(self, rows: torch.Tensor) -> torch.Tensor:
         return torch.cat([rows[..., 1:5] * self.choice.scale, rows[..., 5:]], dim=-1)

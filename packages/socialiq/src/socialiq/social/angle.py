@@ -115,8 +115,8 @@ def estimate_angle(
         raise UserError("an angle needs at least one episode, and finite reward totals")
     mean_env, mean_social = totals.mean(axis=0)
     angle = angle_of(mean_env, mean_social)
-    drawn = resample_rows(len(totals), resamples, seed)
-    means = np.concatenate([totals[rows].mean(axis=1) for rows in drawn])
+    resamples_of_rows = resample_rows(len(totals), resamples, seed)
+    means = np.concatenate([totals[rows].mean(axis=1) for rows in resamples_of_rows])
     deviations = np.degrees(np.arctan2(means[:, 1], means[:, 0])) - angle
     wrapped = (deviations + 180.0) % 360.0 - 180.0
     low, high = angle + np.quantile(wrapped, [(1 - confidence) / 2, (1 + confidence) / 2])

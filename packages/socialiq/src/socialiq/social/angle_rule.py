@@ -96,13 +96,13 @@ class AngleRule:
     @property
     def angles(self) -> tuple[Angle, ...]:
         """Angle of each context: the cases, then the default."""
-        return (*(one.angle for one in self.cases), self.default)
+        return (*(case.angle for case in self.cases), self.default)
 
     @property
     def contexts(self) -> tuple[str, ...]:
         """Each context in words: the cases, then the default."""
         last = "otherwise" if self.cases else "always"
-        return (*(" and ".join(map(_words, one.conditions)) for one in self.cases), last)
+        return (*(" and ".join(map(_words, case.conditions)) for case in self.cases), last)
 
     @property
     def words(self) -> str:
@@ -115,17 +115,17 @@ class AngleRule:
     @property
     def features(self) -> tuple[str, ...]:
         """Names of the features that it reads, each once."""
-        named = [one.feature for case in self.cases for one in case.conditions]
-        named += [one.by for one in self.angles if isinstance(one, Interpolated)]
-        return tuple(dict.fromkeys(named))
+        names = [condition.feature for case in self.cases for condition in case.conditions]
+        names += [angle.by for angle in self.angles if isinstance(angle, Interpolated)]
+        return tuple(dict.fromkeys(names))
 
     @property
     def span(self) -> tuple[float, float]:
         """Smallest and largest angle, in degrees."""
         every = [
             value
-            for one in self.angles
-            for value in (one.degrees if isinstance(one, Interpolated) else (one,))
+            for angle in self.angles
+            for value in (angle.degrees if isinstance(angle, Interpolated) else (angle,))
         ]
         return min(every), max(every)
 
@@ -136,14 +136,14 @@ class AngleRule:
             features: Values of the named features.
             rows: Number of situations.
         """
-        found = np.full(rows, len(self.cases))
+        contexts = np.full(rows, len(self.cases))
         for number, case in reversed(list(enumerate(self.cases))):
             holds = np.ones(rows, bool)
-            for one in case.conditions:
-                value = features[one.feature]
-                holds &= (value >= one.at_least) & (value <= one.at_most)
-            found[holds] = number
-        return found
+            for condition in case.conditions:
+                value = features[condition.feature]
+                holds &= (value >= condition.at_least) & (value <= condition.at_most)
+            contexts[holds] = number
+        return contexts
 
     def degrees(self, features: Features, rows: int) -> Float64[np.ndarray, " row"]:
         """Return the angle in each situation, in degrees.
@@ -152,24 +152,24 @@ class AngleRule:
             features: Values of the named features.
             rows: Number of situations.
         """
-        context, found = self.context(features, rows), np.empty(rows)
+        context, degrees = self.context(features, rows), np.empty(rows)
         for number, angle in enumerate(self.angles):
             where = context == number
             if isinstance(angle, Interpolated):
-                found[where] = np.interp(features[angle.by][where], angle.at, angle.degrees)
+                degrees[where] = np.interp(features[angle.by][where], angle.at, angle.degrees)
             else:
-                found[where] = angle
-        return found
+                degrees[where] = angle
+        return degrees
 
     def as_json(self) -> dict[str, Any]:
         """Return the rule as TOML holds it: `of` reads it back."""
         when = [
             {"angle": _angle_as_json(case.angle)}
-            | {one.feature: _limits_as_json(one) for one in case.conditions}
+            | {condition.feature: _limits_as_json(condition) for condition in case.conditions}
             for case in self.cases
         ]
-        found = {"format": FORMAT, "world": self.world, "default": _angle_as_json(self.default)}
-        return found | ({"when": when} if when else {})
+        content = {"format": FORMAT, "world": self.world, "default": _angle_as_json(self.default)}
+        return content | ({"when": when} if when else {})
 
     def as_toml(self, table: str = "") -> str:
         """Return the rule as TOML, below a table of this name or on the top level."""
@@ -207,7 +207,7 @@ class AngleRule:
         when = content.get("when", [])
         if not isinstance(when, list) or len(when) > MOST_CASES:
             raise UserError(f"[[when]] must be a list of at most {MOST_CASES} cases")
-        cases = tuple(_case(one, number) for number, one in enumerate(when, 1))
+        cases = tuple(_case(case, number) for number, case in enumerate(when, 1))
         return AngleRule(world, _angle(content["default"], "default"), cases)
 
 
@@ -219,11 +219,11 @@ def load_rule(path: Path) -> AngleRule:
     """
     content = read_bytes(path, _LARGEST_FILE)
     try:
-        found = tomllib.loads(content.decode())
+        content_of_file = tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
         raise UserError(f"{path} is not TOML: {one_line(str(error))}") from error
     try:
-        return AngleRule.of(found)
+        return AngleRule.of(content_of_file)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
 
@@ -234,24 +234,24 @@ def _case(content: Any, number: int) -> Case:
         raise UserError(f"{what} must be a table")
     if "angle" not in content:
         raise UserError(f"{what} needs an angle, in degrees")
-    named = {name: given for name, given in content.items() if name != "angle"}
-    if not 1 <= len(named) <= MOST_CONDITIONS:
+    limits = {name: limit for name, limit in content.items() if name != "angle"}
+    if not 1 <= len(limits) <= MOST_CONDITIONS:
         raise UserError(
             f"{what} needs 1 to {MOST_CONDITIONS} conditions, as waiting = {{at_least = 1}}"
         )
-    conditions = tuple(_condition(name, given, what) for name, given in named.items())
+    conditions = tuple(_condition(name, limit, what) for name, limit in limits.items())
     return Case(_angle(content["angle"], f"angle of {what}"), conditions)
 
 
 def _condition(name: Any, given: Any, what: str) -> Condition:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise UserError(f"{_shown(name)} in {what} is not the name of a feature")
-    known = ("at_least", "at_most")
-    if not isinstance(given, Mapping) or not given or not set(given) <= set(known):
+    bounds = ("at_least", "at_most")
+    if not isinstance(given, Mapping) or not given or not set(given) <= set(bounds):
         raise UserError(f"{name} in {what} must be a table with at_least, at_most or both")
     limits = [
         _number(given[side], f"{side} of {name} in {what}") if side in given else sign * math.inf
-        for side, sign in zip(known, (-1, 1), strict=True)
+        for side, sign in zip(bounds, (-1, 1), strict=True)
     ]
     if limits[0] > limits[1]:
         raise UserError(f"{name} in {what} never holds: at_least is above at_most")
@@ -269,13 +269,15 @@ def _angle(given: Any, what: str) -> Angle:
     by, lists = given["by"], (given["at"], given["degrees"])
     if not isinstance(by, str) or not _NAME.fullmatch(by):
         raise UserError(f"by of {what} is not the name of a feature")
-    sizes = [len(one) if isinstance(one, list | tuple) else 0 for one in lists]
+    sizes = [len(column) if isinstance(column, list | tuple) else 0 for column in lists]
     if sizes[0] != sizes[1] or not 2 <= sizes[0] <= MOST_POINTS:
         raise UserError(f"at and degrees of {what} must be lists of 2 to {MOST_POINTS}, as long")
-    at = tuple(_number(one, f"at of {what}") for one in lists[0])
+    at = tuple(_number(number, f"at of {what}") for number in lists[0])
     if any(after <= before for before, after in itertools.pairwise(at)):
         raise UserError(f"at of {what} must rise")
-    return Interpolated(by, at, tuple(_degrees(one, f"degrees of {what}") for one in lists[1]))
+    return Interpolated(
+        by, at, tuple(_degrees(number, f"degrees of {what}") for number in lists[1])
+    )
 
 
 def _degrees(given: Any, what: str) -> float:
@@ -304,10 +306,10 @@ def _shown(given: Any) -> str:
 def _words(one: Condition) -> str:
     if one.at_least == one.at_most:
         return f"{one.feature} = {one.at_least:g}"
-    parts = [f"{one.at_least:g} <="] if math.isfinite(one.at_least) else []
-    parts += [one.feature]
-    parts += [f"<= {one.at_most:g}"] if math.isfinite(one.at_most) else []
-    return " ".join(parts)
+    words = [f"{one.at_least:g} <="] if math.isfinite(one.at_least) else []
+    words += [one.feature]
+    words += [f"<= {one.at_most:g}"] if math.isfinite(one.at_most) else []
+    return " ".join(words)
 
 
 def angle_words(angle: Angle) -> str:
@@ -332,7 +334,7 @@ def _limits_as_json(one: Condition) -> dict[str, float]:
 def _toml(value: Any) -> str:
     """Return a value of `as_json` on one line of TOML."""
     if isinstance(value, dict):
-        inside = ", ".join(f"{name} = {_toml(one)}" for name, one in value.items())
+        inside = ", ".join(f"{name} = {_toml(entry)}" for name, entry in value.items())
         return f"{{{inside}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"

@@ -100,8 +100,8 @@ def mixed_angle(
         raise UserError("an angle needs at least one episode of each policy")
 
     def means(totals: np.ndarray, stream: int) -> np.ndarray:
-        drawn = resample_rows(len(totals), resamples, 2 * seed + stream)
-        return np.concatenate([totals[rows].mean(axis=1) for rows in drawn])
+        resampled = resample_rows(len(totals), resamples, 2 * seed + stream)
+        return np.concatenate([totals[rows].mean(axis=1) for rows in resampled])
 
     mean = (1.0 - share) * first.mean(axis=0) + share * second.mean(axis=0)
     angle = angle_of(*mean)

@@ -43,8 +43,8 @@ def levels(margin: float, limit: float, between: bool = False) -> Float[np.ndarr
     finest = _FINEST * margin
     steps = math.ceil(math.asinh((limit + margin) / finest) / _STEP)
     places = np.arange(-steps, steps + 1) + (0.5 if between else 0.0)
-    found = margin + finest * np.sinh(_STEP * places)
-    return found[(found > -limit) & (found < limit)]
+    grid = margin + finest * np.sinh(_STEP * places)
+    return grid[(grid > -limit) & (grid < limit)]
 
 
 def significantly_below(
@@ -70,14 +70,14 @@ def significantly_below(
     most = LARGEST_STAKE / (limit - means)
     mean = np.zeros(len(values))
     spread = np.full(len(values), (_FIRST_DEVIATION * limit) ** 2)
-    for done, drawn in enumerate(values.T):
+    for done, column in enumerate(values.T):
         deviation = np.sqrt(spread / (done + 1))[:, None]
         # Once the target is reached, nothing is staked and the wealth stays.
         stake = np.sqrt(np.maximum(-wealth, 0.0) * (2.0 / (episodes - done))) / deviation
-        wealth += np.log1p(np.minimum(stake, most) * (means - drawn[:, None]))
-        off = drawn - mean
+        wealth += np.log1p(np.minimum(stake, most) * (means - column[:, None]))
+        off = column - mean
         mean = mean + off / (done + 1)
-        spread = spread + off * (drawn - mean)
+        spread = spread + off * (column - mean)
     return wealth >= 0.0
 
 
@@ -102,8 +102,8 @@ def upper_bounds(
     allowed = (values <= limit).all(axis=1)
     bounds = np.full(len(values), np.inf)
     below = significantly_below(values[allowed], means, limit, error)
-    kept = np.logical_and.accumulate(below[:, ::-1], axis=1).sum(axis=1)
-    bounds[allowed] = np.append(means, limit)[len(means) - kept]
+    rejected = np.logical_and.accumulate(below[:, ::-1], axis=1).sum(axis=1)
+    bounds[allowed] = np.append(means, limit)[len(means) - rejected]
     return bounds
 
 

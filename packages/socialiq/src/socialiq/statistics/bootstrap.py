@@ -86,9 +86,11 @@ class Moments(NamedTuple):
         env, social = np.moveaxis(gains - mean[:, None], 2, 0)
         columns = np.stack([env, social, env**2, env * social, social**2], axis=1)
         flat = columns.reshape(-1, episodes).T
-        found = [one @ flat / episodes for one in _drawn(episodes, resamples, seed)]
-        drawn = np.concatenate(found).reshape(resamples, references, 5)
-        return Moments(episodes, mean, columns[:, 2:].mean(axis=2), drawn[..., :2], drawn[..., 2:])
+        means = [counts @ flat / episodes for counts in _drawn(episodes, resamples, seed)]
+        resampled = np.concatenate(means).reshape(resamples, references, 5)
+        return Moments(
+            episodes, mean, columns[:, 2:].mean(axis=2), resampled[..., :2], resampled[..., 2:]
+        )
 
     def at(self, weights: tuple[float, float], rows: np.ndarray) -> Studentised:
         """Return the weighted sum of both gains of some references as one scalar.
@@ -131,9 +133,9 @@ def resampled_means(
     """
     drivers, episodes, _ = totals.shape
     flat = np.moveaxis(totals, 1, 0).reshape(episodes, -1)
-    drawn = _drawn(episodes, resamples, seed)
-    found = np.concatenate([one @ flat / episodes for one in drawn])
-    return found.reshape(resamples, drivers, 2)
+    counts = _drawn(episodes, resamples, seed)
+    means = np.concatenate([block @ flat / episodes for block in counts])
+    return means.reshape(resamples, drivers, 2)
 
 
 def _drawn(episodes: int, resamples: int, seed: int) -> Iterable[np.ndarray]:
@@ -146,7 +148,7 @@ def _drawn(episodes: int, resamples: int, seed: int) -> Iterable[np.ndarray]:
 @lru_cache(maxsize=1)
 def _kept(episodes: int, resamples: int, seed: int) -> tuple[np.ndarray, ...]:
     rows = resample_rows(episodes, resamples, seed)
-    return tuple(_counts(one, episodes) for one in rows)
+    return tuple(_counts(block, episodes) for block in rows)
 
 
 def _counts(rows: np.ndarray, episodes: int) -> Float[np.ndarray, "block episodes"]:

@@ -60,13 +60,13 @@ def cluster_mean(
     sums, sizes = np.bincount(number, values), np.bincount(number).astype(np.float64)
     low = high = math.nan
     if len(sums) > 1:
-        drawn = np.concatenate(
+        means = np.concatenate(
             [
                 sums[rows].sum(axis=1) / sizes[rows].sum(axis=1)
                 for rows in resample_rows(len(sums), resamples, seed)
             ]
         )
-        low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2]).tolist()
+        low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2]).tolist()
     p = sign_flip(sums, seed, resamples)
     return ClusterMean(float(values.mean()), low, high, p, len(sums))
 
@@ -90,8 +90,8 @@ def sign_flip(sums: Float[np.ndarray, " cluster"], seed: int, draws: int = 2000)
 def _signs(count: int, seed: int, draws: int) -> Float[np.ndarray, "pattern cluster"]:
     if count <= EXACT:
         return 1.0 - 2.0 * ((np.arange(2**count)[:, None] >> np.arange(count)) & 1)
-    drawn = np.random.default_rng(seed).integers(0, 2, (draws, count))
-    return np.vstack([np.ones(count), 1.0 - 2.0 * drawn])
+    bits = np.random.default_rng(seed).integers(0, 2, (draws, count))
+    return np.vstack([np.ones(count), 1.0 - 2.0 * bits])
 
 
 class SignFlips(NamedTuple):

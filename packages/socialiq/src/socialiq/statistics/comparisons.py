@@ -28,12 +28,12 @@ def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.nda
     Raises:
         UserError: If a value is outside [0, 1].
     """
-    given = np.asarray(p_values, np.float64)
-    if not ((given >= 0) & (given <= 1)).all():
-        raise UserError(f"p-values must lie between 0 and 1, got {given.tolist()}")
-    order = np.argsort(given)
-    raised = given[order] * np.arange(len(given), 0, -1)
-    adjusted = np.empty_like(given)
+    values = np.asarray(p_values, np.float64)
+    if not ((values >= 0) & (values <= 1)).all():
+        raise UserError(f"p-values must lie between 0 and 1, got {values.tolist()}")
+    order = np.argsort(values)
+    raised = values[order] * np.arange(len(values), 0, -1)
+    adjusted = np.empty_like(values)
     adjusted[order] = np.minimum(np.maximum.accumulate(raised), 1.0)
     return adjusted
 
@@ -76,7 +76,7 @@ def paired_difference(
     Raises:
         UserError: If there are fewer than two pairs, unequal numbers, or a number isn't finite.
     """
-    pair = [np.asarray(one, np.float64) for one in (first, second)]
+    pair = [np.asarray(side, np.float64) for side in (first, second)]
     if pair[0].shape != pair[1].shape or pair[0].ndim != 1 or len(pair[0]) < 2:
         raise UserError(
             "a paired difference needs the same replicates of both, at least two, "
@@ -128,13 +128,13 @@ def mean_contrast(
     if min(len(first), len(second)) < 2:
         raise UserError("two means can't be compared on fewer than two numbers each")
     difference = float(first.mean() - second.mean())
-    parts = np.array([one.var(ddof=1) / len(one) for one in (first, second)])
-    if parts.sum() == 0.0:
+    variances = np.array([sample.var(ddof=1) / len(sample) for sample in (first, second)])
+    if variances.sum() == 0.0:
         return Contrast(difference, difference, difference)
     from scipy.stats import t as student
 
-    freedom = parts.sum() ** 2 / (parts**2 / (len(first) - 1, len(second) - 1)).sum()
-    half = float(student.ppf((1 + confidence) / 2, freedom)) * math.sqrt(parts.sum())
+    freedom = variances.sum() ** 2 / (variances**2 / (len(first) - 1, len(second) - 1)).sum()
+    half = float(student.ppf((1 + confidence) / 2, freedom)) * math.sqrt(variances.sum())
     return Contrast(difference, difference - half, difference + half)
 
 
@@ -158,14 +158,14 @@ def permutation_p(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"
         raise UserError("a permutation test needs finite numbers: leave out what has none")
     from scipy.stats import permutation_test
 
-    found = permutation_test(
+    result = permutation_test(
         (first, second),
         lambda one, other, axis: one.mean(axis) - other.mean(axis),
         n_resamples=9999,
         vectorized=True,
         rng=np.random.default_rng(0),
     )
-    return float(found.pvalue)
+    return float(result.pvalue)
 
 
 def share_contrast(

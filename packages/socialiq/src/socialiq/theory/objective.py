@@ -24,7 +24,7 @@ class Problem:
 
     ρ_E must satisfy the flow equations of the MDP, because every theorem here depends on it. Its
     scale is free. Uniformly drawn rows of episodes are an occupancy of a modified MDP
-    (`theory.rows`).
+    (`theory.demonstrators`).
 
     Attributes:
         mdp: The dynamics.
@@ -132,5 +132,5 @@ def check_occupancy(
     if error > _FLOW_TOLERANCE * entered.sum():
         raise UserError(
             f"this is not an occupancy of the MDP: its flow is off by {error:.3g}; "
-            "make it by mdp.solve.discounted_occupancy, or by theory.rows"
+            "make it by mdp.solve.discounted_occupancy, or by theory.demonstrators"
         )

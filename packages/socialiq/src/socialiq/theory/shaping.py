@@ -67,11 +67,11 @@ def orthogonal(
     steps[np.arange(len(pairs)), np.searchsorted(states, pairs // mdp.n_actions)] += 1.0
     root = np.sqrt(demonstrated.ravel()[pairs])
     goal = target.ravel()[pairs]
-    found = np.linalg.lstsq(root[:, None] * steps, root * goal, rcond=None)[0]
-    left = goal - steps @ found
+    solution = np.linalg.lstsq(root[:, None] * steps, root * goal, rcond=None)[0]
+    left = goal - steps @ solution
     # Pure shaping leaves rounding errors, which would give flips at λ of 1e14.
     left[np.abs(left) <= _ROUNDING * np.abs(goal).max(initial=0.0)] = 0.0
     table, potential = np.zeros(target.size), np.zeros(mdp.n_states)
-    table[pairs], potential[states] = left, found
+    table[pairs], potential[states] = left, solution
     norm = float(np.sqrt((root * left) @ (root * left)))
     return Orthogonal(table.reshape(target.shape), potential, norm)

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
-import jax.numpy as jnp
-
 from socialiq.errors import UserError
+from socialiq.foreign import Later
 from socialiq.types import Ending
 from socialiq.worlds import pictures
 from socialiq.worlds.grid_world import Feature, GridWorld, Outcome, Place
+
+jnp: Any = Later("jax.numpy")
 
 
 @dataclass(frozen=True)

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, Int64
 
 from socialiq.errors import UserError
+from socialiq.foreign import Later
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.grid_world import GridWorld, Outcome
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.world import observed_with_time, rows_of
+
+jax: Any = Later("jax")
+jnp: Any = Later("jax.numpy")
 
 _CHANCE = 5190  # makes draws of chance independent of other draws from the same seed
 
@@ -110,14 +112,14 @@ def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float
 def _outcomes(world: GridWorld) -> Outcome:
     """Return the outcome of every state, action and chance outcome."""
     actions, chances = jnp.arange(world.n_actions), jnp.arange(len(world.chance))
-    return _all_outcomes(world.rules, world.states(), actions, chances)
+    return _all_outcomes(world.rules)(world.states(), actions, chances)
 
 
-@partial(jax.jit, static_argnums=0)  # compiled once for the same rules
-def _all_outcomes(rules: Callable[..., Outcome], states: Any, actions: Any, chances: Any) -> Any:
+@cache  # compiled once for the same rules
+def _all_outcomes(rules: Callable[..., Outcome]) -> Any:
     each_chance = jax.vmap(rules, in_axes=(None, None, 0))
     each_action = jax.vmap(each_chance, in_axes=(None, 0, None))
-    return jax.vmap(each_action, in_axes=(0, None, None))(states, actions, chances)
+    return jax.jit(jax.vmap(each_action, in_axes=(0, None, None)))
 
 
 class GridStep(NamedTuple):

@@ -7,17 +7,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
+from socialiq.foreign import Later
 from socialiq.types import Ending, RewardPair, Step
 from socialiq.worlds.world import World
 
 if TYPE_CHECKING:
     from socialiq.worlds.enumerate import GridBatch, Table
+
+jax: Any = Later("jax")
+jnp: Any = Later("jax.numpy")
 
 Signals = Mapping[str, Any]
 
@@ -57,17 +59,17 @@ class Outcome(NamedTuple):
         speed: The ego's speed in cells per step.
     """
 
-    state: Int[Array, " feature"]
-    ending: Int[Array, ""]
+    state: Int[Any, " feature"]
+    ending: Int[Any, ""]
     signals: Signals
-    speed: Float[Array, ""]
+    speed: Float[Any, ""]
 
 
 class Episode(NamedTuple):
     """A running episode: the state and the number of steps taken (the time)."""
 
-    state: Int[Array, " feature"]
-    time: Int[Array, ""]
+    state: Int[Any, " feature"]
+    time: Int[Any, ""]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +222,7 @@ class GridWorld(World):
             social=sum(weight * signals[name] for name, weight in self.social_weights.items()),
         )
 
-    def reset(self, key: Any) -> tuple[Episode, Float[Array, " feature"]]:
+    def reset(self, key: Any) -> tuple[Episode, Float[Any, " feature"]]:
         """Draw an initial state."""
         states = jnp.array([state for state, _ in self.start])
         state = states[_draw(key, [probability for _, probability in self.start])]
@@ -237,7 +239,7 @@ class GridWorld(World):
         follows = Episode(outcome.state, time)
         return follows, Step(self._observation(follows), rewards, ending)
 
-    def _observation(self, episode: Episode) -> Float[Array, " feature"]:
+    def _observation(self, episode: Episode) -> Float[Any, " feature"]:
         values = jnp.append(episode.state, episode.time) if self.clock else episode.state
         return values.astype(jnp.float32)
 

@@ -6,15 +6,17 @@ from functools import cached_property
 from typing import Any
 
 import gymnasium
-import jax
 import numpy as np
 from gymnasium import spaces
 
+from socialiq.foreign import Later
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds import registry
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.pictures import picture, pixels
+
+jax: Any = Later("jax")
 
 
 class GridWorldEnv(gymnasium.Env):

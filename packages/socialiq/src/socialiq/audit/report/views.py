@@ -157,13 +157,10 @@ def others(report: Mapping[str, Any], most: int = 3) -> str:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
         return f"None of {tried['of']} other drivers would pass this declaration."
-    passing = [row["name"] for row in tried["drivers"] if row["decision"] == "pass"]
+    passed = (row["name"] for row in tried["drivers"] if row["decision"] == "pass")
+    passing = [str(names.get(name, name)) for name in passed]
     remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
-    which = (
-        f": {'; '.join(str(names.get(name, name)) for name in passing[:most])}{remaining}"
-        if most
-        else ""
-    )
+    which = f": {'; '.join(passing[:most])}{remaining}" if most else ""
     return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
 
 

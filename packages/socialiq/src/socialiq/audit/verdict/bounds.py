@@ -20,7 +20,7 @@ from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.verdict.decision import POWER, episodes_needed, slowest
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import betting
-from socialiq.statistics import rare_events as rare
+from socialiq.statistics import intervals as rare
 from socialiq.statistics.bootstrap import (
     Moments,
     Studentised,
@@ -149,7 +149,7 @@ class _Gains(NamedTuple):
         found: Means and their bootstrap.
         values: Gain in each episode.
         reach: Largest possible difference: the range of the rewards of all drivers.
-        rare: Whether nearly all differences of a reference are equal (`statistics.rare_events`).
+        rare: Whether nearly all differences of a reference are equal (`statistics.intervals`).
     """
 
     found: Studentised

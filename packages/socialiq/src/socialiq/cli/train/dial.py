@@ -18,6 +18,7 @@ from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation import road_training
 from socialiq.evaluation.ground import Ground, exact_regret, with_clock
 from socialiq.learners.dial.config import INTERSECTION, PRESETS, check_fit
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
@@ -31,14 +32,6 @@ from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, is_world_file, make_grid
-from socialiq_lab.intersection import fitting
-from socialiq_lab.intersection.policy_iteration import (
-    ITERATION,
-    ITERATION_NUMBERS,
-    dial_labeller,
-    observes_time,
-)
-from socialiq_lab.intersection.training import STEPS_PER_UPDATE, dial_collector
 
 ROADS = ("intersection", *SCENES)
 """Worlds on highway-env's roads, with discrete actions."""
@@ -251,8 +244,10 @@ def on_road(
     timed = [table.with_clock() if clock and table.n_features == plain else table for table in data]
     collector = None
     if structure.online:
-        collector = dial_collector(structure, runs, world, structure.environments, STEPS_PER_UPDATE)
-    return Setting(structure, timed, sizes, None, collector, fitting.CHUNK)
+        collector = road_training.dial_collector(
+            structure, runs, world, structure.environments, road_training.STEPS_PER_UPDATE
+        )
+    return Setting(structure, timed, sizes, None, collector, road_training.CHUNK)
 
 
 def saved_dials(folder: RunFolder, trained: Trained, budget: Budget | None = None) -> list[Row]:
@@ -297,18 +292,22 @@ class ImproveDial(Printing):
         """
         check_seeds(self.seed)
         start, scenario = DialPolicy.load(self.dial), Options()
-        clock = observes_time(start, scenario)
+        clock = road_training.observes_time(start, scenario)
         given = {} if self.updates is None else {"updates": self.updates}
-        structure, numbers = self.options.apply((ITERATION, ITERATION_NUMBERS), given)
+        structure, numbers = self.options.apply(
+            (road_training.ITERATION, road_training.ITERATION_NUMBERS), given
+        )
         static = iteration.with_network_of(structure, start)
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         if self.environments < 1:
             raise UserError(f"environments must be at least 1, got {self.environments}")
-        labellers = [dial_labeller(static, scenario, self.environments, clock) for _ in runs]
+        labellers = [
+            road_training.dial_labeller(static, scenario, self.environments, clock) for _ in runs
+        ]
         folder = RunFolder(self.out, "dial", self.options, self.json)
         labels = [{"seed": seed} for seed in self.seed]
         with folder.callbacks(labels) as callbacks:
-            sizes, chunk = fitting.sizes_of(scenario, clock), fitting.CHUNK
+            sizes, chunk = road_training.sizes_of(scenario, clock), road_training.CHUNK
             trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
         dials = saved_dials(folder, trained)
         folder.finish(trained, labels, dials, {"start": described_file(self.dial)})

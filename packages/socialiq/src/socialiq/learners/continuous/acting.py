@@ -67,15 +67,15 @@ def act(
     key: PRNGKeyArray,
 ) -> tuple[replay.Replay, Acting]:
     """Take steps in the world with drawn actions, the first of a run uniform, into the replay."""
-    for one in jax.random.split(key, static.env_steps_per_update):
-        for_action, for_random, for_step, for_reset = jax.random.split(one, 4)
-        seen = now.observation
+    for step_key in jax.random.split(key, static.env_steps_per_update):
+        for_action, for_random, for_step, for_reset = jax.random.split(step_key, 4)
+        inputs = now.observation
         if static.dial:
-            seen = jnp.concatenate([seen, *angle_columns(now.direction, ())])
-        mean, log_std = actor(seen)
-        drawn = jnp.tanh(mean + jnp.exp(log_std) * jax.random.normal(for_action, mean.shape))
+            inputs = jnp.concatenate([inputs, *angle_columns(now.direction, ())])
+        mean, log_std = actor(inputs)
+        sampled = jnp.tanh(mean + jnp.exp(log_std) * jax.random.normal(for_action, mean.shape))
         uniform = jax.random.uniform(for_random, mean.shape, minval=-1.0, maxval=1.0)
-        action = jnp.where(ring.added < static.random_steps, uniform, drawn)
+        action = jnp.where(ring.added < static.random_steps, uniform, sampled)
         follows, step = simulator.advance(for_step, now.episode, action)
         row = Batch(now.observation, action, step.observation, step.ending, step.rewards)
         ring = replay.add(ring, row)
@@ -98,14 +98,14 @@ def drawing(static: Any, steps_per_update: int) -> Behaviour:
 
     def behaviour(network: Any, run: int, done: int, rng: np.random.Generator) -> Act:  # noqa: ARG001
         actor, taken = network.actor, done * steps_per_update
-        whole = ActorPolicy.of(actor, {}, rng)
-        driver = None if static.dial else whole
+        policy = ActorPolicy.of(actor, {}, rng)
+        driver = None if static.dial else policy
 
         def act(observation: np.ndarray) -> np.ndarray:
             nonlocal taken, driver
             if static.dial and (driver is None or taken % STEPS_PER_ANGLE == 0):
                 angle = rng.uniform(static.low, static.high)
-                turned = ActorDial(whole, static.low, static.high).at(angle)
+                turned = ActorDial(policy, static.low, static.high).at(angle)
                 driver = dataclasses.replace(turned, rng=rng)
             taken += len(observation)
             if taken <= static.random_steps:
@@ -153,7 +153,10 @@ class ActorVectorCollector(VectorCollector):
         observation: np.ndarray,
     ) -> Any:
         """Return the columns of a chunk."""
-        angles = [self._direction(one, rng) for one, rng in zip(self.numbers, streams, strict=True)]
+        angles = [
+            self._direction(numbers, rng)
+            for numbers, rng in zip(self.numbers, streams, strict=True)
+        ]
         direction = RewardPair(*(jnp.stack(side) for side in zip(*angles, strict=True)))
         taken = done * self._static.env_steps_per_update
         act = self._act(runs.state.network.actor, direction, streams, taken)
@@ -165,7 +168,7 @@ class ActorVectorCollector(VectorCollector):
         if self._static.dial:
             return stratified(self._static, self.each, rng)
         pair = exact_weights(numbers.angle)
-        return RewardPair(*(np.full(self.each, one, np.float32) for one in pair))
+        return RewardPair(*(np.full(self.each, weight, np.float32) for weight in pair))
 
     def _act(
         self,
@@ -182,11 +185,11 @@ class ActorVectorCollector(VectorCollector):
             uniform = taken < self._static.random_steps
             taken += self.each
             if uniform:
-                drawn = np.stack([rng.uniform(-1.0, 1.0, shape) for rng in streams])
-                return drawn.astype(np.float32).reshape(-1, actor.size)
+                actions = np.stack([rng.uniform(-1.0, 1.0, shape) for rng in streams])
+                return actions.astype(np.float32).reshape(-1, actor.size)
             noise = np.stack([rng.standard_normal(shape, np.float32) for rng in streams])
-            seen = jnp.asarray(observation.reshape(len(streams), self.each, -1), jnp.float32)
-            chosen = _drawn(actor, seen, direction, noise, dial)
+            inputs = jnp.asarray(observation.reshape(len(streams), self.each, -1), jnp.float32)
+            chosen = _drawn(actor, inputs, direction, noise, dial)
             return np.asarray(chosen).reshape(-1, actor.size)
 
         return act
@@ -201,12 +204,12 @@ def _drawn(
     dial: bool,
 ) -> Float[Array, "run env size"]:
     """Return tanh(mean + deviation · noise) of each run's actor."""
-    seen = observation
+    inputs = observation
     if dial:
-        seen = jnp.concatenate([seen, *angle_columns(direction, ())], axis=-1)
+        inputs = jnp.concatenate([inputs, *angle_columns(direction, ())], axis=-1)
 
     def of_run(actor: Actor, inputs: Array, draws: Array) -> Array:
         mean, log_std = jax.vmap(actor)(inputs)
         return jnp.tanh(mean + jnp.exp(log_std) * draws)
 
-    return eqx.filter_vmap(of_run)(actors, seen, noise)
+    return eqx.filter_vmap(of_run)(actors, inputs, noise)

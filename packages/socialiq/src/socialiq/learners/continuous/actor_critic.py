@@ -122,11 +122,11 @@ class ActorCritic(Learner):
 
     def network(self, key: PRNGKeyArray) -> Networks:
         """Draw an actor and critics."""
-        one, (n_features, size) = self.static, self.sizes
-        extra = 2 if one.dial else 0  # (cos α, sin α)
+        static, (n_features, size) = self.static, self.sizes
+        extra = 2 if static.dial else 0  # (cos α, sin α)
         for_actor, for_critics = jax.random.split(key)
-        shape = (n_features + extra, one.hidden, size, one.activation, one.input_scale)
-        seen: dict[str, Any] = {"view": one.view, "times": one.times, "extra": extra}
+        shape = (n_features + extra, static.hidden, size, static.activation, static.input_scale)
+        seen: dict[str, Any] = {"view": static.view, "times": static.times, "extra": extra}
         actor = Actor.initialise(for_actor, *shape, stochastic=self.stochastic, **seen)
         critics = TwinCritics.initialise(for_critics, *shape, **seen)
         return Networks(actor, critics, jnp.zeros(()))
@@ -150,28 +150,35 @@ class ActorCritic(Learner):
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[Rows, Carry]:
         """Act in the world, if there is one, and sample the rows of an update."""
-        one = self.static
+        static = self.static
         keys = jax.random.split(carry.key, 6)
         carry = carry._replace(key=keys[0])
         if self.simulator is not None:
             ring, now = carry.replay, carry.acting
             assert ring is not None and now is not None  # such a learner keeps a replay
-            given = (self.simulator, one, hyperparameters, state.network.actor, ring, now)
-            ring, now = acting.act(*given, keys[1])
+            acting_inputs = (
+                self.simulator,
+                static,
+                hyperparameters,
+                state.network.actor,
+                ring,
+                now,
+            )
+            ring, now = acting.act(*acting_inputs, keys[1])
             carry = carry._replace(replay=ring, acting=now)
-        parts = []
+        batches = []
         if self.shown:
             assert self.table is not None
-            parts.append(self.demonstrated(keys[2], hyperparameters, carry))
+            batches.append(self.demonstrated(keys[2], hyperparameters, carry))
         if carry.replay is not None:
-            parts.append(replay.sample(carry.replay, keys[3], one.batch_size))
-        batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
-        count, n_expert = len(batch.ending), one.batch_size if self.shown else 0
+            batches.append(replay.sample(carry.replay, keys[3], static.batch_size))
+        batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *batches)
+        count, n_expert = len(batch.ending), static.batch_size if self.shown else 0
         direction = jax.tree.map(
             lambda weight: jnp.broadcast_to(weight, (count,)), hyperparameters.weights
         )
-        if one.dial:
-            direction = draw_directions(keys[4], count, one)
+        if static.dial:
+            direction = draw_directions(keys[4], count, static)
         return Rows(batch, direction, n_expert, keys[5]), carry
 
     def demonstrated(
@@ -227,13 +234,13 @@ class ActorCritic(Learner):
     ) -> Terms:
         """Return the losses of the actor and of a tuned temperature, and the entropy."""
         temperature = self.temperature(network, hyperparameters)
-        drawn = draw_actions(network.actor, seen, key, self.static.actions_per_state)
-        q = drawn_values(frozen(network.critics), seen, drawn).min(axis=-1)
-        terms = {"actor": actor_loss(q, drawn, temperature)}
+        sampled = draw_actions(network.actor, seen, key, self.static.actions_per_state)
+        q = drawn_values(frozen(network.critics), seen, sampled).min(axis=-1)
+        terms = {"actor": actor_loss(q, sampled, temperature)}
         if self.static.tuned:
-            wanted = hyperparameters.entropy_target * self.sizes[1]
-            terms["tuning"] = temperature_loss(network.log_temperature, drawn, wanted)
-        return terms | {"entropy": -jnp.mean(drawn.log_density)}
+            entropy = hyperparameters.entropy_target * self.sizes[1]
+            terms["tuning"] = temperature_loss(network.log_temperature, sampled, entropy)
+        return terms | {"entropy": -jnp.mean(sampled.log_density)}
 
     def policy(
         self,
@@ -243,8 +250,8 @@ class ActorCritic(Learner):
     ) -> ActorPolicy | ActorDial:
         """Return the trained actor of one run, or its dial."""
         policy = ActorPolicy.of(state.network.actor, self.record(hyperparameters))
-        one = self.static
-        return ActorDial(policy, one.low, one.high) if one.dial else policy
+        static = self.static
+        return ActorDial(policy, static.low, static.high) if static.dial else policy
 
     def run_name(self, hyperparameters: Any) -> str:
         """Return the name of a run in messages."""

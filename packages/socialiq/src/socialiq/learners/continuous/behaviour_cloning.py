@@ -39,9 +39,9 @@ class BehaviourCloning(behaviour_cloning.BehaviourCloning):
 
     def network(self, key: PRNGKeyArray) -> Actor:
         """Draw an actor."""
-        one, (n_features, size) = self.static, self.sizes
-        shape = (n_features, one.hidden, size, one.activation, one.input_scale)
-        return Actor.initialise(key, *shape, view=one.view)
+        static, (n_features, size) = self.static, self.sizes
+        shape = (n_features, static.hidden, size, static.activation, static.input_scale)
+        return Actor.initialise(key, *shape, view=static.view)
 
     def loss(
         self,

@@ -59,8 +59,8 @@ class ContinuousIQLearn(ActorCritic):
         if self.static.prior == "reweighting":
             cumulative = losses.cumulative_weights(self.table, hyperparameters)
         if "occupancy" in self.static.endings.by_kind().values():
-            shown = self.table.ending_shares(hyperparameters.dataset)
-            endings = jnp.stack([shown, jnp.zeros_like(shown)])
+            demonstrated = self.table.ending_shares(hyperparameters.dataset)
+            endings = jnp.stack([demonstrated, jnp.zeros_like(demonstrated)])
         return state, carry._replace(more=(cumulative, endings))
 
     def demonstrated(
@@ -99,8 +99,8 @@ class ContinuousIQLearn(ActorCritic):
         of_each = self.critic_terms(network, target_network, rows, for_critics, hyperparameters)
         terms = jax.tree.map(lambda *both: sum(both) / len(both), *of_each)
         total = jnp.sum(jnp.stack([terms[name] for name in ADDED if name in terms]))
-        seen = self.seen(rows.batch.observation, rows.direction)
-        terms |= self.improvement(network, seen, for_actor, hyperparameters)
+        inputs = self.seen(rows.batch.observation, rows.direction)
+        terms |= self.improvement(network, inputs, for_actor, hyperparameters)
         total = total + terms["actor"] + terms.get("tuning", 0.0)
         return total, terms | {"loss": total}
 
@@ -113,24 +113,28 @@ class ContinuousIQLearn(ActorCritic):
         hyperparameters: HyperparameterArrays,
     ) -> list[Terms]:
         """Return the terms of Eq 2.7 and 4.5 for each critic."""
-        one, batch, target = hyperparameters, rows.batch, score(rows.direction, rows.batch.target)
-        value, after, start = self.values(network, target_network.critics, rows, key, one)
+        numbers, batch, target = (
+            hyperparameters,
+            rows.batch,
+            score(rows.direction, rows.batch.target),
+        )
+        value, after, start = self.values(network, target_network.critics, rows, key, numbers)
         taken = jax.vmap(network.critics)(
             self.seen(batch.observation, rows.direction), batch.action
         )
-        found = []
+        terms_by_critic = []
         for critic in range(2):
             follows = after[:, critic]
-            reward = losses.implicit_reward(taken[:, critic], follows, one.discount)
-            shown = reward[: rows.n_expert]
+            reward = losses.implicit_reward(taken[:, critic], follows, numbers.discount)
+            expert_reward = reward[: rows.n_expert]
             if self.static.critic == "regression":
-                terms = regression_terms(shown, reward[rows.n_expert :], one.chi2_alpha)
+                terms = regression_terms(expert_reward, reward[rows.n_expert :], numbers.chi2_alpha)
             else:
                 columns = (value[:, critic], follows, start if start is None else start[:, critic])
-                terms = self.objective_terms(reward, *columns, target, rows.n_expert, one)
-            seen = {"max_q": jnp.max(jnp.abs(taken)), "expert_reward": jnp.mean(shown)}
-            found.append(terms | seen)
-        return found
+                terms = self.objective_terms(reward, *columns, target, rows.n_expert, numbers)
+            recorded = {"max_q": jnp.max(jnp.abs(taken)), "expert_reward": jnp.mean(expert_reward)}
+            terms_by_critic.append(terms | recorded)
+        return terms_by_critic
 
     def objective_terms(
         self,
@@ -143,16 +147,20 @@ class ContinuousIQLearn(ActorCritic):
         hyperparameters: HyperparameterArrays,
     ) -> Terms:
         """Return the terms of Eq 2.7 and 4.5 for one critic; arguments as `values` has them."""
-        one, static, own = hyperparameters, self.static, self.own
-        shown, wanted = reward[:n_expert], target[:n_expert]
-        terms = {"expert": objective.expert_term(shown, wanted, one, static, own)}
+        numbers, static, functions = hyperparameters, self.static, self.own
+        expert_reward, expert_target = reward[:n_expert], target[:n_expert]
+        terms = {
+            "expert": objective.expert_term(
+                expert_reward, expert_target, numbers, static, functions
+            )
+        }
         if start is not None:
-            terms["value"] = losses.initial_value_term(start, one.discount)
+            terms["value"] = losses.initial_value_term(start, numbers.discount)
         else:
             counted = slice(None) if static.value_term == "value" else slice(n_expert)
-            given = (value[counted], follows[counted])
-            terms["value"] = losses.value_term(*given, one.discount)
-        return terms | objective.quadratic_terms(reward, target, one, static, own)
+            values = (value[counted], follows[counted])
+            terms["value"] = losses.value_term(*values, numbers.discount)
+        return terms | objective.quadratic_terms(reward, target, numbers, static, functions)
 
     def values(
         self,
@@ -170,22 +178,24 @@ class ContinuousIQLearn(ActorCritic):
         keys = jax.random.split(key, 3)
         temperature = self.temperature(network, hyperparameters)
         batch = rows.batch
-        seen = self.seen(batch.observation, rows.direction)
+        inputs = self.seen(batch.observation, rows.direction)
         after = self.seen(batch.next_observation, rows.direction)
-        value = self.value_of(network, network.critics, seen, keys[0], temperature)
+        value = self.value_of(network, network.critics, inputs, keys[0], temperature)
         if self.static.next_value == "target":
-            both = self.value_of(network, target_critics, after, keys[1], temperature, True)
+            next_value = self.value_of(network, target_critics, after, keys[1], temperature, True)
         else:
-            both = self.value_of(network, network.critics, after, keys[1], temperature)
+            next_value = self.value_of(network, network.critics, after, keys[1], temperature)
         alpha, discount = hyperparameters.chi2_alpha, hyperparameters.discount
         if self.static.bounded:
             volume = 2 ** self.sizes[1]  # of all actions: uniform ones have the entropy log 2^size
-            both = jnp.clip(both, *losses.value_bounds(volume, temperature, discount, alpha))
+            next_value = jnp.clip(
+                next_value, *losses.value_bounds(volume, temperature, discount, alpha)
+            )
         occupancy = None
         if rows.more is not None:
             occupancy = losses.occupancy_value(rows.more[0], rows.more[1], discount, alpha)
         follows = [
-            self.continued(both[:, critic], batch, temperature, hyperparameters, occupancy)
+            self.continued(next_value[:, critic], batch, temperature, hyperparameters, occupancy)
             for critic in range(2)
         ]
         start = None
@@ -207,12 +217,12 @@ class ContinuousIQLearn(ActorCritic):
     ) -> Float[Array, "batch 2"]:
         """V(s) = E_π[Q_i - τ log π] of each critic, or of the smaller Q for both; π is fixed."""
         count = self.static.actions_per_state
-        drawn = actor_critic.draw_actions(frozen(network.actor), seen, key, count)
-        q = actor_critic.drawn_values(critics, seen, drawn)
+        sampled = actor_critic.draw_actions(frozen(network.actor), seen, key, count)
+        q = actor_critic.drawn_values(critics, seen, sampled)
         if smaller:
             q = jnp.broadcast_to(q.min(axis=-1, keepdims=True), q.shape)
         columns = [
-            actor_critic.soft_value(q[..., critic], drawn, temperature) for critic in range(2)
+            actor_critic.soft_value(q[..., critic], sampled, temperature) for critic in range(2)
         ]
         return jnp.stack(columns, axis=1)
 

@@ -35,10 +35,10 @@ class SoftActorCritic(ActorCritic):
         """Losses of the critics, the actor and a tuned temperature, in one sum."""
         rows, for_target, for_actor = batch, *jax.random.split(batch.key)
         target = self.target(network, target_network, rows, for_target, hyperparameters)
-        seen = self.seen(rows.batch.observation, rows.direction)
-        q = jax.vmap(network.critics)(seen, rows.batch.action)
+        inputs = self.seen(rows.batch.observation, rows.direction)
+        q = jax.vmap(network.critics)(inputs, rows.batch.action)
         terms = {"critic": actor_critic.critic_loss(q, target)}
-        terms |= self.improvement(network, seen, for_actor, hyperparameters)
+        terms |= self.improvement(network, inputs, for_actor, hyperparameters)
         total = terms["critic"] + terms["actor"] + terms.get("tuning", 0.0)
         return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
 
@@ -54,9 +54,9 @@ class SoftActorCritic(ActorCritic):
         after = self.seen(rows.batch.next_observation, rows.direction)
         temperature = self.temperature(network, hyperparameters)
         count = self.static.actions_per_state
-        drawn = actor_critic.draw_actions(network.actor, after, key, count)
-        q = actor_critic.drawn_values(target_network.critics, after, drawn).min(axis=-1)
-        value = actor_critic.soft_value(q, drawn, temperature)
+        sampled = actor_critic.draw_actions(network.actor, after, key, count)
+        q = actor_critic.drawn_values(target_network.critics, after, sampled).min(axis=-1)
+        value = actor_critic.soft_value(q, sampled, temperature)
         follows = self.continued(value, rows.batch, temperature, hyperparameters)
         reward = hyperparameters.strength * score(rows.direction, rows.batch.target)
         return frozen(reward + hyperparameters.discount * follows)
@@ -82,10 +82,10 @@ class TD3BC(ActorCritic):
         """Losses of the critics and of the actor, in one sum."""
         rows = batch
         target = self.target(target_network, rows, rows.key, hyperparameters)
-        seen = self.seen(rows.batch.observation, rows.direction)
-        q = jax.vmap(network.critics)(seen, rows.batch.action)
-        action = jnp.tanh(jax.vmap(network.actor)(seen)[0])
-        value = jax.vmap(frozen(network.critics))(seen, action)[:, 0]
+        inputs = self.seen(rows.batch.observation, rows.direction)
+        q = jax.vmap(network.critics)(inputs, rows.batch.action)
+        action = jnp.tanh(jax.vmap(network.actor)(inputs)[0])
+        value = jax.vmap(frozen(network.critics))(inputs, action)[:, 0]
         gap = jnp.mean(jnp.square(action - rows.batch.action))
         terms = {
             "critic": actor_critic.critic_loss(q, target),
@@ -103,15 +103,17 @@ class TD3BC(ActorCritic):
         hyperparameters: HyperparameterArrays,
     ) -> Float[Array, " batch"]:
         """Y = λR(α) + γ (1 - d) min_i Q_i(s', a' + noise) of the target networks (TD3)."""
-        one = hyperparameters
+        numbers = hyperparameters
         after = self.seen(rows.batch.next_observation, rows.direction)
         action = jnp.tanh(jax.vmap(target_network.actor)(after)[0])
-        noise = one.target_noise * jax.random.normal(key, action.shape)
-        action = jnp.clip(action + jnp.clip(noise, -one.noise_clip, one.noise_clip), -1.0, 1.0)
+        noise = numbers.target_noise * jax.random.normal(key, action.shape)
+        action = jnp.clip(
+            action + jnp.clip(noise, -numbers.noise_clip, numbers.noise_clip), -1.0, 1.0
+        )
         value = jax.vmap(target_network.critics)(after, action).min(axis=-1)
-        follows = self.continued(value, rows.batch, jnp.zeros(()), one)
-        reward = one.strength * score(rows.direction, rows.batch.target)
-        return frozen(reward + one.discount * follows)
+        follows = self.continued(value, rows.batch, jnp.zeros(()), numbers)
+        reward = numbers.strength * score(rows.direction, rows.batch.target)
+        return frozen(reward + numbers.discount * follows)
 
 
 def normalised(value: Float[Array, " batch"], weight: Any) -> Float[Array, ""]:

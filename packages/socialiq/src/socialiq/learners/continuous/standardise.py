@@ -41,14 +41,14 @@ def explored(
     space = env.action_space
     assert isinstance(space, spaces.Box)
     rng = np.random.default_rng(seed)
-    found = [env.reset(seed=seed)[0]]
+    observations = [env.reset(seed=seed)[0]]
     for _ in range(steps):
-        drawn = rng.uniform(space.low, space.high).astype(np.float32)
-        observation, _, terminated, truncated, _ = env.step(drawn)
-        found.append(observation)
+        action = rng.uniform(space.low, space.high).astype(np.float32)
+        observation, _, terminated, truncated, _ = env.step(action)
+        observations.append(observation)
         if terminated or truncated:
-            found.append(env.reset()[0])
-    return np.stack(found).astype(np.float32)
+            observations.append(env.reset()[0])
+    return np.stack(observations).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Standardisation:
         observation = np.asarray(observation, np.float64)
         mean, deviation = observation.mean(axis=0), observation.std(axis=0)
         deviation = np.where(deviation > 0.0, deviation + _LEAST, 1.0)
-        unknown = [one for one in left_out if not 0 <= one < len(mean)]
+        unknown = [feature for feature in left_out if not 0 <= feature < len(mean)]
         if unknown:
             raise UserError(f"no feature {unknown[0]} to leave out: they are 0 to {len(mean) - 1}")
         deviation[list(left_out)] = np.inf
@@ -97,8 +97,10 @@ class Standardisation:
         Args:
             table: A dataclass with `observation` and `next_observation`.
         """
-        seen = {name: self(getattr(table, name)) for name in ("observation", "next_observation")}
-        return dataclasses.replace(table, **seen)
+        standardised = {
+            name: self(getattr(table, name)) for name in ("observation", "next_observation")
+        }
+        return dataclasses.replace(table, **standardised)
 
     def environment(self, env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
         """Return an environment of flat observations with standardised ones.
@@ -142,8 +144,10 @@ class Standardisation:
         scaled = first.astype(np.float64)
         scaled[:, :count] /= self.deviation
         bias = (bias - scaled[:, :count] @ self.mean).astype(np.float32)
-        known = [None if np.isinf(one) else float(one) for one in self.deviation]
-        record = {"mean": self.mean.tolist(), "deviation": known}
+        deviations = [
+            None if np.isinf(deviation) else float(deviation) for deviation in self.deviation
+        ]
+        record = {"mean": self.mean.tolist(), "deviation": deviations}
         return dataclasses.replace(
             trained,
             weights=(scaled.astype(np.float32), *weights),

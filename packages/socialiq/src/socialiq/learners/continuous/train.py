@@ -73,10 +73,10 @@ def train(
         kind = "instantaneous" if getattr(static, "prior", "") == "none" else kind
         discount = getattr(static, "social_discount", 1.0)
         table = ExpertTable.of(datasets, kind, discount, continuous=True)
-    more = {"own": own} if issubclass(learner, ContinuousIQLearn) else {}
-    made = learner(static, sizes, table, simulator, **more)
+    functions = {"own": own} if issubclass(learner, ContinuousIQLearn) else {}
+    instance = learner(static, sizes, table, simulator, **functions)
     world = simulator.description if simulator else "offline or collected"
-    return made.train(hyperparameters, callbacks, chunk, before_chunk, world)
+    return instance.train(hyperparameters, callbacks, chunk, before_chunk, world)
 
 
 def acting_in(
@@ -95,7 +95,7 @@ def acting_in(
     steps = static.updates_per_round * static.env_steps_per_update
     sources = [from_env(make(), steps, continuous=True) for _ in hyperparameters]
     behaviour = drawing(static, static.env_steps_per_update)
-    return Collector(sources, [one.seed for one in hyperparameters], behaviour)
+    return Collector(sources, [run.seed for run in hyperparameters], behaviour)
 
 
 def check_fit(
@@ -123,7 +123,7 @@ def check_fit(
             if learner.shown
             else f"{learner.name} learns from no demonstrations: leave them out"
         )
-    if learner.shown and max(one.dataset for one in hyperparameters) >= len(datasets):
+    if learner.shown and max(run.dataset for run in hyperparameters) >= len(datasets):
         raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
     if getattr(static, "online", learner.online) != (simulator is not None or collects):
         raise UserError(
@@ -131,18 +131,18 @@ def check_fit(
             if simulator is not None or collects
             else "online training needs a world: name one, or train offline"
         )
-    if static.dial and any(one.angle for one in hyperparameters):
+    if static.dial and any(run.angle for run in hyperparameters):
         raise UserError("a dial is trained for all angles from low to high: leave the angle out")
-    found = [(data.observation.shape[1], _size(data)) for data in datasets]
-    found += [(simulator.n_features, simulator.action_size)] if simulator is not None else []
-    found += [sizes] if sizes else []
-    if len(set(found)) != 1:
+    shapes = [(data.observation.shape[1], _size(data)) for data in datasets]
+    shapes += [(simulator.n_features, simulator.action_size)] if simulator is not None else []
+    shapes += [sizes] if sizes else []
+    if len(set(shapes)) != 1:
         raise UserError(
             "data and world differ in features and in the size of an action: "
-            f"{sorted(set(found))}: they belong to two worlds"
+            f"{sorted(set(shapes))}: they belong to two worlds"
         )
-    encoding(jax.random.key(0), found[0][0], static.view, (), static.times)  # refuses a misfit
-    return found[0]
+    encoding(jax.random.key(0), shapes[0][0], static.view, (), static.times)  # refuses a misfit
+    return shapes[0]
 
 
 def _size(data: Transitions) -> int:

@@ -73,10 +73,10 @@ def act(
     follows, step = jax.vmap(simulator.advance)(
         jax.random.split(for_step, count), now.episode, action
     )
-    made: Any = Batch(now.observation, action, step.observation, step.ending, step.rewards)
+    rows: Any = Batch(now.observation, action, step.observation, step.ending, step.rewards)
     if static.driven_share:
-        made = Driven.of(made, now.direction)
-    ring = replay.add_many(ring, made)
+        rows = Driven.of(rows, now.direction)
+    ring = replay.add_many(ring, rows)
     ended = step.ending != int(Ending.NONE)
     going = Acting(follows, step.observation, now.direction)
 
@@ -157,7 +157,7 @@ class DialCollector(Collector):
         static: DialConfig,
         hyperparameters: Sequence[DialHyperparameters],
     ) -> None:
-        seeds = [one.seed for one in hyperparameters]
+        seeds = [run.seed for run in hyperparameters]
         super().__init__(sources, seeds, acting(static, hyperparameters))
         self._static = static
 
@@ -171,7 +171,7 @@ class DialCollector(Collector):
             return batch
         size, direction = len(batch.action), act.direction
         rounds = -(-size // len(direction.env))
-        columns = (jnp.asarray(np.tile(one, rounds)[:size]) for one in direction)
+        columns = (jnp.asarray(np.tile(weight, rounds)[:size]) for weight in direction)
         return Driven.of(batch, RewardPair(*columns))
 
 
@@ -228,13 +228,13 @@ class DialVectorCollector(VectorCollector):
             for numbers, rng in zip(self.numbers, streams, strict=True)
         ]
         directions = [driver.turned(self.each) for driver in drivers]
-        direction = RewardPair(*(jnp.stack(one) for one in zip(*directions, strict=True)))
+        direction = RewardPair(*(jnp.stack(weights) for weights in zip(*directions, strict=True)))
         networks = runs.state.network.values
 
         def act(observation: np.ndarray) -> np.ndarray:
-            seen = observation.reshape(len(drivers), self.each, -1)
-            q = np.asarray(_values_of_runs(networks, jnp.asarray(seen, jnp.float32), direction))
-            chosen = [driver.chosen(one) for driver, one in zip(drivers, q, strict=True)]
+            by_run = observation.reshape(len(drivers), self.each, -1)
+            q = np.asarray(_values_of_runs(networks, jnp.asarray(by_run, jnp.float32), direction))
+            chosen = [driver.chosen(values) for driver, values in zip(drivers, q, strict=True)]
             return np.concatenate(chosen)
 
         rows = list(stepped(self.env, observation, act, self.rounds))

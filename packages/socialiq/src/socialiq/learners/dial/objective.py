@@ -71,8 +71,8 @@ def objective(
     if skill is not None and rows.own is not None:
         correction = jax.vmap(skill)(batch.observation)
         terms["skill"] = _skill_loss(correction, target_network, rows, rows.own, hyperparameters)
-        shown = jnp.take_along_axis(correction, batch.action[:, None], axis=1)[:, 0]
-        target = target + jax.lax.stop_gradient(shown) / hyperparameters.strength
+        taken = jnp.take_along_axis(correction, batch.action[:, None], axis=1)[:, 0]
+        target = target + jax.lax.stop_gradient(taken) / hyperparameters.strength
     elif static.demonstrations:
         soft = static.backup == "soft"
         value = losses.soft_value(q, hyperparameters.temperature) if soft else q.max(axis=-1)
@@ -82,9 +82,9 @@ def objective(
     centred = list(zip(pairs, batch.target, strict=True)) if pairs else [(reward, target)]
     gaps = [
         losses.shifted_chi2(
-            one[scored], centre[scored], hyperparameters.strength, hyperparameters.chi2_alpha
+            implied[scored], centre[scored], hyperparameters.strength, hyperparameters.chi2_alpha
         )
-        for one, centre in centred
+        for implied, centre in centred
     ]
     terms["prior"] = hyperparameters.prior_weight * sum(gaps[1:], gaps[0])
     total = jnp.sum(jnp.stack(list(terms.values())))
@@ -141,20 +141,23 @@ def _of_pairs(
     """Return r̂ of both rewards, of a network with pairs, and their score."""
     batch, direction = rows.batch, rows.direction
     wide = jax.tree.map(lambda column: column[:, None], direction)
-    both = jax.vmap(network.both)(batch.observation, direction)
+    values = jax.vmap(network.both)(batch.observation, direction)
     both_next = jax.vmap(target_network.both)(batch.next_observation, direction)
     action = _next_action(network, score(wide, both_next), rows, static)
     endings = static.endings.by_kind()
     follows = RewardPair(
-        *(losses.continuation(_at(one, action), batch.ending, endings, 0.0) for one in both_next)
+        *(
+            losses.continuation(_at(next_values, action), batch.ending, endings, 0.0)
+            for next_values in both_next
+        )
     )
     reward = RewardPair(
         *(
             losses.implicit_reward(_at(q, batch.action), after, hyperparameters.discount)
-            for q, after in zip(both, follows, strict=True)
+            for q, after in zip(values, follows, strict=True)
         )
     )
-    q = score(wide, both)
+    q = score(wide, values)
     return _Rewards(q, score(direction, follows), score(direction, reward), reward)
 
 
@@ -192,7 +195,7 @@ def _skill_loss(
     f, action = correction[:count], rows.batch.action[:count]
     q = jax.vmap(target_network)(rows.batch.observation[:count], own)
     policy = jax.lax.stop_gradient(jax.nn.softmax(q / hyperparameters.temperature))
-    shown = jnp.take_along_axis(f, action[:, None], axis=1)[:, 0]
-    moved = jnp.mean(jnp.sum(policy * f, axis=1) - shown)
-    size = jnp.mean(jnp.square(shown) + hyperparameters.spread * jnp.sum(jnp.square(f), axis=1))
+    taken = jnp.take_along_axis(f, action[:, None], axis=1)[:, 0]
+    moved = jnp.mean(jnp.sum(policy * f, axis=1) - taken)
+    size = jnp.mean(jnp.square(taken) + hyperparameters.spread * jnp.sum(jnp.square(f), axis=1))
     return moved + hyperparameters.shrinkage * size

@@ -76,15 +76,15 @@ def draw_rows(
 ) -> Rows:
     """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
     for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
-    parts, driven = list[Batch](), None
+    batches, driven = list[Batch](), None
     if static.demonstrations and table is not None:
-        parts += _shown(static, table, dataset, for_expert)
+        batches += _shown(static, table, dataset, for_expert)
     if ring is not None:
-        own = replay.sample(ring, for_replay, static.replay_batch)
+        sampled = replay.sample(ring, for_replay, static.replay_batch)
         if static.driven_share:
-            own, driven = own.batch, own.direction
-        parts.append(own)
-    batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
+            sampled, driven = sampled.batch, sampled.direction
+        batches.append(sampled)
+    batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *batches)
     if static.redraw_times:
         batch = at_other_times(
             for_time, batch, static.redraw_times, static.timeout_reward, static.redraw_share
@@ -102,8 +102,8 @@ def _shown(static: DialConfig, table: ExpertTable, dataset: Array, key: Array) -
     if not count:
         return [table.sample(key, dataset, static.expert_batch)]
     return [
-        table.sample(one, dataset * count + number, static.expert_batch // count)
-        for number, one in enumerate(jax.random.split(key, count))
+        table.sample(row_key, dataset * count + number, static.expert_batch // count)
+        for number, row_key in enumerate(jax.random.split(key, count))
     ]
 
 
@@ -121,10 +121,10 @@ def _some_as_driven(
 ) -> RewardPair:
     """Return the drawn directions, but of some own rows, which are the last, those driven."""
     count = len(driven.env)
-    kept = jax.random.uniform(key, (count,)) < static.driven_share
+    as_driven = jax.random.uniform(key, (count,)) < static.driven_share
 
     def joined(new: Array, old: Array) -> Array:
-        return new.at[-count:].set(jnp.where(kept, old, new[-count:]))
+        return new.at[-count:].set(jnp.where(as_driven, old, new[-count:]))
 
     return jax.tree.map(joined, drawn, driven)
 
@@ -166,10 +166,10 @@ def draw_directions(key: PRNGKeyArray, size: int, static: AngleRange) -> RewardP
     """
     low, high = static.low - static.margin, static.high + static.margin
     if static.high_share is None:
-        drawn = jax.random.uniform(key, (size,), minval=low, maxval=high)
+        angles = jax.random.uniform(key, (size,), minval=low, maxval=high)
     else:
-        drawn = angles_at(jax.random.uniform(key, (size,)), static)
-    radians = jnp.deg2rad(drawn)
+        angles = angles_at(jax.random.uniform(key, (size,)), static)
+    radians = jnp.deg2rad(angles)
     return RewardPair(jnp.cos(radians), jnp.sin(radians))
 
 
@@ -220,14 +220,14 @@ def at_other_times(
     """
     time = draw_between(key, len(batch.action), 0, jnp.asarray(horizon))
     if share < 1.0:
-        own = batch.observation[:, -1].astype(jnp.int32)
+        recorded = batch.observation[:, -1].astype(jnp.int32)
         for_share = jax.random.fold_in(key, 1)
-        time = jnp.where(jax.random.uniform(for_share, time.shape) < share, time, own)
+        time = jnp.where(jax.random.uniform(for_share, time.shape) < share, time, recorded)
     ended = (batch.ending != int(Ending.NONE)) & (batch.ending != int(Ending.TIMEOUT))
     cut = jnp.where(time == horizon - 1, int(Ending.TIMEOUT), int(Ending.NONE))
     ending, target = jnp.where(ended, batch.ending, cut), batch.target
     if timeout_reward:
-        now, before = (one == int(Ending.TIMEOUT) for one in (ending, batch.ending))
+        now, before = (kinds == int(Ending.TIMEOUT) for kinds in (ending, batch.ending))
         moved = now.astype(jnp.float32) - before.astype(jnp.float32)
         target = target._replace(env=target.env + timeout_reward * moved)
     return batch._replace(

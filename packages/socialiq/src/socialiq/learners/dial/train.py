@@ -63,18 +63,20 @@ class Dial(Learner):
 
     def network(self, key: PRNGKeyArray) -> Networks:
         """Draw Q if there is no start, and the skill f if demonstrators are given."""
-        one = self.static
-        shape = (one.activation, one.view, one.one_hot)
+        static = self.static
+        shape = (static.activation, static.view, static.one_hot)
         n_features, n_actions = self.sizes
-        knots = knots_between(one.low - one.margin, one.high + one.margin, one.knots)
-        pairs = one.heads == "pair"
+        knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
+        pairs = static.heads == "pair"
         values = self.start or DialNetwork.initialise(
-            key, n_features, one.hidden, n_actions, *shape, one.times, pairs, knots
+            key, n_features, static.hidden, n_actions, *shape, static.times, pairs, knots
         )
         skill = None
-        if one.demonstrators:
+        if static.demonstrators:
             for_skill = jax.random.fold_in(key, 1)
-            skill = QNetwork.initialise(for_skill, n_features, one.skill_hidden, n_actions, *shape)
+            skill = QNetwork.initialise(
+                for_skill, n_features, static.skill_hidden, n_actions, *shape
+            )
         return Networks(values, skill)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
@@ -112,8 +114,8 @@ class Dial(Learner):
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
         """Return the rate after so many updates: it falls as a cosine to a share at the end."""
-        one = hyperparameters
-        return cosine(one.learning_rate, one.final_rate, done, self.static.updates)
+        numbers = hyperparameters
+        return cosine(numbers.learning_rate, numbers.final_rate, done, self.static.updates)
 
     def update(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
@@ -211,9 +213,9 @@ def _checked_start(static: DialConfig, sizes: tuple[int, int], start: DialNetwor
     Raises:
         UserError: If it has another form than the config describes.
     """
-    drawn = Dial(static, sizes).network(jax.random.key(0)).values
-    forms = [jax.tree.structure(one) for one in (drawn, start)]
-    shapes = [[leaf.shape for leaf in jax.tree.leaves(one)] for one in (drawn, start)]
+    fresh = Dial(static, sizes).network(jax.random.key(0)).values
+    forms = [jax.tree.structure(network) for network in (fresh, start)]
+    shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
     if forms[0] != forms[1] or shapes[0] != shapes[1]:
         raise UserError(
             "the first network has another form than the configuration: give it the same view, "
@@ -227,14 +229,14 @@ def _checked_start(static: DialConfig, sizes: tuple[int, int], start: DialNetwor
 
 def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
     """Return a hook that calls the given hooks in turn; None if there is none."""
-    given = [hook for hook in hooks if hook is not None]
+    present = [hook for hook in hooks if hook is not None]
 
     def all_of(runs: Runs, done: int) -> Runs:
-        for hook in given:
+        for hook in present:
             runs = hook(runs, done)
         return runs
 
-    return all_of if given else None
+    return all_of if present else None
 
 
 def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:

@@ -89,8 +89,8 @@ def objective(
     }
     terms |= quadratic_terms(reward, target, hyperparameters, static, own)
     total = jnp.sum(jnp.stack(list(terms.values())))
-    seen = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
-    return total, terms | seen | {"loss": total}
+    recorded = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
+    return total, terms | recorded | {"loss": total}
 
 
 def _continuation(

@@ -81,15 +81,22 @@ class IQLearn(Learner):
         endings = None
         if "occupancy" in self.static.endings.by_kind().values():
             assert self.table is not None
-            shown = self.table.ending_shares(hyperparameters.dataset)
-            endings = jnp.stack([shown, jnp.zeros_like(shown)])
+            demonstrated = self.table.ending_shares(hyperparameters.dataset)
+            endings = jnp.stack([demonstrated, jnp.zeros_like(demonstrated)])
         carry = Carry(key, ring, episode, observation, cumulative, endings)
         return self.first_state(network), carry
 
     def dueling(self, key: Array, hyperparameters: HyperparameterArrays) -> DuelingNetwork:
         """Draw a network of V and one of log π."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (n_features, one.hidden, n_actions, one.activation, one.view, one.input_scale)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (
+            n_features,
+            static.hidden,
+            n_actions,
+            static.activation,
+            static.view,
+            static.input_scale,
+        )
         return DuelingNetwork.initialise(key, hyperparameters.temperature, *shape)
 
     def draw(
@@ -102,18 +109,18 @@ class IQLearn(Learner):
         carry = carry._replace(key=key)
         if self.simulator is not None:
             carry = _act(static, self.simulator, hyperparameters, state, carry, for_acting)
-        own = None
+        replayed = None
         if carry.replay is not None:
-            own = replay.sample(carry.replay, for_replay, static.batch_size)
+            replayed = replay.sample(carry.replay, for_replay, static.batch_size)
             if carry.endings is not None:
                 counted = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
-                shares = followed(carry.endings, own.ending, counted)
+                shares = followed(carry.endings, replayed.ending, counted)
                 carry = carry._replace(endings=shares)
         batches = Batches(
             expert=table.sample_weighted(for_expert, carry.cumulative, static.batch_size)
             if carry.cumulative is not None
             else table.sample(for_expert, hyperparameters.dataset, static.batch_size),
-            replay=own,
+            replay=replayed,
             initial=table.sample_initial(for_initial, hyperparameters.dataset, static.batch_size)
             if static.value_term == "v0"
             else None,
@@ -125,19 +132,23 @@ class IQLearn(Learner):
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
         """L_IQ + w L_reg (Eq 4.5)."""
-        given = (network, target_network, batch, hyperparameters, self.static)
-        return self.own.loss(*given) if self.own.loss else objective(*given, self.own)
+        inputs = (network, target_network, batch, hyperparameters, self.static)
+        return self.own.loss(*inputs) if self.own.loss else objective(*inputs, self.own)
 
     def functions(self) -> dict[str, Any]:
         """Return the functions of the user's own by their part: name and SHA-256."""
-        own = self.own._replace(divergence=self.own.divergence and self.own.divergence.phi)
-        given = {part: one for part, one in own._asdict().items() if one is not None}
-        return super().functions() | {f"own_{part}": described(one) for part, one in given.items()}
+        functions = self.own._replace(divergence=self.own.divergence and self.own.divergence.phi)
+        chosen = {
+            name: function for name, function in functions._asdict().items() if function is not None
+        }
+        return super().functions() | {
+            f"own_{name}": described(function) for name, function in chosen.items()
+        }
 
     def run_name(self, hyperparameters: IQLearnHyperparameters) -> str:
         """Return the name of a run in messages."""
-        one = hyperparameters
-        return f"angle {one.angle:g}, strength {one.strength:g}, seed {one.seed}"
+        run = hyperparameters
+        return f"angle {run.angle:g}, strength {run.strength:g}, seed {run.seed}"
 
 
 def train(
@@ -174,14 +185,16 @@ def train(
         Stopped: On Ctrl-C.
     """
     if learner is not None:
-        if any(one is not None for one in (simulator, before_chunk, prior, divergence, loss)):
+        if any(
+            argument is not None for argument in (simulator, before_chunk, prior, divergence, loss)
+        ):
             raise UserError("a learner of your own takes no world, prior, divergence or loss")
         own_learner = checked_learner(learner)
         return own_learner.train_on(static, hyperparameters, datasets, callbacks, chunk)
     if prior is not None and static.prior != "reward":
         raise UserError("a prior of your own replaces prior 'reward': leave the setting at that")
     check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
-    own = UserFunctions(
+    functions = UserFunctions(
         checked_prior(prior) if prior else None,
         checked_divergence(divergence) if divergence else None,
         loss,
@@ -190,7 +203,7 @@ def train(
     kind = "instantaneous" if static.prior == "none" else static.target_kind
     table = ExpertTable.of(datasets, kind, static.social_discount)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    iq_learn = IQLearn(static, sizes, table, simulator, own)
+    iq_learn = IQLearn(static, sizes, table, simulator, functions)
     world = simulator.description if simulator else "offline or collected"
     return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
 
@@ -214,8 +227,8 @@ def _act(
     """Take steps in the world with the soft policy, into the replay."""
     ring, observation, episode = carry.replay, carry.observation, carry.episode
     assert ring is not None and observation is not None  # `check_fit` asks for online training
-    for one in jax.random.split(key, static.env_steps_per_update):
-        for_action, for_step, for_reset = jax.random.split(one, 3)
+    for step_key in jax.random.split(key, static.env_steps_per_update):
+        for_action, for_step, for_reset = jax.random.split(step_key, 3)
         q = state.network(observation)
         action = jax.random.categorical(for_action, q / hyperparameters.temperature)
         follows, step = simulator.advance(for_step, episode, action)
@@ -253,7 +266,7 @@ def check_fit(
         raise UserError("no runs: pass at least one set of hyperparameters")
     if not datasets:
         raise UserError("no demonstrations: pass at least one set")
-    if max(one.dataset for one in hyperparameters) >= len(datasets):
+    if max(run.dataset for run in hyperparameters) >= len(datasets):
         raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
     if static.online and simulator is None and not collects:
         raise UserError("online training needs a world: name one, or train offline")
@@ -263,10 +276,10 @@ def check_fit(
     if not static.online and (simulator is not None or collects):
         raise UserError("offline training takes no world: drop it, or train online")
     if simulator is not None:
-        wanted = (simulator.n_features, simulator.n_actions)
-        given = (datasets[0].observation.shape[1], datasets[0].n_actions)
-        if wanted != given:
+        of_world = (simulator.n_features, simulator.n_actions)
+        of_data = (datasets[0].observation.shape[1], datasets[0].n_actions)
+        if of_world != of_data:
             raise UserError(
-                f"the demonstrations have {given[0]} features and {given[1]} actions, "
-                f"the world has {wanted[0]} and {wanted[1]}: they belong to another world"
+                f"the demonstrations have {of_data[0]} features and {of_data[1]} actions, "
+                f"the world has {of_world[0]} and {of_world[1]}: they belong to another world"
             )

@@ -191,24 +191,25 @@ class Critic(eqx.Module):
             UserError: If the view doesn't fit the observation.
         """
         n_features, n_actions = sizes
-        seen = encoding(key, n_features, static.view, static.one_hot)
-        inputs = (seen.width if seen else n_features) + 3
+        view = encoding(key, n_features, static.view, static.one_hot)
+        inputs = (view.width if view else n_features) + 3
         layers = affine_layers(key, (inputs, *static.hidden, 2 * n_actions))
-        return Critic(layers, static.activation, seen)
+        return Critic(layers, static.activation, view)
 
     @staticmethod
     def ensemble(key: PRNGKeyArray, sizes: tuple[int, int], static: OfflineDialConfig) -> Critic:
         """Draw `static.members` critics; leaves lead with the members."""
-        drawn = [
-            Critic.initialise(one, sizes, static) for one in jax.random.split(key, static.members)
+        critics = [
+            Critic.initialise(member_key, sizes, static)
+            for member_key in jax.random.split(key, static.members)
         ]
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *drawn)
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *critics)
 
     def __call__(
         self, observation: Float[Array, " feature"], time: Float[Array, ""], direction: RewardPair
     ) -> Float[Array, "action 2"]:
         """Return Q of (r_env, r_social) for each action, in the critic's unit."""
         value = self.view(observation) if self.view else observation
-        more = jnp.stack([time, direction.env, direction.social])
-        found = through(self.layers, self.activation, jnp.concatenate([value, more]))
-        return found.reshape(-1, 2)
+        context = jnp.stack([time, direction.env, direction.social])
+        outputs = through(self.layers, self.activation, jnp.concatenate([value, context]))
+        return outputs.reshape(-1, 2)

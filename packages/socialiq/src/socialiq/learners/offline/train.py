@@ -70,16 +70,16 @@ class Stage(Learner):
     ) -> tuple[tuple[Rows, RewardPair], Array]:
         """Return rows of the run's own data, and a direction (cos α, sin α) drawn for each."""
         key, for_rows, for_angles = jax.random.split(carry, 3)
-        one, run = self.static, hyperparameters.dataset
-        drawn = draw_between(for_rows, one.batch_size, self.bounds[run], self.bounds[run + 1])
-        directions = draw_directions(for_angles, one.batch_size, one.drawn)
-        rows = jax.tree.map(lambda column: column[drawn], self.rows)
+        static, run = self.static, hyperparameters.dataset
+        chosen = draw_between(for_rows, static.batch_size, self.bounds[run], self.bounds[run + 1])
+        directions = draw_directions(for_angles, static.batch_size, static.drawn)
+        rows = jax.tree.map(lambda column: column[chosen], self.rows)
         return (rows, directions), key
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
         """Return the rate after so many updates: it falls as a cosine to a share at the end."""
-        one = hyperparameters
-        return cosine(one.learning_rate, one.final_rate, done, self.static.updates)
+        numbers = hyperparameters
+        return cosine(numbers.learning_rate, numbers.final_rate, done, self.static.updates)
 
 
 class Behaviour(Stage):
@@ -89,8 +89,15 @@ class Behaviour(Stage):
 
     def network(self, key: Any) -> QNetwork:
         """Draw a network of logits."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (n_features, one.hidden, n_actions, one.activation, one.view, one.one_hot)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (
+            n_features,
+            static.hidden,
+            n_actions,
+            static.activation,
+            static.view,
+            static.one_hot,
+        )
         return QNetwork.initialise(key, *shape)
 
     def loss(
@@ -120,10 +127,10 @@ class Critics(Stage):
     ) -> tuple[Float[Array, ""], Terms]:
         """Squared Bellman error of both rewards."""
         rows, direction = batch
-        one = hyperparameters
-        where = (rows, direction, self.units[one.dataset])
-        temperature = price(direction, one.temperature, one.end_temperature)
-        target = critic_target(target_network, *where, temperature, one.discount)
+        numbers = hyperparameters
+        where = (rows, direction, self.units[numbers.dataset])
+        temperature = price(direction, numbers.temperature, numbers.end_temperature)
+        target = critic_target(target_network, *where, temperature, numbers.discount)
         loss = critic_loss(network, jax.lax.stop_gradient(target), *where)
         return loss, {"loss": loss, "max_target": jnp.max(jnp.abs(target))}
 
@@ -142,8 +149,15 @@ class Distillation(Stage):
 
     def network(self, key: Any) -> DialNetwork:
         """Draw the dial."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (n_features, one.hidden, n_actions, one.activation, one.view, one.one_hot)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (
+            n_features,
+            static.hidden,
+            n_actions,
+            static.activation,
+            static.view,
+            static.one_hot,
+        )
         return DialNetwork.initialise(key, *shape)
 
     def loss(
@@ -154,17 +168,17 @@ class Distillation(Stage):
         hyperparameters: HyperparameterArrays,
     ) -> tuple[Float[Array, ""], Terms]:
         """Distance from the behaviour policy less the score."""
-        one, (rows, direction) = hyperparameters, batch
-        temperature = price(direction, one.temperature, one.end_temperature)
-        critics = jax.tree.map(lambda leaf: leaf[one.dataset], self.critics)
-        unit = self.units[one.dataset]
+        numbers, (rows, direction) = hyperparameters, batch
+        temperature = price(direction, numbers.temperature, numbers.end_temperature)
+        critics = jax.tree.map(lambda leaf: leaf[numbers.dataset], self.critics)
+        unit = self.units[numbers.dataset]
         loss = dial_loss(network, critics, rows, direction, unit, temperature)
         return loss, {"loss": loss}
 
     def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> DialPolicy:  # noqa: ARG002
         """Return the trained dial, the running average of the network."""
-        one, record = self.static, self.record(hyperparameters)
-        return DialPolicy.of(state.target_network, 1.0, one.low, one.high, record)
+        static, record = self.static, self.record(hyperparameters)
+        return DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)
 
 
 def train(
@@ -203,7 +217,7 @@ def train_together(
         Stopped: On Ctrl-C.
     """
     shared: dict[str, Any] = {"static": static} | _laid_out(datasets, static.whole_episode)
-    runs = [replace(one, dataset=number) for number, one in enumerate(hyperparameters)]
+    runs = [replace(run, dataset=number) for number, run in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
 
     def finish(name: str, stage: Stage) -> Any:
@@ -242,12 +256,17 @@ def _laid_out(datasets: Sequence[Transitions], whole: int) -> dict[str, Any]:
 
 def _with_behaviour(networks: Any, rows: Rows, bounds: Array) -> Rows:
     """Return the rows with log β, each run's by its own network."""
-    found = []
+    logs = []
     for run in range(len(bounds) - 1):
-        mine = slice(int(bounds[run]), int(bounds[run + 1]))
-        both = rows.observation[mine], rows.next_observation[mine]
-        found.append([log_probabilities(network_of(networks, run), one) for one in both])
-    now, later = (jnp.concatenate(column) for column in zip(*found, strict=True))
+        of_run = slice(int(bounds[run]), int(bounds[run + 1]))
+        observations = rows.observation[of_run], rows.next_observation[of_run]
+        logs.append(
+            [
+                log_probabilities(network_of(networks, run), observation)
+                for observation in observations
+            ]
+        )
+    now, later = (jnp.concatenate(column) for column in zip(*logs, strict=True))
     return rows._replace(log_behaviour=now, next_log_behaviour=later)
 
 

@@ -90,10 +90,10 @@ class DialIteration(PolicyIteration):
 
     def network(self, key: PRNGKeyArray) -> DialNetwork:
         """Draw a network with a pair of values for each action."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        knots = knots_between(one.low - one.margin, one.high + one.margin, one.knots)
-        shape = (n_features, one.hidden, n_actions, one.activation, one.view)
-        return DialNetwork.initialise(key, *shape, times=one.times, pairs=True, knots=knots)
+        static, (n_features, n_actions) = self.static, self.sizes
+        knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
+        shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+        return DialNetwork.initialise(key, *shape, times=static.times, pairs=True, knots=knots)
 
     @property
     def labelled_features(self) -> int:
@@ -106,13 +106,13 @@ class DialIteration(PolicyIteration):
         """The regression's loss of both rewards, or at the end the expected score's."""
         del target_network
         direction = direction_of(batch.states.observation)
-        both = jax.vmap(network.both)(batch.states.observation[:, :-1], direction)
+        values = jax.vmap(network.both)(batch.states.observation[:, :-1], direction)
         errors = [
             regression_error(output, value, hyperparameters.value_weight).mean()
-            for output, value in zip(both, batch.states.returns, strict=True)
+            for output, value in zip(values, batch.states.returns, strict=True)
         ]
         outputs, returns = (
-            score(of_rows(direction), pair) for pair in (both, batch.states.returns)
+            score(of_rows(direction), pair) for pair in (values, batch.states.returns)
         )
         gain, entropy = expected_return(outputs, returns, hyperparameters.temperature)
         gain, entropy, error = gain.mean(), entropy.mean(), errors[0] + errors[1]
@@ -131,9 +131,9 @@ class DialIteration(PolicyIteration):
         kept: Any = None,  # noqa: ARG002
     ) -> DialPolicy:
         """Return the running average of the network as a dial."""
-        one, record = self.static, self.record(hyperparameters)
+        static, record = self.static, self.record(hyperparameters)
         temperature = hyperparameters.temperature
-        return DialPolicy.of(state.target_network, temperature, one.low, one.high, record)
+        return DialPolicy.of(state.target_network, temperature, static.low, static.high, record)
 
 
 def greedy(dial: DialPolicy) -> Act:
@@ -149,10 +149,10 @@ def values_of(dial: DialPolicy) -> Callable[[np.ndarray], np.ndarray]:
     def values(observation: np.ndarray) -> np.ndarray:
         direction = direction_of(observation)
         columns = [encode(observation[:, :-1]), *angle_columns(direction, dial.knots)]
-        found = layers.q_values(np.concatenate(columns, axis=-1))
+        outputs = layers.q_values(np.concatenate(columns, axis=-1))
         if dial.pairs:
-            found = score(of_rows(direction), RewardPair(*np.split(found, 2, axis=1)))
-        return found
+            outputs = score(of_rows(direction), RewardPair(*np.split(outputs, 2, axis=1)))
+        return outputs
 
     return values
 

@@ -167,9 +167,9 @@ class PolicyIteration(Learner):
 
     def network(self, key: PRNGKeyArray) -> Any:
         """Draw a network, with an input for each value of the time if there is a clock."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (n_features, one.hidden, n_actions, one.activation, one.view)
-        return QNetwork.initialise(key, *shape, times=one.times)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+        return QNetwork.initialise(key, *shape, times=static.times)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed or take the first one, beside an empty ring."""
@@ -213,8 +213,8 @@ class PolicyIteration(Learner):
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
         """Return the rate of an update: it falls linearly."""
-        one = hyperparameters
-        return linear(one.learning_rate, one.final_learning_rate, done, self.static.updates)
+        numbers = hyperparameters
+        return linear(numbers.learning_rate, numbers.final_learning_rate, done, self.static.updates)
 
     def greedy(self, network: Any) -> Act:
         """Return the greedy actions of a network."""
@@ -272,9 +272,9 @@ class LabelCollector:
             return np.where(rng.random(len(observation)) < share, random, follow(observation))
 
         rounds = 1 if done else self._static.first_rounds
-        found = [self._labellers[run](follow, visit, rng) for _ in range(rounds)]
+        labelled = [self._labellers[run](follow, visit, rng) for _ in range(rounds)]
         return jax.tree.map(
-            lambda *columns: jnp.asarray(np.concatenate(columns), jnp.float32), *found
+            lambda *columns: jnp.asarray(np.concatenate(columns), jnp.float32), *labelled
         )
 
 
@@ -354,8 +354,8 @@ def checked(network: Any, learner: PolicyIteration) -> Any:
     Raises:
         UserError: If it is not of the structure that the learner draws.
     """
-    wanted = jax.eval_shape(learner.network, jax.random.key(0))
-    shapes = [[one.shape for one in jax.tree.leaves(tree)] for tree in (network, wanted)]
+    drawn_network = jax.eval_shape(learner.network, jax.random.key(0))
+    shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, drawn_network)]
     if shapes[0] != shapes[1] or network.activation != learner.static.activation:
         raise UserError(
             "the first policy has another network: give its view, hidden widths and activation"
