@@ -12,8 +12,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
 from socialiq.demonstrations.dataset import Demonstrations

@@ -61,7 +61,7 @@ def test_bits_are_equal_where_leaving_the_road_ends_the_episode():
     assert status == 0
 
 
-@pytest.mark.parametrize("scene", ["merge", "roundabout"])
+@pytest.mark.parametrize("scene", ["merge", "roundabout", "two_way"])
 def test_bits_of_other_roads_are_equal(scene):
     status, found = conformance("--scene", scene, "--episodes", 20, "--seed", 34_000)
     assert found["episodes"] == 20

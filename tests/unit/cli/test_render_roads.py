@@ -66,7 +66,10 @@ def test_a_film_has_a_frame_for_each_sub_step(files):
         (["intersection", "--driver", "go", "--angle", "9", "--out", "x.png"], "of a dial"),
         (["crossing7", "--driver", "go", "--out", "x.png"], "has no --driver: use --angle"),
         (["crossing7", "--out", "x.gif"], "choose one of .png"),
-        (["merg", "--out", "x.png"], "intersection-continuous-steering-offroad, merge, roundabout"),
+        (
+            ["merg", "--out", "x.png"],
+            "intersection-continuous-steering-offroad, merge, roundabout, two_way",
+        ),
     ],
 )
 def test_mistakes_are_one_line(files, words, says, capsys):

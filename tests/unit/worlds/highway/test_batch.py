@@ -57,7 +57,8 @@ def test_rewards_are_the_weighted_signals(name):
         np.testing.assert_array_equal(made.signals["collision"], collided)
         assert np.abs(made.observation).max() <= 1.0
         endings |= {Ending(ending) for ending in made.ending.tolist()}
-    assert {Ending.COLLISION, Ending.ARRIVAL} <= endings
+    arrives = {Ending.ARRIVAL} if np.isfinite(batch.scene.road.sight["arrival"]).all() else set()
+    assert {Ending.COLLISION} | arrives <= endings
 
 
 def test_progress_of_the_merge_is_the_way_along_the_motorway():

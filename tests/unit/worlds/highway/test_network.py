@@ -73,5 +73,5 @@ def test_shapes_have_their_lengths_and_swings():
 
 
 def test_an_unknown_scene_is_refused():
-    with pytest.raises(UserError, match="choose one of merge, roundabout"):
+    with pytest.raises(UserError, match="choose one of merge, roundabout, two_way"):
         scene_of("motorway")

@@ -33,7 +33,7 @@ class Conformance(Printing):
     Example: socialiq conformance --episodes 40 --seed 7 --population thesis
     """
 
-    scene: Literal["intersection", "merge", "roundabout"] = "intersection"
+    scene: Literal["intersection", "merge", "roundabout", "two_way"] = "intersection"
     """Road to compare; other options of traffic, actions and drivers are of the intersection."""
     episodes: int = 20
     """Episodes to compare."""

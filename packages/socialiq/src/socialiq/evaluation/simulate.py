@@ -73,7 +73,7 @@ def simulate(
         yield Step(episode.copy(), running.copy(), observation, action, result)
         free = np.flatnonzero(running & (result.ending != int(Ending.NONE)))
         begun = free[: max(len(queue) - following, 0)]
-        running[np.setdiff1d(free, begun)] = False
+        running[free[len(begun) :]] = False
         episode[begun] = following + np.arange(len(begun))
         following += len(begun)
 

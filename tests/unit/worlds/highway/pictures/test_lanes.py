@@ -81,10 +81,11 @@ def test_lanes_are_asphalt_and_the_rest_is_grass(name):
     figure, axes = strip_of(world_of(name))
     frame = axes.get_xlim(), axes.get_ylim()[::-1]
     places = {"merge": [(70.0, 0.0), (40.0, 14.5)], "roundabout": [(-20.0, 0.0), (2.0, -50.0)]}
+    places["two_way"] = []  # the influence zone tints the whole road
     for x, y in places[name]:
         assert frame[0][0] < x < frame[0][1] and frame[1][0] < y < frame[1][1]
         assert drawn(axes, figure, x, y) == shapes.ASPHALT
-    beside = {"merge": (70.0, -8.0), "roundabout": (0.0, 0.0)}
+    beside = {"merge": (70.0, -8.0), "roundabout": (0.0, 0.0), "two_way": (40.0, -8.0)}
     assert drawn(axes, figure, *beside[name]) == shapes.GRASS
 
 

@@ -168,8 +168,9 @@ class RoadBatch(abc.ABC):
         deciding = self._chosen(rows)
         if (self._waiting & deciding).any():
             raise UserError("an episode has not begun, or has ended: reset it first")
-        command = DECIDE_AND_RESET if auto_reset else DECIDE
-        commands = np.where(deciding, command, SKIP).astype(np.int8)
+        commands = np.full(self.size, DECIDE_AND_RESET if auto_reset else DECIDE, np.int8)
+        if rows is not None:
+            commands[~deciding] = SKIP
         self._run(commands, self._no_seeds, self._unseeded, chosen)
         if not auto_reset:
             self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))

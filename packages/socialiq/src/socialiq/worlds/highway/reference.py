@@ -1,7 +1,7 @@
 """Comparison of a scene with the real highway-env: same seeds, same actions, every field.
 
 Checked with highway-env 1.12.1; needs the extra `highway`. As for the intersection, equal bits need
-the portable arithmetic of `conformance.PORTABLE`.
+the portable arithmetic of `highway.PORTABLE`.
 """
 
 from __future__ import annotations

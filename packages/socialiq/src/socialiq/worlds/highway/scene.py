@@ -59,6 +59,7 @@ ENTRY = np.dtype(
         ("destination", np.int64),  # -1: none, no route is planned
         ("destinations", np.int64),  # so many from there are drawn from; 1: not drawn
         ("exponent", np.bool_),  # whether the driver's is drawn
+        ("changes", np.bool_),  # whether the driver changes lanes
     ],
     align=True,
 )
@@ -123,7 +124,7 @@ def entry(lane: int, along: float, speed: float, **more: Any) -> np.ndarray:
     record = np.zeros((), ENTRY)
     for name, value in {
         "lane": lane, "lanes": 1, "along": along, "speed": speed, "destination": -1,
-        "destinations": 1, **more,
+        "destinations": 1, "changes": True, **more,
     }.items():  # fmt: skip
         record[name] = value
     return record

@@ -23,8 +23,9 @@ from socialiq.errors import UserError
 
 NOTICE = "compiling the roads for this machine, once"
 
+_CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = ("network", "options", "scene", "settings", "state")  # that kernels read
+_TABLES = ("network", "options", "scene", "state")  # that kernels read
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -84,9 +85,10 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
         raise UserError(f"{threads} threads are more than there are: {available}")
     count = min(threads or available, max(rows, 1))
     ends = [rows * interval // count for interval in range(count + 1)]
-    if not run.signatures:
+    if run not in _CALLED:  # not by `run.signatures`, which hashes all types at every call
         with _announced():
             run(*arguments, 0, 0)
+        _CALLED.add(run)
     if count == 1:
         run(*arguments, 0, rows)
         return

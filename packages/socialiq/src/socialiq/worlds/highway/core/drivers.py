@@ -174,7 +174,8 @@ def drive(cars, count, me, road):
     lanes = road.lanes
     if at_end(car, lanes):
         car.target_lane = following(car, road)
-    _change_lane(cars, count, me, lanes)
+    if road.entries[me].changes:
+        _change_lane(cars, count, me, lanes)
     car.steering = steering(car, lanes[car.target_lane])
     front, _ = neighbours(cars, me, car.lane, lanes)
     rate = acceleration(cars, me, front, car.exponent, lanes)

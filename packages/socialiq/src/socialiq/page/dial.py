@@ -51,7 +51,7 @@ class Point(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ShownDial:
+class PageDial:
     """A dial with what the page shows of it.
 
     Attributes:
@@ -69,7 +69,7 @@ class ShownDial:
     source: str
 
 
-def shipped_dial() -> ShownDial:
+def shipped_dial() -> PageDial:
     """Return the dial of the committed study.
 
     Raises:
@@ -88,7 +88,7 @@ def shipped_dial() -> ShownDial:
         "intersection-dial makes both again, with the options in the documentation."
     )
     file = (folder / f"{FAMILY}.safetensors").read_bytes()
-    return ShownDial(file, 0, 90, tuple(sorted(points)), source)
+    return PageDial(file, 0, 90, tuple(sorted(points)), source)
 
 
 def _read(row: dict[str, str], name: str) -> tuple[float, float, float]:
@@ -101,7 +101,7 @@ def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, floa
     return mean, mean - half, mean + half
 
 
-def own_dial(path: Path) -> ShownDial:
+def own_dial(path: Path) -> PageDial:
     """Return a user's dial of the intersection, with a curve that is measured here.
 
     Args:
@@ -128,7 +128,7 @@ def own_dial(path: Path) -> ShownDial:
         f"The dial is {path.name}, SHA-256 {dial.turned.sha256}. Its curve was measured when this "
         f"page was written: {EPISODES} episodes at each angle, seeds 1 to {EPISODES}."
     )
-    return ShownDial(read_bytes(path, _MOST), low, high, measured(dial, low, high), source)
+    return PageDial(read_bytes(path, _MOST), low, high, measured(dial, low, high), source)
 
 
 def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) -> tuple[Point, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.types import Ending, Row
-from socialiq.view.shown import Shown
+from socialiq.view import View
 from socialiq_recordings import files
 from socialiq_recordings.conflicts.encounters import Encounters, Meeting
 from socialiq_recordings.conflicts.measures import known, rows_of
@@ -167,7 +167,7 @@ class Traffic:
         return drivers
 
 
-def recording_shown(path: Path) -> Shown:
+def recording_view(path: Path) -> View:
     """Return recorded traffic as content of the page.
 
     Args:
@@ -180,7 +180,7 @@ def recording_shown(path: Path) -> Shown:
     traffic = Traffic(recording)
     tracks = recording.tracks
     simulated = " Simulated, not human." if signs_of_simulation(tracks) else ""
-    return Shown(
+    return View(
         kind="traffic",
         title=one_line(tracks.recording, 60),
         lead=f"{tracks.n_tracks:,} recorded road users in {traffic.frames * tracks.dt:,.0f} s."

@@ -1,17 +1,16 @@
 """An audit in parts: the same evidence, to the last bit, in however many parts."""
 
 import dataclasses
+import functools
 import json
 
 import numpy as np
 import pytest
 
 from socialiq.audit.conduct import conduct
-from socialiq.audit.request import Request
+from socialiq.audit.request import Request, collect_in_parts
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq_lab.audit_parts import collector
-from socialiq_lab.engine import Engine
 
 
 def silent(_):
@@ -53,13 +52,14 @@ def same(report):
         ("intersection", "atlas:prosocial"),
     ],
 )
-def test_one_and_three_parts_are_the_whole(tmp_path, trained, world, policy):
+def test_parts_are_the_whole(tmp_path, trained, world, policy):
     policy = str(trained) if world == "crossing7" else policy
     request = Request(policy, declare(tmp_path, world), 41, seed=5)
     whole = conduct(request, silent)
-    for parts in (1, 3):
-        collect = collector(Engine(), tmp_path / f"{parts}", silent, parts)
-        found = conduct(request, silent, collect=collect)
+    for processes in (1, 2):
+        found = conduct(
+            request, silent, collect=functools.partial(collect_in_parts, processes=processes)
+        )
         for ours, theirs in zip(found.evidence, whole.evidence, strict=True):
             assert_equal(ours, theirs)
         assert json.dumps(same(found.report)) == json.dumps(same(whole.report))
@@ -86,36 +86,25 @@ def small_network(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_an_audit_in_parts_by_command_goes_on_from_its_work_folder(tmp_path, trained, capsys):
-    profile, work = declare(tmp_path, "crossing7"), tmp_path / "work"
+def test_an_audit_in_parts_by_command(tmp_path, trained, capsys):
+    profile = declare(tmp_path, "crossing7")
     words = ["audit", str(trained), "--profile", str(profile), "--episodes", "30", "--seed", "3"]
     words += ["--json", "--no-log"]
     capsys.readouterr()
     alone = main([*words, "--out", str(tmp_path / "alone")])
     whole = json.loads(capsys.readouterr().out)
-    more = ["--processes", "2", "--work", str(work)]
-    assert main([*words, "--out", str(tmp_path / "parts"), *more]) == alone
+    assert main([*words, "--out", str(tmp_path / "parts"), "--processes", "2"]) == alone
     assert same(json.loads(capsys.readouterr().out)) == same(whole)
-    marks = {path: path.stat().st_mtime_ns for path in work.glob("episodes/*/job.json")}
-    assert len(marks) == 2
-    assert main([*words, "--out", str(tmp_path / "again"), *more]) == alone
-    assert same(json.loads(capsys.readouterr().out)) == same(whole)
-    assert all(path.stat().st_mtime_ns == when for path, when in marks.items())
 
 
 def test_what_can_not_be_split_is_refused(tmp_path, trained, capsys):
     request = Request(str(trained), declare(tmp_path, "crossing7"), 20, seed=1, soft=True)
     with pytest.raises(UserError, match="draws its actions in order: leave out --soft"):
-        conduct(request, silent, collect=collector(Engine(), tmp_path / "w", silent, 2))
+        conduct(request, silent, collect=functools.partial(collect_in_parts, processes=2))
     words = ["audit", str(trained), "--profile", str(tmp_path / "profile.toml")]
     words += ["--out", str(tmp_path / "out")]
     assert main([*words, "--soft", "--processes", "2"]) == 2
     assert "leave out --soft" in capsys.readouterr().err
     assert not (tmp_path / "audit-log").exists()  # it was no look
-    for more, line in (
-        (["--work", "w"], "--work is of --processes or --cluster"),
-        (["--cluster", "tcp://127.0.0.1:9"], "a cluster needs a folder that all its workers see"),
-    ):
-        capsys.readouterr()
-        assert main([*words, *more]) == 2
-        assert line in capsys.readouterr().err
+    assert main([*words, "--processes", "-1"]) == 2
+    assert "processes must be at least 1" in capsys.readouterr().err
