@@ -1,12 +1,15 @@
-"""SPRINQL's objective (Hoang et al. 2024), offline: IQ-Learn with graded demonstrators.
+"""Learners of values from demonstrations alone: IQL on R(α), and SPRINQL's objective.
 
-Episodes have levels of expertise, here by R(α). A reference reward in (0, 1), learned from the
-ranks of the levels, gives level i its weight w_i, the mean reference reward of its transitions as
-a share of all levels', and is what r̂ is drawn to:
+IQL (Kostrikov et al. 2022): V is an upper expectile of Q over the demonstrated actions, Q is fitted
+to r + γ V(s'), and the policy clones the demonstrations with the weight exp(β (Q - V)). So Q is
+never asked for an action that the data don't have.
 
-    - Σ_i w_i E_i[r̂] + E_U[V(s) - γ (1 - d) V(s')] + a E_U[(r̂ - λ r_ref)²] + β E_U[V(s) - Q(s, a)],
+SPRINQL (Hoang et al. 2024): IQ-Learn with graded demonstrators. Episodes have levels of expertise,
+here by R(α). A reference reward in (0, 1), learned from the ranks of the levels, gives level i its
+weight w_i, the mean reference reward of its transitions as a share of all levels', and is what r̂ is
+drawn to. With U the mixture of the levels by their weights, and β the conservative weight:
 
-U being the mixture of the levels by their weights; β is the conservative term.
+    - Σ_i w_i E_i[r̂] + E_U[V(s) - γ (1 - d) V(s')] + a E_U[(r̂ - λ r_ref)²] + β E_U[V(s) - Q(s, a)].
 """
 
 from __future__ import annotations
@@ -19,59 +22,157 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import settings
-from socialiq.learners.baselines.bellman import of_taken, soft_continuation
-from socialiq.learners.baselines.ranking import EpisodeLearner, preference_loss
-from socialiq.learners.baselines.trex import learned_sums
 from socialiq.learners.expert_table import Batch, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Terms
-from socialiq.learners.settings import check_counts, check_not_negative
+from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
+from socialiq.social.angle import score
+from studies.compare_methods.baselines.shared import (
+    EpisodeLearner,
+    learned_sums,
+    log_likelihood,
+    of_taken,
+    preference_loss,
+    soft_continuation,
+)
+
+LARGEST_WEIGHT = 100.0
+"""Bound of exp(β (Q - V)), as in the paper."""
 
 
 @dataclass(frozen=True)
-class StaticConfig(settings.LearnerConfig):
+class IQLConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
     """Value of V(s') after each kind of ending."""
-    levels: int = 3
-    """Levels of expertise, of equal numbers of episodes."""
-    pairs: int = 8
-    """Pairs of episodes of an update."""
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that make no run."""
-        super().__post_init__()
-        check_counts(self, ("levels", "pairs"))
 
 
 @dataclass(frozen=True)
-class Hyperparameters(settings.LearnerHyperparameters):
+class IQLHyperparameters(settings.LearnerHyperparameters):
+    """Numbers of one run, all traced."""
+
+    expectile: settings.Share = 0.7
+    """Expectile of Q over demonstrated actions that V is: 0.5 the mean, towards 1 the maximum."""
+    inverse_temperature: settings.Positive = 3.0
+    """β of the policy's weights."""
+
+
+class IQLNetworks(NamedTuple):
+    """Q(s, ·), V(s), and the policy's logits."""
+
+    values: QNetwork
+    state_value: QNetwork
+    policy: QNetwork
+
+
+class ImplicitQLearning(Learner):
+    """Implicit Q-learning of demonstrations; the policy is a network of its own."""
+
+    StaticConfig: ClassVar[type] = IQLConfig
+    Hyperparameters: ClassVar[type] = IQLHyperparameters
+    name: ClassVar[str] = "implicit_q_learning"
+
+    def network(self, key: PRNGKeyArray) -> IQLNetworks:
+        """Draw three networks of the same hidden layers."""
+        one, (n_features, n_actions) = self.static, self.sizes
+        return IQLNetworks(
+            *(
+                QNetwork.initialise(
+                    of_part,
+                    n_features,
+                    one.hidden,
+                    outputs,
+                    one.activation,
+                    one.view,
+                    scale=one.input_scale,
+                )
+                for of_part, outputs in zip(
+                    jax.random.split(key, 3), (n_actions, 1, n_actions), strict=True
+                )
+            )
+        )
+
+    def loss(
+        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Float[Array, ""], Terms]:
+        """Sum of the three losses; none has a gradient in another's network."""
+        return implicit_loss(network, target_network, batch, hyperparameters, self.static)
+
+    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> QPolicy:  # noqa: ARG002
+        """Return the cloned policy."""
+        return QPolicy.of(state.network.policy, 1.0, self.record(hyperparameters))
+
+
+def expectile_loss(
+    difference: Float[Array, " batch"], expectile: Float[Array, ""] | float
+) -> Float[Array, ""]:
+    """``E[|τ - 1(u < 0)| u²]`` of differences u (their Eq 5)."""
+    return jnp.mean(jnp.abs(expectile - (difference < 0)) * jnp.square(difference))
+
+
+def implicit_loss(
+    network: IQLNetworks,
+    target_network: IQLNetworks,
+    batch: Batch,
+    hyperparameters: HyperparameterArrays,
+    static: IQLConfig,
+) -> tuple[Float[Array, ""], Terms]:
+    """Losses of V (Eq 5), of Q (Eq 6) and of the policy (Eq 7), each with its own batch mean."""
+    observation, action = batch.observation, batch.action
+    steady = of_taken(jax.vmap(target_network.values)(observation), action)
+    value = jax.vmap(network.state_value)(observation)[:, 0]
+    next_value = jax.vmap(network.state_value)(batch.next_observation)[:, 0]
+    follows = losses.continuation(next_value, batch.ending, static.endings.by_kind(), 0.0)
+    reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
+    target = jax.lax.stop_gradient(reward + hyperparameters.discount * follows)
+    q = of_taken(jax.vmap(network.values)(observation), action)
+    advantage = jax.lax.stop_gradient(steady - value)
+    weight = jnp.minimum(jnp.exp(hyperparameters.inverse_temperature * advantage), LARGEST_WEIGHT)
+    cloned = log_likelihood(jax.vmap(network.policy)(observation), action)
+    terms = {
+        "state_value": expectile_loss(
+            jax.lax.stop_gradient(steady) - value, hyperparameters.expectile
+        ),
+        "values": jnp.mean(jnp.square(target - q)),
+        "policy": -jnp.mean(weight * cloned),
+    }
+    return sum(terms.values(), jnp.zeros(())), terms | {"loss": sum(terms.values(), jnp.zeros(()))}
+
+
+@dataclass(frozen=True)
+class SPRINQLConfig(settings.LearnerConfig):
+    """Choices that shape the program."""
+
+    endings: Endings = field(default_factory=Endings)
+    """Value of V(s') after each kind of ending."""
+    levels: settings.Count = 3
+    """Levels of expertise, of equal numbers of episodes."""
+    pairs: settings.Count = 8
+    """Pairs of episodes of an update."""
+
+
+@dataclass(frozen=True)
+class SPRINQLHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `strength` is λ, the scale of the reference reward."""
 
-    reference_weight: float = 0.5
+    reference_weight: settings.NotNegative = 0.5
     """a of the squared distance to the reference reward."""
-    conservatism: float = 0.0
+    conservatism: settings.NotNegative = 0.0
     """β of the conservative term."""
 
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        check_not_negative(self, ("reference_weight", "conservatism"))
 
-
-class Networks(NamedTuple):
+class SPRINQLNetworks(NamedTuple):
     """Q(s, ·), and the reference reward before its sigmoid."""
 
     values: QNetwork
     reference: QNetwork
 
 
-class Carry(NamedTuple):
+class SPRINQLCarry(NamedTuple):
     """A random key, and the level of each episode."""
 
     key: Array
@@ -99,29 +200,29 @@ class Graded(NamedTuple):
 class SPRINQL(EpisodeLearner):
     """IQ-Learn of graded demonstrations with a learned reference reward."""
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = SPRINQLConfig
+    Hyperparameters: ClassVar[type] = SPRINQLHyperparameters
     name: ClassVar[str] = "sprinql"
 
-    def network(self, key: PRNGKeyArray) -> Networks:
+    def network(self, key: PRNGKeyArray) -> SPRINQLNetworks:
         """Draw both networks."""
-        return Networks(super().network(key), super().network(jax.random.fold_in(key, 1)))
+        return SPRINQLNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, SPRINQLCarry]:
         """Draw the networks, and grade the episodes."""
         assert self.episodes is not None
         state, key = super().initialise(hyperparameters)
         levels = self.episodes.levels(
             hyperparameters.weights, hyperparameters.dataset, self.static.levels
         )
-        return state, Carry(key, levels)
+        return state, SPRINQLCarry(key, levels)
 
     def draw(
         self,
         hyperparameters: HyperparameterArrays,
         state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[Graded, Carry]:
+        carry: SPRINQLCarry,
+    ) -> tuple[Graded, SPRINQLCarry]:
         """Draw demonstrations with their levels, and pairs of episodes."""
         table, episodes = self.table, self.episodes
         assert table is not None and episodes is not None
@@ -152,11 +253,11 @@ class SPRINQL(EpisodeLearner):
 
 
 def sprinql_loss(
-    network: Networks,
-    target_network: Networks,
+    network: SPRINQLNetworks,
+    target_network: SPRINQLNetworks,
     graded: Graded,
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: SPRINQLConfig,
 ) -> tuple[Float[Array, ""], Terms]:
     """Return the loss and its terms: `reference` is the learned reward's, the others are Q's."""
     batch = graded.batch

@@ -18,50 +18,43 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import settings
-from socialiq.learners.baselines.bellman import log_likelihood, of_taken, soft_continuation
-from socialiq.learners.baselines.ranking import EpisodeLearner
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import Batch, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Terms, Trained
-from socialiq.learners.settings import check_above_zero, check_counts
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair, Transitions
+from studies.compare_methods.baselines.shared import (
+    EpisodeLearner,
+    log_likelihood,
+    of_taken,
+    soft_continuation,
+)
 
 
 @dataclass(frozen=True)
-class StaticConfig(settings.LearnerConfig):
+class IntentionConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
     """Value of V(s') after each kind of ending."""
-    intentions: int = 3
+    intentions: settings.Count = 3
     """K."""
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that make no run."""
-        super().__post_init__()
-        check_counts(self, ("intentions",))
 
 
 @dataclass(frozen=True)
-class Hyperparameters(settings.LearnerHyperparameters):
+class IntentionHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
 
-    chi2_alpha: float = 0.5
+    chi2_alpha: settings.Positive = 0.5
     """α_χ of term 3."""
 
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        check_above_zero(self, ("chi2_alpha",))
 
-
-class Carry(NamedTuple):
+class IntentionCarry(NamedTuple):
     """A random key, and the responsibilities, (episode, intention)."""
 
     key: Array
@@ -95,8 +88,8 @@ class IntentionPolicy:
 class MultiIntention(EpisodeLearner):
     """IQ-Learn of K intentions, found by EM."""
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = IntentionConfig
+    Hyperparameters: ClassVar[type] = IntentionHyperparameters
     name: ClassVar[str] = "multi_intention_irl"
 
     def network(self, key: PRNGKeyArray) -> tuple[QNetwork, ...]:
@@ -104,21 +97,23 @@ class MultiIntention(EpisodeLearner):
         keys = jax.random.split(key, self.static.intentions)
         return tuple(super(MultiIntention, self).network(one) for one in keys)
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(
+        self, hyperparameters: HyperparameterArrays
+    ) -> tuple[TrainState, IntentionCarry]:
         """Draw networks, and the first responsibilities: random ones break the symmetry."""
         assert self.episodes is not None
         state, key = super().initialise(hyperparameters)
         key, for_first = jax.random.split(key)
         count = self.episodes.inside.shape[0]
         concentration = jnp.ones(self.static.intentions)
-        return state, Carry(key, jax.random.dirichlet(for_first, concentration, (count,)))
+        return state, IntentionCarry(key, jax.random.dirichlet(for_first, concentration, (count,)))
 
     def draw(
         self,
         hyperparameters: HyperparameterArrays,
         state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[Weighted, Carry]:
+        carry: IntentionCarry,
+    ) -> tuple[Weighted, IntentionCarry]:
         """Draw demonstrations with their episodes' responsibilities."""
         table, episodes = self.table, self.episodes
         assert table is not None and episodes is not None
@@ -139,7 +134,7 @@ class MultiIntention(EpisodeLearner):
             total += weighted_iq_loss(own, steady, batch.batch, share, hyperparameters, self.static)
         return total, {"loss": total}
 
-    def kept(self, carry: Carry) -> Array:
+    def kept(self, carry: IntentionCarry) -> Array:
         """Return the responsibilities."""
         return carry.responsibility
 
@@ -164,7 +159,7 @@ def weighted_iq_loss(
     batch: Batch,
     share: Float[Array, " batch"],
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IntentionConfig,
 ) -> Float[Array, ""]:
     """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ), by responsibilities z."""
     q = jax.vmap(network)(batch.observation)
@@ -212,8 +207,8 @@ def expectation(
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IntentionConfig,
+    hyperparameters: Sequence[IntentionHyperparameters],
     datasets: Sequence[Transitions],
     callbacks: Callbacks | None = None,
     chunk: int = 200,
