@@ -65,10 +65,10 @@ class OutcomePolicy:
     def at(self, angle: float) -> QPolicy:
         """Return the policy that is asked for the best outcome at an angle in degrees."""
         scores = score(weights(angle), RewardPair(*self.totals.T))
-        place = round(self.quantile * (len(scores) - 1))
-        wanted = self.totals[np.argsort(scores, kind="stable")[place]]
+        rank = round(self.quantile * (len(scores) - 1))
+        outcome = self.totals[np.argsort(scores, kind="stable")[rank]]
         mean, scale = scaling(self.totals)
-        condition = (wanted - mean) / scale
+        condition = (outcome - mean) / scale
         fixed = self.network.at(RewardPair(*jnp.asarray(condition, jnp.float32)))
         return QPolicy.of(fixed, 1.0, {**self.record, "angle": angle})
 
@@ -104,8 +104,8 @@ class OutcomeConditioned(Learner):
 
     def network(self, key: PRNGKeyArray) -> DialNetwork:
         """Draw a network whose two further inputs are the outcome."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (one.hidden, n_actions, one.activation, one.view)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (static.hidden, n_actions, static.activation, static.view)
         return DialNetwork.initialise(key, n_features, *shape)
 
     def loss(
@@ -180,8 +180,8 @@ class GuidedCloning(Learner):
 
     def network(self, key: PRNGKeyArray) -> DialNetwork:
         """Draw a network whose two further inputs are the condition."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (one.hidden, n_actions, one.activation, one.view)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (static.hidden, n_actions, static.activation, static.view)
         return DialNetwork.initialise(key, n_features, *shape)
 
     def draw(
@@ -191,9 +191,9 @@ class GuidedCloning(Learner):
         batch, key = super().draw(hyperparameters, state, carry)
         key, for_drop = jax.random.split(key)
         draws = jax.random.uniform(for_drop, batch.action.shape)
-        shown = (draws >= hyperparameters.dropped).astype(jnp.float32)
+        is_shown = (draws >= hyperparameters.dropped).astype(jnp.float32)
         optimal = score(hyperparameters.weights, batch.target) >= 0.0
-        return Conditioned(batch, RewardPair(shown, shown * optimal)), key
+        return Conditioned(batch, RewardPair(is_shown, is_shown * optimal)), key
 
     def loss(
         self,

@@ -83,10 +83,10 @@ class DiscriminatorWeighted(EpisodeLearner):
 
     def network(self, key: PRNGKeyArray) -> DWBCNetworks:
         """Draw both networks."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (one.hidden, n_actions, one.activation, one.view)
-        other = DialNetwork.initialise(jax.random.fold_in(key, 1), n_features, *shape)
-        return DWBCNetworks(super().network(key), other)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (static.hidden, n_actions, static.activation, static.view)
+        discriminator = DialNetwork.initialise(jax.random.fold_in(key, 1), n_features, *shape)
+        return DWBCNetworks(super().network(key), discriminator)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, DWBCCarry]:
         """Draw the networks, and select the expert's rows."""
@@ -100,11 +100,11 @@ class DiscriminatorWeighted(EpisodeLearner):
     ) -> tuple[Sides, DWBCCarry]:
         """Draw as many rows of either set."""
         assert self.table is not None
-        others, key = super().draw(hyperparameters, state, carry.key)
+        of_all, key = super().draw(hyperparameters, state, carry.key)
         key, for_expert = jax.random.split(key)
         size = self.static.batch_size
         expert = self.table.sample_weighted(for_expert, carry.expert, size)
-        return Sides(expert, others), carry._replace(key=key)
+        return Sides(expert, of_all), carry._replace(key=key)
 
     def loss(
         self,
@@ -120,7 +120,9 @@ class DiscriminatorWeighted(EpisodeLearner):
             log_likelihood(jax.vmap(network.policy)(rows.observation), rows.action)
             for rows in batch
         ]
-        chances = [jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(one)), *CLIPPED) for one in logits]
+        chances = [
+            jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(side)), *CLIPPED) for side in logits
+        ]
         terms = {
             "discriminator": discriminator_loss(logits[0], logits[1], share),
             "clone": weighted_loss(likelihoods, chances, share, hyperparameters.expert_weight),
@@ -165,6 +167,6 @@ def weighted_loss(
         share: η.
         expert_weight: α.
     """
-    (expert, others), (sure, other) = likelihoods, chances
-    opposing = share / (sure * (1.0 - sure))
-    return -jnp.mean((expert_weight - opposing) * expert) - jnp.mean(others / (1.0 - other))
+    (expert, of_all), (expert_chance, chance) = likelihoods, chances
+    opposing = share / (expert_chance * (1.0 - expert_chance))
+    return -jnp.mean((expert_weight - opposing) * expert) - jnp.mean(of_all / (1.0 - chance))

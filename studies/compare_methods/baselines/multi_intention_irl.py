@@ -95,7 +95,7 @@ class MultiIntention(EpisodeLearner):
     def network(self, key: PRNGKeyArray) -> tuple[QNetwork, ...]:
         """Draw a network for each intention."""
         keys = jax.random.split(key, self.static.intentions)
-        return tuple(super(MultiIntention, self).network(one) for one in keys)
+        return tuple(super(MultiIntention, self).network(own_key) for own_key in keys)
 
     def initialise(
         self, hyperparameters: HyperparameterArrays
@@ -129,9 +129,11 @@ class MultiIntention(EpisodeLearner):
     ) -> tuple[Float[Array, ""], Terms]:
         """Weighted L_IQ (Eq 2.7, value_expert) of each intention, summed."""
         total = jnp.zeros(())
-        for number, (own, steady) in enumerate(zip(network, target_network, strict=True)):
+        for number, (learned, steady) in enumerate(zip(network, target_network, strict=True)):
             share = batch.responsibility[:, number]
-            total += weighted_iq_loss(own, steady, batch.batch, share, hyperparameters, self.static)
+            total += weighted_iq_loss(
+                learned, steady, batch.batch, share, hyperparameters, self.static
+            )
         return total, {"loss": total}
 
     def kept(self, carry: IntentionCarry) -> Array:
@@ -142,14 +144,16 @@ class MultiIntention(EpisodeLearner):
         """Return the policies of the intentions with their episodes' mean totals."""
         assert self.episodes is not None
         episodes, record = self.episodes, self.record(hyperparameters)
-        first, end = (int(one) for one in episodes.bounds[hyperparameters.dataset + jnp.arange(2)])
+        first, end = (
+            int(bound) for bound in episodes.bounds[hyperparameters.dataset + jnp.arange(2)]
+        )
         share = np.asarray(kept)[first:end]
         totals = np.stack([np.asarray(total)[first:end] for total in episodes.totals], 1)
         means = share.T @ totals / np.maximum(share.sum(axis=0), 1e-9)[:, None]
         # An intention without episodes has no score.
         means = np.where(share.sum(axis=0)[:, None] > 1e-3, means, -np.inf)
         temperature = hyperparameters.temperature
-        policies = [QPolicy.of(one, temperature, record) for one in state.network]
+        policies = [QPolicy.of(network, temperature, record) for network in state.network]
         return IntentionPolicy(tuple(policies), means)
 
 
@@ -193,16 +197,17 @@ def expectation(
     sums = [
         jax.ops.segment_sum(
             log_likelihood(
-                jax.vmap(one)(columns.observation) / hyperparameters.temperature, columns.action
+                jax.vmap(intention)(columns.observation) / hyperparameters.temperature,
+                columns.action,
             ),
             episode,
             count,
         )
-        for one in network
+        for intention in network
     ]
     first, end = episodes.bounds[hyperparameters.dataset + jnp.arange(2)]
-    own = (jnp.arange(count) >= first) & (jnp.arange(count) < end)
-    prior = jnp.sum(jnp.where(own[:, None], responsibility, 0.0), axis=0) / jnp.sum(own)
+    in_set = (jnp.arange(count) >= first) & (jnp.arange(count) < end)
+    prior = jnp.sum(jnp.where(in_set[:, None], responsibility, 0.0), axis=0) / jnp.sum(in_set)
     return jax.nn.softmax(jnp.stack(sums, 1) + jnp.log(jnp.maximum(prior, 1e-6)), axis=1)
 
 
@@ -237,7 +242,7 @@ def train(
     def e_step(runs: Runs, done: int) -> Runs:
         if done == 0:  # the networks know nothing yet
             return runs
-        found = step(learner, arrays, runs.state.network, runs.carry.responsibility)
-        return runs._replace(carry=runs.carry._replace(responsibility=found))
+        responsibility = step(learner, arrays, runs.state.network, runs.carry.responsibility)
+        return runs._replace(carry=runs.carry._replace(responsibility=responsibility))
 
     return learner.train(hyperparameters, callbacks, chunk, e_step)

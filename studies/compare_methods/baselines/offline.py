@@ -78,17 +78,17 @@ class ImplicitQLearning(Learner):
 
     def network(self, key: PRNGKeyArray) -> IQLNetworks:
         """Draw three networks of the same hidden layers."""
-        one, (n_features, n_actions) = self.static, self.sizes
+        static, (n_features, n_actions) = self.static, self.sizes
         return IQLNetworks(
             *(
                 QNetwork.initialise(
                     of_part,
                     n_features,
-                    one.hidden,
+                    static.hidden,
                     outputs,
-                    one.activation,
-                    one.view,
-                    scale=one.input_scale,
+                    static.activation,
+                    static.view,
+                    scale=static.input_scale,
                 )
                 for of_part, outputs in zip(
                     jax.random.split(key, 3), (n_actions, 1, n_actions), strict=True
@@ -230,13 +230,13 @@ class SPRINQL(EpisodeLearner):
         dataset = hyperparameters.dataset
         bounds = table.row_bounds[dataset], table.row_bounds[dataset + 1]
         rows = draw_between(for_rows, self.static.batch_size, *bounds)
-        both = jnp.stack(episodes.pairs(for_pairs, dataset, self.static.pairs))
-        graded = carry.levels[both]
+        pairs = jnp.stack(episodes.pairs(for_pairs, dataset, self.static.pairs))
+        graded = carry.levels[pairs]
         return Graded(
             table.rows(rows),
             carry.levels[episodes.of_row[rows]],
-            episodes.rows_of(table, both),
-            episodes.inside[both],
+            episodes.rows_of(table, pairs),
+            episodes.inside[pairs],
             (graded[1] - graded[0]).astype(jnp.float32),
         ), carry._replace(key=key)
 

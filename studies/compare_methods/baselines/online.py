@@ -112,7 +112,7 @@ def absorbing_reward(
         own: Endings of the learner's own transitions.
         largest: 1/c.
     """
-    ended = [jnp.sum(one != int(Ending.NONE)) for one in (expert, own)]
+    ended = [jnp.sum(ending != int(Ending.NONE)) for ending in (expert, own)]
     return largest * (ended[0] - ended[1]) / jnp.maximum(ended[0] + ended[1], 1)
 
 
@@ -202,13 +202,13 @@ class TREX(IQLearn):
         batches, carry = super().draw(hyperparameters, state, carry)
         assert batches.replay is not None
         key, for_pairs = jax.random.split(carry.key)
-        drawn = self.episodes.pairs(for_pairs, hyperparameters.dataset, self.static.pairs)
-        both = jnp.stack(drawn)
-        totals = score(hyperparameters.weights, self.episodes.totals)[both]
+        pairs = self.episodes.pairs(for_pairs, hyperparameters.dataset, self.static.pairs)
+        sides = jnp.stack(pairs)
+        totals = score(hyperparameters.weights, self.episodes.totals)[sides]
         return TREXRows(
             batches.replay,
-            self.episodes.rows_of(self.table, both),
-            self.episodes.inside[both],
+            self.episodes.rows_of(self.table, sides),
+            self.episodes.inside[sides],
             totals[0] - totals[1],
         ), carry._replace(key=key)
 
@@ -217,13 +217,13 @@ class TREX(IQLearn):
     ) -> tuple[Float[Array, ""], Terms]:
         """Ranks of pairs, and half the squared Bellman error of Q on the learned reward."""
         first, second = learned_sums(network.reward, batch)
-        own = batch.replay
+        replay = batch.replay
         follows = soft_continuation(
-            target_network.values, own, hyperparameters, self.static.endings
+            target_network.values, replay, hyperparameters, self.static.endings
         )
-        reward = of_taken(jax.vmap(network.reward)(own.observation), own.action)
+        reward = of_taken(jax.vmap(network.reward)(replay.observation), replay.action)
         target = hyperparameters.strength * reward + hyperparameters.discount * follows
-        q = of_taken(jax.vmap(network.values)(own.observation), own.action)
+        q = of_taken(jax.vmap(network.values)(replay.observation), replay.action)
         terms = {
             "ranks": preference_loss(first, second, batch.better),
             "bellman": jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2,
@@ -271,8 +271,8 @@ Rewards = tuple[InferredReward, InferredReward]
 @eqx.filter_jit
 def inferred_pair(rewards: Rewards, batch: Batch) -> RewardPair:
     """Return the pair of inferred rewards of transitions, in the place of (r_env, r_social)."""
-    given = (batch.observation, batch.action, batch.next_observation, batch.ending)
-    return RewardPair(*(jax.vmap(one)(*given) for one in rewards))
+    columns = (batch.observation, batch.action, batch.next_observation, batch.ending)
+    return RewardPair(*(jax.vmap(reward)(*columns) for reward in rewards))
 
 
 def inferring(source: Source, rewards: Rewards) -> Source:

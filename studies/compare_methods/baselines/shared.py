@@ -98,17 +98,17 @@ class Episodes(NamedTuple):
         Episodes of equal scores share the better level, so that the best level is never empty.
         """
         places = jnp.arange(self.inside.shape[0])
-        own = (places >= self.bounds[dataset]) & (places < self.bounds[dataset + 1])
-        scores = jnp.where(own, score(weights, self.totals), -jnp.inf)
+        in_set = (places >= self.bounds[dataset]) & (places < self.bounds[dataset + 1])
+        scores = jnp.where(in_set, score(weights, self.totals), -jnp.inf)
         above = len(scores) - jnp.searchsorted(jnp.sort(scores), scores, side="right")
-        return jnp.where(own, count * above // jnp.sum(own), count)
+        return jnp.where(in_set, count * above // jnp.sum(in_set), count)
 
     def pairs(
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
     ) -> tuple[Int[Array, " pair"], Int[Array, " pair"]]:
         """Draw pairs of episodes of one set, with replacement."""
-        drawn = draw_between(key, 2 * size, self.bounds[dataset], self.bounds[dataset + 1])
-        return drawn[:size], drawn[size:]
+        episodes = draw_between(key, 2 * size, self.bounds[dataset], self.bounds[dataset + 1])
+        return episodes[:size], episodes[size:]
 
 
 class EpisodeLearner(Learner):
