@@ -23,7 +23,7 @@ FEATURES = 4 * ROW
 ROWS = 10_000
 ONE_HOT = ((0, 3),) * FEATURES
 
-LIGHT = ("policies.load", "audit.conduct", "view.open", "page.content", "cli.export", "cli.collect")
+LIGHT = ("policies.load", "audit.conduct", "view.open", "page.write", "cli.export", "cli.collect")
 """Modules of acting, evaluating and exporting."""
 
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.unit.learners.conftest import demonstrations_fixture, without_type_checker
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.expert_table import Batch
@@ -58,3 +59,6 @@ def rows_fixture() -> Callable[..., Batch]:
 @pytest.fixture(name="bandit", scope="session")
 def bandit_fixture() -> Callable[..., Demonstrations]:
     return bandit
+
+
+__all__ = ["demonstrations_fixture", "without_type_checker"]  # fixtures of the learners' tests

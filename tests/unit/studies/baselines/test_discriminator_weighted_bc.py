@@ -2,11 +2,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from socialiq.learners.baselines.discriminator_weighted_bc import (
+from studies.compare_methods.baselines.discriminator_weighted_bc import (
     DiscriminatorWeighted,
-    Hyperparameters,
-    StaticConfig,
+    DWBCConfig,
+    DWBCHyperparameters,
     discriminator_loss,
     weighted_loss,
 )
@@ -37,8 +36,8 @@ def test_the_weights_by_hand() -> None:
 @pytest.mark.slow
 def test_it_clones_the_best_part(bandit) -> None:
     data = bandit([0, 0, 1] * 10, [0.0] * 30, [0.0, 0.0, 1.0] * 10)
-    static = StaticConfig(hidden=(8,), batch_size=16, updates=400)
-    numbers = [Hyperparameters(90.0, learning_rate=0.01)]
+    static = DWBCConfig(hidden=(8,), batch_size=16, updates=400)
+    numbers = [DWBCHyperparameters(90.0, learning_rate=0.01)]
     trained = DiscriminatorWeighted.train_on(static, numbers, [data])
     assert trained.failures == ()
     assert trained.policy(0).probabilities(data.observation[:1])[0, 1] > 0.7

@@ -2,13 +2,13 @@ import jax
 import numpy as np
 import pytest
 from scipy.special import softmax
-
-from socialiq.learners.baselines.guidance import (
+from studies.compare_methods.baselines.conditioned import (
+    GuidanceConfig,
+    GuidanceHyperparameters,
     GuidedCloning,
-    Hyperparameters,
-    StaticConfig,
     guided,
 )
+
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -35,8 +35,8 @@ def test_the_guided_network_is_the_product_policy(hidden) -> None:
 def test_actions_no_worse_than_the_mean_are_optimal(bandit) -> None:
     """Of rewards 0 and 1 in one state the mean is 1/2, so o = 1 where the reward is 1."""
     data = bandit([0, 1] * 10, [0.0] * 20, [0.0, 1.0] * 10)
-    learner = GuidedCloning.of(StaticConfig(batch_size=64), [data])
-    run = stack([Hyperparameters(90.0, dropped=0.25)])[0]
+    learner = GuidedCloning.of(GuidanceConfig(batch_size=64), [data])
+    run = stack([GuidanceHyperparameters(90.0, dropped=0.25)])[0]
     state, carry = learner.initialise(run)
     drawn, _ = learner.draw(run, state, carry)
     shown = np.asarray(drawn.condition.env) > 0
@@ -50,8 +50,10 @@ def test_actions_no_worse_than_the_mean_are_optimal(bandit) -> None:
 def test_more_guidance_is_a_better_policy(bandit) -> None:
     """1 of 4 demonstrations is good, so p(a = 1 | o = 1) = 1 and guidance finds it."""
     data = bandit([0, 0, 0, 1] * 10, [0.0] * 40, [0.0, 0.0, 0.0, 1.0] * 10)
-    runs = [Hyperparameters(90.0, guidance=one, learning_rate=0.01) for one in (0.0, 0.5, 1.0)]
-    static = StaticConfig(hidden=(8,), batch_size=32, updates=400)
+    runs = [
+        GuidanceHyperparameters(90.0, guidance=one, learning_rate=0.01) for one in (0.0, 0.5, 1.0)
+    ]
+    static = GuidanceConfig(hidden=(8,), batch_size=32, updates=400)
     trained = GuidedCloning.train_on(static, runs, [data])
     good = [trained.policy(run).probabilities(data.observation[:1])[0, 1] for run in range(3)]
     assert good[0] == pytest.approx(0.25, abs=0.08)

@@ -1,20 +1,22 @@
 import numpy as np
 import pytest
-
-from socialiq.learners import settings
-from socialiq.learners.baselines.outcome_conditioned import (
-    Hyperparameters,
+from studies.compare_methods.baselines.conditioned import (
     OutcomeConditioned,
+    OutcomeHyperparameters,
     scaling,
     totals_of,
 )
+
+from socialiq.learners import settings
 
 
 def test_it_asks_for_the_outcome_that_scores_best(bandit) -> None:
     """Action 0 comes to (1, 0) and action 1 to (0, 1): 0 degrees wants the first, 90 the second."""
     data = bandit([0, 1] * 10, [1.0, 0.0] * 10, [0.0, 1.0] * 10)
     static = settings.LearnerConfig(hidden=(16,), batch_size=16, updates=300)
-    trained = OutcomeConditioned.train_on(static, [Hyperparameters(learning_rate=0.01)], [data])
+    trained = OutcomeConditioned.train_on(
+        static, [OutcomeHyperparameters(learning_rate=0.01)], [data]
+    )
     policy = trained.policy(0)
     for angle, action in ((0.0, 0), (30.0, 0), (60.0, 1), (90.0, 1)):
         chances = policy.at(angle).probabilities(data.observation[:1])[0]
@@ -33,7 +35,7 @@ def test_the_outcomes_are_the_episodes_totals(demonstrations) -> None:
 def test_a_quantile_asks_for_a_lesser_outcome(bandit) -> None:
     data = bandit([0, 0, 1], [3.0, 2.0, 1.0], [0.0, 0.0, 0.0])
     static = settings.LearnerConfig(hidden=(), batch_size=4, updates=1)
-    runs = [Hyperparameters(quantile=one) for one in (1.0, 0.0)]
+    runs = [OutcomeHyperparameters(quantile=one) for one in (1.0, 0.0)]
     trained = OutcomeConditioned.train_on(static, runs, [data])
     best, worst = (trained.policy(run).at(0.0) for run in (0, 1))
     network = trained.policy(0).network.layers[0]

@@ -1,8 +1,8 @@
-"""Episodes ranked by R(α): rows, levels, learners that see them, and a reward's loss from pairs."""
+"""Parts that baselines share: values of taken actions, episodes ranked by R(α), losses of ranks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -10,11 +10,42 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from socialiq.learners.baselines.outcome_conditioned import totals_of
 from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
+from socialiq.learners.iq_learn import losses
+from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Learner
+from socialiq.learners.state import HyperparameterArrays
 from socialiq.social.angle import score
 from socialiq.types import RewardPair, Transitions
+
+
+def of_taken(
+    values: Float[Array, "batch action"], action: Int[Array, " batch"]
+) -> Float[Array, " batch"]:
+    """Return the values of the actions that were taken."""
+    return jnp.take_along_axis(values, action[:, None], axis=1)[:, 0]
+
+
+def soft_continuation(
+    network: Any, batch: Batch, hyperparameters: HyperparameterArrays, endings: Endings
+) -> Float[Array, " batch"]:
+    """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
+    q_next = jax.vmap(network)(batch.next_observation)
+    return losses.continuation(
+        losses.soft_value(q_next, hyperparameters.temperature),
+        batch.ending,
+        endings.by_kind(),
+        losses.absorbing_value(
+            q_next.shape[-1], hyperparameters.temperature, hyperparameters.discount
+        ),
+    )
+
+
+def log_likelihood(
+    logits: Float[Array, "batch action"], action: Int[Array, " batch"]
+) -> Float[Array, " batch"]:
+    """Return log π(a|s) of the taken actions, π = softmax of the logits."""
+    return of_taken(jax.nn.log_softmax(logits), action)
 
 
 class Episodes(NamedTuple):
@@ -67,17 +98,17 @@ class Episodes(NamedTuple):
         Episodes of equal scores share the better level, so that the best level is never empty.
         """
         places = jnp.arange(self.inside.shape[0])
-        own = (places >= self.bounds[dataset]) & (places < self.bounds[dataset + 1])
-        scores = jnp.where(own, score(weights, self.totals), -jnp.inf)
+        in_set = (places >= self.bounds[dataset]) & (places < self.bounds[dataset + 1])
+        scores = jnp.where(in_set, score(weights, self.totals), -jnp.inf)
         above = len(scores) - jnp.searchsorted(jnp.sort(scores), scores, side="right")
-        return jnp.where(own, count * above // jnp.sum(own), count)
+        return jnp.where(in_set, count * above // jnp.sum(in_set), count)
 
     def pairs(
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
     ) -> tuple[Int[Array, " pair"], Int[Array, " pair"]]:
         """Draw pairs of episodes of one set, with replacement."""
-        drawn = draw_between(key, 2 * size, self.bounds[dataset], self.bounds[dataset + 1])
-        return drawn[:size], drawn[size:]
+        episodes = draw_between(key, 2 * size, self.bounds[dataset], self.bounds[dataset + 1])
+        return episodes[:size], episodes[size:]
 
 
 class EpisodeLearner(Learner):
@@ -127,3 +158,17 @@ def preference_loss(
     """
     side = jnp.sign(better)
     return jnp.mean(jnp.abs(side) * jax.nn.softplus(-side * (first - second)))
+
+
+def totals_of(data: Transitions) -> Float[np.ndarray, "episode 2"]:
+    """Return the undiscounted totals (G_env, G_social) of each episode."""
+    returns = data.returns("trajectory", 1.0)
+    return np.stack([total[data.episode_starts] for total in returns], axis=1)
+
+
+def learned_sums(reward: Callable[[Array], Array], drawn: Any) -> Float[Array, "2 pair"]:
+    """Return the learned reward's sums over both episodes of each pair."""
+    rows = drawn.pairs
+    over_rows = jax.vmap(jax.vmap(jax.vmap(reward)))
+    taken = jnp.take_along_axis(over_rows(rows.observation), rows.action[..., None], axis=-1)
+    return jnp.sum(jnp.where(drawn.inside, taken[..., 0], 0.0), axis=-1)

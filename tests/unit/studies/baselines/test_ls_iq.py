@@ -1,8 +1,13 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from studies.compare_methods.baselines.online import (
+    LSIQ,
+    LSIQConfig,
+    LSIQHyperparameters,
+    absorbing_reward,
+)
 
-from socialiq.learners.baselines.ls_iq import LSIQ, Hyperparameters, StaticConfig, absorbing_reward
 from socialiq.learners.iq_learn.objective import Batches
 from socialiq.learners.state import stack
 from socialiq.types import Ending
@@ -27,8 +32,8 @@ def test_the_loss_by_hand(constant, rows_of, fixed: bool) -> None:
     """
     network, slow = constant(1.0, 3.0), constant(9.0, 9.0)
     batches = Batches(rows_of([1], [0.0], ending=0), rows_of([0], [0.0]), None)
-    learner = LSIQ(StaticConfig(prior="none", fixed_target=fixed), (1, 2))
-    run = stack([Hyperparameters(regularisation=0.5, discount=0.5)])[0]
+    learner = LSIQ(LSIQConfig(prior="none", fixed_target=fixed), (1, 2))
+    run = stack([LSIQHyperparameters(regularisation=0.5, discount=0.5)])[0]
     _, terms = learner.loss(network, slow, batches, run)
     assert terms["expert"] == pytest.approx((3 - 4) ** 2 / 2)  # 2 + 0.5 4, and 2 / 0.5
     assert terms["own"] == pytest.approx((1 - (-2 + 0.5 * -4)) ** 2 / 2)

@@ -18,50 +18,43 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import settings
-from socialiq.learners.baselines.bellman import log_likelihood, of_taken, soft_continuation
-from socialiq.learners.baselines.ranking import EpisodeLearner
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import Batch, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Terms, Trained
-from socialiq.learners.settings import check_above_zero, check_counts
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair, Transitions
+from studies.compare_methods.baselines.shared import (
+    EpisodeLearner,
+    log_likelihood,
+    of_taken,
+    soft_continuation,
+)
 
 
 @dataclass(frozen=True)
-class StaticConfig(settings.LearnerConfig):
+class IntentionConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
     """Value of V(s') after each kind of ending."""
-    intentions: int = 3
+    intentions: settings.Count = 3
     """K."""
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that make no run."""
-        super().__post_init__()
-        check_counts(self, ("intentions",))
 
 
 @dataclass(frozen=True)
-class Hyperparameters(settings.LearnerHyperparameters):
+class IntentionHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
 
-    chi2_alpha: float = 0.5
+    chi2_alpha: settings.Positive = 0.5
     """α_χ of term 3."""
 
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        check_above_zero(self, ("chi2_alpha",))
 
-
-class Carry(NamedTuple):
+class IntentionCarry(NamedTuple):
     """A random key, and the responsibilities, (episode, intention)."""
 
     key: Array
@@ -95,30 +88,32 @@ class IntentionPolicy:
 class MultiIntention(EpisodeLearner):
     """IQ-Learn of K intentions, found by EM."""
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = IntentionConfig
+    Hyperparameters: ClassVar[type] = IntentionHyperparameters
     name: ClassVar[str] = "multi_intention_irl"
 
     def network(self, key: PRNGKeyArray) -> tuple[QNetwork, ...]:
         """Draw a network for each intention."""
         keys = jax.random.split(key, self.static.intentions)
-        return tuple(super(MultiIntention, self).network(one) for one in keys)
+        return tuple(super(MultiIntention, self).network(own_key) for own_key in keys)
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(
+        self, hyperparameters: HyperparameterArrays
+    ) -> tuple[TrainState, IntentionCarry]:
         """Draw networks, and the first responsibilities: random ones break the symmetry."""
         assert self.episodes is not None
         state, key = super().initialise(hyperparameters)
         key, for_first = jax.random.split(key)
         count = self.episodes.inside.shape[0]
         concentration = jnp.ones(self.static.intentions)
-        return state, Carry(key, jax.random.dirichlet(for_first, concentration, (count,)))
+        return state, IntentionCarry(key, jax.random.dirichlet(for_first, concentration, (count,)))
 
     def draw(
         self,
         hyperparameters: HyperparameterArrays,
         state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[Weighted, Carry]:
+        carry: IntentionCarry,
+    ) -> tuple[Weighted, IntentionCarry]:
         """Draw demonstrations with their episodes' responsibilities."""
         table, episodes = self.table, self.episodes
         assert table is not None and episodes is not None
@@ -134,12 +129,14 @@ class MultiIntention(EpisodeLearner):
     ) -> tuple[Float[Array, ""], Terms]:
         """Weighted L_IQ (Eq 2.7, value_expert) of each intention, summed."""
         total = jnp.zeros(())
-        for number, (own, steady) in enumerate(zip(network, target_network, strict=True)):
+        for number, (learned, steady) in enumerate(zip(network, target_network, strict=True)):
             share = batch.responsibility[:, number]
-            total += weighted_iq_loss(own, steady, batch.batch, share, hyperparameters, self.static)
+            total += weighted_iq_loss(
+                learned, steady, batch.batch, share, hyperparameters, self.static
+            )
         return total, {"loss": total}
 
-    def kept(self, carry: Carry) -> Array:
+    def kept(self, carry: IntentionCarry) -> Array:
         """Return the responsibilities."""
         return carry.responsibility
 
@@ -147,14 +144,16 @@ class MultiIntention(EpisodeLearner):
         """Return the policies of the intentions with their episodes' mean totals."""
         assert self.episodes is not None
         episodes, record = self.episodes, self.record(hyperparameters)
-        first, end = (int(one) for one in episodes.bounds[hyperparameters.dataset + jnp.arange(2)])
+        first, end = (
+            int(bound) for bound in episodes.bounds[hyperparameters.dataset + jnp.arange(2)]
+        )
         share = np.asarray(kept)[first:end]
         totals = np.stack([np.asarray(total)[first:end] for total in episodes.totals], 1)
         means = share.T @ totals / np.maximum(share.sum(axis=0), 1e-9)[:, None]
         # An intention without episodes has no score.
         means = np.where(share.sum(axis=0)[:, None] > 1e-3, means, -np.inf)
         temperature = hyperparameters.temperature
-        policies = [QPolicy.of(one, temperature, record) for one in state.network]
+        policies = [QPolicy.of(network, temperature, record) for network in state.network]
         return IntentionPolicy(tuple(policies), means)
 
 
@@ -164,7 +163,7 @@ def weighted_iq_loss(
     batch: Batch,
     share: Float[Array, " batch"],
     hyperparameters: HyperparameterArrays,
-    static: StaticConfig,
+    static: IntentionConfig,
 ) -> Float[Array, ""]:
     """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ), by responsibilities z."""
     q = jax.vmap(network)(batch.observation)
@@ -198,22 +197,23 @@ def expectation(
     sums = [
         jax.ops.segment_sum(
             log_likelihood(
-                jax.vmap(one)(columns.observation) / hyperparameters.temperature, columns.action
+                jax.vmap(intention)(columns.observation) / hyperparameters.temperature,
+                columns.action,
             ),
             episode,
             count,
         )
-        for one in network
+        for intention in network
     ]
     first, end = episodes.bounds[hyperparameters.dataset + jnp.arange(2)]
-    own = (jnp.arange(count) >= first) & (jnp.arange(count) < end)
-    prior = jnp.sum(jnp.where(own[:, None], responsibility, 0.0), axis=0) / jnp.sum(own)
+    in_set = (jnp.arange(count) >= first) & (jnp.arange(count) < end)
+    prior = jnp.sum(jnp.where(in_set[:, None], responsibility, 0.0), axis=0) / jnp.sum(in_set)
     return jax.nn.softmax(jnp.stack(sums, 1) + jnp.log(jnp.maximum(prior, 1e-6)), axis=1)
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: IntentionConfig,
+    hyperparameters: Sequence[IntentionHyperparameters],
     datasets: Sequence[Transitions],
     callbacks: Callbacks | None = None,
     chunk: int = 200,
@@ -242,7 +242,7 @@ def train(
     def e_step(runs: Runs, done: int) -> Runs:
         if done == 0:  # the networks know nothing yet
             return runs
-        found = step(learner, arrays, runs.state.network, runs.carry.responsibility)
-        return runs._replace(carry=runs.carry._replace(responsibility=found))
+        responsibility = step(learner, arrays, runs.state.network, runs.carry.responsibility)
+        return runs._replace(carry=runs.carry._replace(responsibility=responsibility))
 
     return learner.train(hyperparameters, callbacks, chunk, e_step)

@@ -1,15 +1,15 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from socialiq.learners.baselines import multi_intention_irl
-from socialiq.learners.baselines.multi_intention_irl import (
-    Hyperparameters,
+from studies.compare_methods.baselines import multi_intention_irl
+from studies.compare_methods.baselines.multi_intention_irl import (
+    IntentionConfig,
+    IntentionHyperparameters,
     MultiIntention,
-    StaticConfig,
     expectation,
     weighted_iq_loss,
 )
+
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
@@ -21,9 +21,9 @@ def test_the_responsibilities_are_bayes_rule(constant, bandit) -> None:
     With priors 0.9 and 0.1 it is 0.9 (3/4) / (0.9 (3/4) + 0.1 (1/4)) = 27/28.
     """
     data = bandit([1, 0], [0.0, 0.0], [1.0, 0.0])
-    learner = MultiIntention.of(StaticConfig(intentions=2), [data])
+    learner = MultiIntention.of(IntentionConfig(intentions=2), [data])
     networks = (constant(0.0, np.log(3.0)), constant(np.log(3.0), 0.0))
-    run = stack([Hyperparameters()])[0]
+    run = stack([IntentionHyperparameters()])[0]
     even = jnp.full((2, 2), 0.5)
     np.testing.assert_allclose(
         expectation(learner, run, networks, even, 2), [[0.75, 0.25], [0.25, 0.75]], rtol=1e-5
@@ -38,7 +38,7 @@ def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, ban
     short = bandit([1, 0], [0.0, 0.0], [1.0, 0.0])
     long = bandit([0, 0, 1, 1, 1], [0.0] * 5, [1.0] * 5)
     networks = (constant(0.0, np.log(3.0)), constant(np.log(3.0), 0.0))
-    static, run = StaticConfig(intentions=2), stack([Hyperparameters(dataset=0)])[0]
+    static, run = IntentionConfig(intentions=2), stack([IntentionHyperparameters(dataset=0)])[0]
     alone = expectation(MultiIntention.of(static, [short]), run, networks, jnp.full((2, 2), 0.5), 2)
     both = MultiIntention.of(static, [short, long])
     beside = expectation(both, run, networks, jnp.full((7, 2), 0.5), 5)
@@ -48,8 +48,8 @@ def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, ban
 def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
     network, slow = constant(0.3, 1.1), constant(-0.4, 0.2)
     batch = rows_of([0, 1, 1], [1.0, 2.0, 3.0], ending=0)
-    run = stack([Hyperparameters(discount=0.9)])[0]
-    found = weighted_iq_loss(network, slow, batch, jnp.ones(3), run, StaticConfig())
+    run = stack([IntentionHyperparameters(discount=0.9)])[0]
+    found = weighted_iq_loss(network, slow, batch, jnp.ones(3), run, IntentionConfig())
     static = iq.IQLearnConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
     same = stack([iq.IQLearnHyperparameters(discount=0.9)])[0]
     theirs, _ = objective(network, slow, Batches(batch, None, None), same, static)
@@ -65,8 +65,8 @@ def test_two_intentions_are_told_apart_without_labels(demonstrations) -> None:
     intent = data.episode % 2
     rewards = type(data.rewards)(1.0 - intent, intent * 1.0)
     data = dataclasses.replace(data, action=intent.astype(np.int32), rewards=rewards)
-    static = StaticConfig(intentions=2, hidden=(8,), batch_size=32, updates=600)
-    numbers = [Hyperparameters(learning_rate=0.01, temperature=0.1)]
+    static = IntentionConfig(intentions=2, hidden=(8,), batch_size=32, updates=600)
+    numbers = [IntentionHyperparameters(learning_rate=0.01, temperature=0.1)]
     trained = multi_intention_irl.train(static, numbers, [data], chunk=50)
     assert trained.failures == ()
     policy = trained.policy(0)

@@ -16,57 +16,50 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import settings
-from socialiq.learners.baselines.bellman import log_likelihood, of_taken
-from socialiq.learners.baselines.ranking import EpisodeLearner, best_rows
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Terms
-from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import RewardPair
+from studies.compare_methods.baselines.shared import (
+    EpisodeLearner,
+    best_rows,
+    log_likelihood,
+    of_taken,
+)
 
 CLIPPED = 0.1, 0.9
 """Bounds of d in the weights, as in the paper."""
 
 
 @dataclass(frozen=True)
-class StaticConfig(settings.LearnerConfig):
+class DWBCConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
-    parts: int = 3
+    parts: settings.Count = 3
     """One part in so many of the episodes are the expert's."""
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that make no run."""
-        super().__post_init__()
-        check_counts(self, ("parts",))
 
 
 @dataclass(frozen=True)
-class Hyperparameters(settings.LearnerHyperparameters):
+class DWBCHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
-    expert_weight: float = 7.5
+    expert_weight: settings.NotNegative = 7.5
     """α of the paper: weight of the plain likelihood of E's rows."""
-    positive_share: float = 0.5
+    positive_share: settings.NotNegative = 0.5
     """η of the paper: how much E's rows count in the discriminator's loss."""
 
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        check_not_negative(self, ("expert_weight", "positive_share"))
 
-
-class Networks(NamedTuple):
+class DWBCNetworks(NamedTuple):
     """The clone's logits, and the discriminator's, whose further inputs are log π(a|s) and 0."""
 
     policy: QNetwork
     discriminator: DialNetwork
 
 
-class Carry(NamedTuple):
+class DWBCCarry(NamedTuple):
     """A random key, and the cumulative weights of the expert's rows."""
 
     key: Array
@@ -83,35 +76,35 @@ class Sides(NamedTuple):
 class DiscriminatorWeighted(EpisodeLearner):
     """A clone whose rows are weighted by a discriminator."""
 
-    StaticConfig: ClassVar[type] = StaticConfig
-    Hyperparameters: ClassVar[type] = Hyperparameters
+    StaticConfig: ClassVar[type] = DWBCConfig
+    Hyperparameters: ClassVar[type] = DWBCHyperparameters
     name: ClassVar[str] = "discriminator_weighted_bc"
     has_target: ClassVar[bool] = False
 
-    def network(self, key: PRNGKeyArray) -> Networks:
+    def network(self, key: PRNGKeyArray) -> DWBCNetworks:
         """Draw both networks."""
-        one, (n_features, n_actions) = self.static, self.sizes
-        shape = (one.hidden, n_actions, one.activation, one.view)
-        other = DialNetwork.initialise(jax.random.fold_in(key, 1), n_features, *shape)
-        return Networks(super().network(key), other)
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (static.hidden, n_actions, static.activation, static.view)
+        discriminator = DialNetwork.initialise(jax.random.fold_in(key, 1), n_features, *shape)
+        return DWBCNetworks(super().network(key), discriminator)
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, DWBCCarry]:
         """Draw the networks, and select the expert's rows."""
         assert self.episodes is not None
         state, key = super().initialise(hyperparameters)
         run = (hyperparameters.weights, hyperparameters.dataset, self.static.parts)
-        return state, Carry(key, best_rows(self.episodes, *run))
+        return state, DWBCCarry(key, best_rows(self.episodes, *run))
 
     def draw(
-        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
-    ) -> tuple[Sides, Carry]:
+        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: DWBCCarry
+    ) -> tuple[Sides, DWBCCarry]:
         """Draw as many rows of either set."""
         assert self.table is not None
-        others, key = super().draw(hyperparameters, state, carry.key)
+        of_all, key = super().draw(hyperparameters, state, carry.key)
         key, for_expert = jax.random.split(key)
         size = self.static.batch_size
         expert = self.table.sample_weighted(for_expert, carry.expert, size)
-        return Sides(expert, others), carry._replace(key=key)
+        return Sides(expert, of_all), carry._replace(key=key)
 
     def loss(
         self,
@@ -127,7 +120,9 @@ class DiscriminatorWeighted(EpisodeLearner):
             log_likelihood(jax.vmap(network.policy)(rows.observation), rows.action)
             for rows in batch
         ]
-        chances = [jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(one)), *CLIPPED) for one in logits]
+        chances = [
+            jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(side)), *CLIPPED) for side in logits
+        ]
         terms = {
             "discriminator": discriminator_loss(logits[0], logits[1], share),
             "clone": weighted_loss(likelihoods, chances, share, hyperparameters.expert_weight),
@@ -140,7 +135,7 @@ class DiscriminatorWeighted(EpisodeLearner):
         return QPolicy.of(state.network.policy, 1.0, self.record(hyperparameters))
 
 
-def _judged(network: Networks, rows: Batch) -> Float[Array, " batch"]:
+def _judged(network: DWBCNetworks, rows: Batch) -> Float[Array, " batch"]:
     """Return the discriminator's logits of rows; the clone gets no gradient from them."""
     logits = jax.vmap(network.policy)(rows.observation)
     told = jax.lax.stop_gradient(log_likelihood(logits, rows.action))
@@ -172,6 +167,6 @@ def weighted_loss(
         share: η.
         expert_weight: α.
     """
-    (expert, others), (sure, other) = likelihoods, chances
-    opposing = share / (sure * (1.0 - sure))
-    return -jnp.mean((expert_weight - opposing) * expert) - jnp.mean(others / (1.0 - other))
+    (expert, of_all), (expert_chance, chance) = likelihoods, chances
+    opposing = share / (expert_chance * (1.0 - expert_chance))
+    return -jnp.mean((expert_weight - opposing) * expert) - jnp.mean(of_all / (1.0 - chance))

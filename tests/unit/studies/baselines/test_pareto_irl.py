@@ -2,8 +2,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from studies.compare_methods.baselines.online import InferredReward, inferred_pair, inferring
 
-from socialiq.learners.baselines.pareto_irl import InferredReward, inferred_pair, inferring
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair
 
