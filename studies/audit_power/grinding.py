@@ -103,9 +103,9 @@ def grinding_rows(
     rows: list[Row] = []
     for (policy, way), numbers in first.items():
         for tries in COUNTED:
-            share = wilson(sum(1 <= one <= tries for one in numbers), owners, 0.99)
-            found = {"passed": share.value, "low": share.low, "high": share.high}
-            rows.append({"policy": policy, "way": way, "tries": tries, **found})
+            share = wilson(sum(1 <= audit <= tries for audit in numbers), owners, 0.99)
+            passes = {"passed": share.value, "low": share.low, "high": share.high}
+            rows.append({"policy": policy, "way": way, "tries": tries, **passes})
     return rows
 
 
@@ -118,17 +118,17 @@ def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dic
         owner: Seed of the owner.
         resamples: Smallest number of resamples of each bootstrap.
     """
-    found = dict.fromkeys(WAYS, 0)
+    passes = dict.fromkeys(WAYS, 0)
     for varied in get_args(Varied):
         ways = {name: way for name, way in WAYS.items() if way.varied == varied}
         for number in range(1, TRIES + 1):
-            waiting = {name: way.error(number) for name, way in ways.items() if not found[name]}
+            waiting = {name: way.error(number) for name, way in ways.items() if not passes[name]}
             if not waiting:
                 break
-            drawn = draw_of(varied, owner, number)
-            audit = Audit(truth, drawn, episodes, resamples)
-            found |= {name: number for name, error in waiting.items() if audit.passes(error)}
-    return found
+            draws = draw_of(varied, owner, number)
+            audit = Audit(truth, draws, episodes, resamples)
+            passes |= {name: number for name, error in waiting.items() if audit.passes(error)}
+    return passes
 
 
 def draw_of(varied: Varied, owner: int, number: int) -> Draw:

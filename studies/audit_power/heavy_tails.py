@@ -58,9 +58,9 @@ SIGMA = 2.0
 
 def lognormal_cut(t: float) -> float:
     """Return the mean of min(X, t) for ln X normal with mean 0 and deviation `SIGMA`."""
-    place = np.log(t) / SIGMA
-    inside = np.exp(SIGMA**2 / 2) * norm.cdf(place - SIGMA)
-    return float(inside + t * norm.sf(place))
+    quantile = np.log(t) / SIGMA
+    inside = np.exp(SIGMA**2 / 2) * norm.cdf(quantile - SIGMA)
+    return float(inside + t * norm.sf(quantile))
 
 
 SHAPE = 1.5
@@ -82,14 +82,14 @@ def _rare(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np.n
 
 def _lognormal(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np.ndarray:
     limit = TAILS["lognormal, sigma 2"].limit
-    drawn = rng.lognormal(0.0, SIGMA, shape)
-    return np.minimum(scale_of(mean, limit, lognormal_cut) * drawn, limit)
+    sample = rng.lognormal(0.0, SIGMA, shape)
+    return np.minimum(scale_of(mean, limit, lognormal_cut) * sample, limit)
 
 
 def _pareto(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np.ndarray:
     limit = TAILS["Pareto, shape 1.5"].limit
-    drawn = 1.0 + rng.pareto(SHAPE, shape)
-    return np.minimum(scale_of(mean, limit, pareto_cut) * drawn, limit)
+    sample = 1.0 + rng.pareto(SHAPE, shape)
+    return np.minimum(scale_of(mean, limit, pareto_cut) * sample, limit)
 
 
 def _normal(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np.ndarray:
@@ -144,9 +144,9 @@ def error_rows(
     rows: list[Row] = []
     for name, tail in TAILS.items():
         for label, times in TIMES.items():
-            made = _drawn(name, times, replications, episodes, seed)
-            usual = passes_by_bootstrap(made, tail.margin, seed, resamples)
-            guarded, _ = decisions_by_betting(made, tail.margin, tail.limit)
+            losses = _drawn(name, times, replications, episodes, seed)
+            usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
+            guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
             row: Row = {"losses": name, "regret": label, "margins": times}
             row |= {"largest_loss_in_margins": tail.limit / tail.margin}
             rows.append(row | _shares({"bootstrap": usual, "betting": guarded}, replications))
@@ -167,8 +167,8 @@ def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
     """
     rows: list[Row] = []
     for name, tail in TAILS.items():
-        made = _drawn(name, TIMES["at the margin"], replications, LONGER * episodes, seed)
-        passed, _ = decisions_by_betting(made, tail.margin, tail.limit)
+        losses = _drawn(name, TIMES["at the margin"], replications, LONGER * episodes, seed)
+        passed, _ = decisions_by_betting(losses, tail.margin, tail.limit)
         row: Row = {"losses": name, "episodes": LONGER * episodes}
         rows.append(row | _shares({"betting": passed}, replications))
     return rows
@@ -184,8 +184,8 @@ def false_bound_rows(episodes: int, replications: int, seed: int) -> list[Row]:
     """
     rows: list[Row] = []
     for name, tail in TAILS.items():
-        made = _drawn(name, TIMES["at the margin"], replications, episodes, seed)
-        passed, broken = decisions_by_betting(made, tail.margin, TOO_LOW * tail.limit)
+        losses = _drawn(name, TIMES["at the margin"], replications, episodes, seed)
+        passed, broken = decisions_by_betting(losses, tail.margin, TOO_LOW * tail.limit)
         row: Row = {"losses": name, "possible": tail.limit, "declared": TOO_LOW * tail.limit}
         rows.append(row | _shares({"passed": passed, "seen": broken}, replications))
     return rows
@@ -205,9 +205,9 @@ def price_rows(
     rows: list[Row] = []
     for name, tail in TAILS.items():
         for episodes in SIZES:
-            made = _drawn(name, TIMES["well within"], audits, episodes, seed)
-            usual = passes_by_bootstrap(made, tail.margin, seed, resamples)
-            guarded, _ = decisions_by_betting(made, tail.margin, tail.limit)
+            losses = _drawn(name, TIMES["well within"], audits, episodes, seed)
+            usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
+            guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
             row: Row = {"losses": name, "episodes": episodes}
             rows.append(row | _shares({"bootstrap": usual, "betting": guarded}, audits))
             if on_progress:
@@ -233,11 +233,11 @@ def passes_by_bootstrap(
     losses: Float[np.ndarray, "audit episode"], margin: float, seed: int, resamples: int
 ) -> int:
     """Return the number of audits whose upper bound by the bootstrap is within the margin."""
-    found = 0
-    for number, one in enumerate(losses):
-        regrets = Regrets(_evidence(one), seed + number, resamples)
-        found += bool(regrets.highs(0.0, ERROR)[0] <= margin)
-    return found
+    count = 0
+    for number, row in enumerate(losses):
+        regrets = Regrets(_evidence(row), seed + number, resamples)
+        count += bool(regrets.highs(0.0, ERROR)[0] <= margin)
+    return count
 
 
 def decisions_by_betting(
@@ -248,7 +248,7 @@ def decisions_by_betting(
     Audits are independent, so the bounds of all are computed at once, as of so many references.
     """
     compared = np.ones(len(losses), bool)
-    broken = np.array([exceeds(float(one.max()), declared) for one in losses])
+    broken = np.array([exceeds(float(row.max()), declared) for row in losses])
     highs = loss_bounds(losses, compared, margin, declared, ERROR, ERROR / 2).highs
     return int(((highs <= margin) & ~broken).sum()), int(broken.sum())
 

@@ -225,10 +225,10 @@ def verdict_rows(
         if on_progress:
             on_progress(done)
     rows = []
-    for case, given in decisions.items():
+    for case, declared in decisions.items():
         row: Row = {"case": case}
         for name, kind in _VERDICTS.items():
-            share = wilson(given.count(kind), len(given), 0.99)
+            share = wilson(declared.count(kind), len(declared), 0.99)
             row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
         rows.append(row)
     return rows

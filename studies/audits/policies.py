@@ -156,10 +156,10 @@ def _of_grid(folder: Path, file: str, declared: float, made_for: float | None) -
 
 def _constant(world: str, action: int) -> QPolicy:
     """Return a policy that always takes the same action; its file has the same bytes everywhere."""
-    made = make(world)
-    bias = np.zeros(made.n_actions, np.float32)
+    policies = make(world)
+    bias = np.zeros(policies.n_actions, np.float32)
     bias[action] = 1.0
-    weight = np.zeros((made.n_actions, made.n_features), np.float32)
+    weight = np.zeros((policies.n_actions, policies.n_features), np.float32)
     return QPolicy((weight,), (bias,), "relu", 1.0, {"made": "by hand: one action alone"})
 
 

@@ -162,9 +162,9 @@ def _text(arcs: Sequence[Arc]) -> str:
 
 def _limits(floor: Floor) -> dict[str, tuple[float, float]]:
     """Return the limits beyond which a share fails for sure, and within which it passes."""
-    both = floor.max_at_fault + floor.max_struck
+    intervals = floor.max_at_fault + floor.max_struck
     return {
-        "collision": (both, min(floor.max_at_fault, floor.max_struck)),
+        "collision": (intervals, min(floor.max_at_fault, floor.max_struck)),
         "arrival": (floor.min_arrival, floor.min_arrival),
         "timeout": (floor.max_timeout, floor.max_timeout),
     }
@@ -192,8 +192,8 @@ def _decided(low: float, high: float, limits: tuple[float, float], least: bool) 
     fails, passes = limits
     if (high < fails) if least else (low > fails):
         return Decision.FAIL
-    kept = low >= passes if least else high <= passes
-    return Decision.PASS if kept else Decision.INCONCLUSIVE
+    angles = low >= passes if least else high <= passes
+    return Decision.PASS if angles else Decision.INCONCLUSIVE
 
 
 def _implied(mean: float, spread: float) -> int | str:

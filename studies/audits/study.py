@@ -71,8 +71,8 @@ class Config:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Audit the policies of each world and the printed tables."""
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
         if "intersection" in config.worlds:
             rows += audit_rows(at_intersection(folder), config, folder, context.on_stage)
         if GRIDWORLD in config.worlds:
@@ -205,8 +205,8 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     }
     return {
         "audits": audits,
-        "counts": {kind: _counts(some, "verdict") for kind, some in by_truth.items()},
-        "angle_test": {kind: _counts(some, "calibration") for kind, some in by_truth.items()},
+        "counts": {kind: _counts(group, "verdict") for kind, group in by_truth.items()},
+        "angle_test": {kind: _counts(group, "calibration") for kind, group in by_truth.items()},
         "published": {
             "returns": {row["policy"]: row for row in tables["published_returns"]},
             "angles": {row["policy"]: row for row in tables["published_angles"]},

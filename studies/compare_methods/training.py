@@ -9,17 +9,6 @@ from typing import Any
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
-from socialiq.learners.baselines import discriminator_weighted_bc as dwbc
-from socialiq.learners.baselines import (
-    guidance,
-    implicit_q_learning,
-    ls_iq,
-    multi_intention_irl,
-    outcome_conditioned,
-    sprinql,
-    trex,
-)
-from socialiq.learners.baselines.pareto_irl import InferredReward, Rewards, inferring
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.acting import DialCollector, acting
@@ -40,6 +29,11 @@ from socialiq_lab.comparison_runs import (
     offline,
     reinforcement,
 )
+from studies.compare_methods.baselines import multi_intention_irl
+from studies.compare_methods.baselines.conditioned import GuidedCloning, OutcomeConditioned
+from studies.compare_methods.baselines.discriminator_weighted_bc import DiscriminatorWeighted
+from studies.compare_methods.baselines.offline import SPRINQL, ImplicitQLearning
+from studies.compare_methods.baselines.online import LSIQ, TREX, InferredReward, Rewards, inferring
 
 
 def _multi_intention(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
@@ -48,7 +42,9 @@ def _multi_intention(arena: Arena, _method: Method, runs: Sequence[Run]) -> list
     return in_programs(
         [
             share.settings(
-                multi_intention_irl.StaticConfig, multi_intention_irl.Hyperparameters, run
+                multi_intention_irl.IntentionConfig,
+                multi_intention_irl.IntentionHyperparameters,
+                run,
             )
             for run in runs
         ],
@@ -185,17 +181,17 @@ LEARNERS: Mapping[str, Learner] = {
     "clone": offline(bc.BehaviourCloning),
     "clone_by_return": offline(bc.BehaviourCloning, weighted=True),
     "clone_by_advantage": offline(bc.BehaviourCloning, weighted=True, weighted_by="advantage"),
-    "dwbc": offline(dwbc.DiscriminatorWeighted),
+    "dwbc": offline(DiscriminatorWeighted),
     "iq_learn": iq_learn(prior="none"),
     "iq_learn_offline": iq_learn(acts=False, prior="none", online=False, value_term="value_expert"),
-    "ls_iq": iq_learn(ls_iq.LSIQ, prior="none"),
+    "ls_iq": iq_learn(LSIQ, prior="none"),
     "multi_intention": _multi_intention,
-    "trex": iq_learn(trex.TREX, prior="none"),
-    "sprinql": offline(sprinql.SPRINQL),
+    "trex": iq_learn(TREX, prior="none"),
+    "sprinql": offline(SPRINQL),
     "cql": offline(cql.ConservativeQ),
-    "iql": offline(implicit_q_learning.ImplicitQLearning),
-    "outcome_conditioned": offline(outcome_conditioned.OutcomeConditioned),
-    "guidance": offline(guidance.GuidedCloning, advantage="advantage"),
+    "iql": offline(ImplicitQLearning),
+    "outcome_conditioned": offline(OutcomeConditioned),
+    "guidance": offline(GuidedCloning, advantage="advantage"),
     "pareto_irl": _pareto_irl,
     "rl": reinforcement,
     "thesis": iq_learn(prior="reward", target_kind=presets.GRID.target_kind),

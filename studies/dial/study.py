@@ -193,11 +193,11 @@ def _ceilings(
     ground: Ground, config: Config, data: Sequence[Demonstrations]
 ) -> dict[tuple[str, int], AttainableSet]:
     """Return the best values within each data set's support, by kind of support and seed."""
-    part = with_clock(ground, True).part
-    wanted = {PRESETS[name].support for name in config.runs} - {""}
+    reachable = with_clock(ground, True).part
+    supports = {PRESETS[name].support for name in config.runs} - {""}
     return {
-        (support, seed): support_ceiling(demonstrations, part, timed=support == "timed")
-        for support in sorted(wanted)
+        (support, seed): support_ceiling(demonstrations, reachable, timed=support == "timed")
+        for support in sorted(supports)
         for seed, demonstrations in zip(config.seeds, data, strict=True)
     }
 
@@ -221,8 +221,10 @@ def _pooled(dials: list[Row]) -> list[Row]:
     for values, group in groups(dials, *keys).items():
         row: Row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)}
         for name in (name for name in group[0] if name not in (*keys, "seed")):
-            given = [dial for dial in group if dial[name] != ""]
-            of_seeds = spread(given, name) if given else dict.fromkeys(("mean", "low", "high"), "")
+            valued = [dial for dial in group if dial[name] != ""]
+            of_seeds = (
+                spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")
+            )
             row |= {f"{name}_{what}": value for what, value in of_seeds.items()}
         rows.append(row)
     return rows

@@ -56,14 +56,14 @@ def _action_tables(state: State) -> dict[str, np.ndarray]:
             and learned.label["mixture"] == "equal_trajectories"
             and learned.label["target_angle"] == angle
         ]
-        each = [action_table(policy, ground.part, "greedy") for policy in policies]
-        tables[name] = np.mean(each, axis=0)
+        action_tables = [action_table(policy, ground.part, "greedy") for policy in policies]
+        tables[name] = np.mean(action_tables, axis=0)
     return tables
 
 
 def _visits(state: State, table: np.ndarray) -> np.ndarray:
-    part = state.ground.part
-    return horizon_evaluation(part.mdp, table, part.world.horizon).visits.sum(axis=1)
+    reachable = state.ground.part
+    return horizon_evaluation(reachable.mdp, table, reachable.world.horizon).visits.sum(axis=1)
 
 
 def heatmap_rows(state: State) -> list[Row]:
@@ -215,8 +215,8 @@ def ring_figure(results: Results) -> dict[str, Figure]:
 
 def tradeoff_figure(results: Results) -> dict[str, Figure]:
     """Draw the rewards of the trained policies and the exact optima."""
-    drawn = figure(6.8, 5.2)
-    axes = drawn.add_subplot()
+    picture = figure(6.8, 5.2)
+    axes = picture.add_subplot()
     plain(axes)
     best = results.tables["attainable"]
     optima = [[row[name] for row in best] for name in ("optimum_r_env", "optimum_r_social")]
@@ -240,4 +240,4 @@ def tradeoff_figure(results: Results) -> dict[str, Figure]:
     axes.set_ylabel("mean total r_social (effect on others)")
     axes.legend(frameon=False, fontsize=8, loc="upper right")
     axes.set_title("7x7: one mixed data set, four policies, and the exact front", fontsize=10)
-    return {"tradeoff": drawn}
+    return {"tradeoff": picture}

@@ -94,8 +94,8 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown parts and empty sizes."""
-        for part in self.parts:
-            one_of("part", part, PARTS)
+        for name_of_part in self.parts:
+            one_of("part", name_of_part, PARTS)
         one_of("mixture", self.mixture, tuple(MIXTURES))
         for name, value in vars(self).items():
             least = 0 if name in ("highway_episodes", "expert_seed") else 1
@@ -125,8 +125,8 @@ SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 
 def jobs(config: Config) -> list[Job]:
     """Return every job of the chosen parts, each after its inputs."""
     trainings = list(_main(config))
-    for part, make in _ABLATIONS.items():
-        if part in config.parts:
+    for name_of_part, make in _ABLATIONS.items():
+        if name_of_part in config.parts:
             trainings += make(config)
     taken = members(config)
     return [
@@ -145,17 +145,17 @@ def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
 
 def columns(config: Config) -> dict[tuple[str, str], dict[str, list[str]]]:
     """Return the policies behind each column of Table 6.2, for experts and groups of learners."""
-    found = {
+    policies = {
         ("experts", "flat"): {
             f"expert {mode}": [expert_name("flat", mode, config.expert_seed)] for mode in MODES
         }
     }
     for preset, setting in TRAINED:
-        found[preset, setting] = {
+        policies[preset, setting] = {
             target: [learner_name(preset, setting, target, seed) for seed in config.seeds]
             for target in TARGETS
         }
-    return found
+    return policies
 
 
 def _main(config: Config) -> Iterator[Job]:
@@ -244,8 +244,8 @@ def members(config: Config) -> dict[str, str]:
     Experts, and the first training seed's baseline and trio.
     """
     experts, learners = columns(config)["experts", "flat"], columns(config)[SHIPPED]
-    found = {name.replace(" ", "_"): folders[0] for name, folders in experts.items()}
-    return found | {target: folders[0] for target, folders in learners.items()}
+    policies = {name.replace(" ", "_"): folders[0] for name, folders in experts.items()}
+    return policies | {target: folders[0] for target, folders in learners.items()}
 
 
 def _ablated(updates: int) -> tuple[iq.IQLearnConfig, iq.IQLearnHyperparameters]:

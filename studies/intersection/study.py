@@ -73,12 +73,12 @@ def _is_compared(row: Row) -> bool:
 def best_angles(rows: Sequence[Row]) -> list[Row]:
     """Return for each policy the angles at which it is the best of all given ones."""
     points = {f"{r['policy']} {r['readout']}": (r["r_env"], r["r_social"]) for r in rows}
-    found: list[Row] = []
+    ranges: list[Row] = []
     for row, interval in zip(rows, support_intervals(points).values(), strict=True):
         low, high = interval or ("", "")
         names = ("policy", "readout", "r_env", "r_social", "angle")
-        found.append({name: row[name] for name in names} | {"best_from": low, "best_to": high})
-    return found
+        ranges.append({name: row[name] for name in names} | {"best_from": low, "best_to": high})
+    return ranges
 
 
 class Comparison(NamedTuple):
@@ -123,21 +123,21 @@ def differences(rows: PolicyRows, config: Config) -> list[Row]:
         config: Configuration of the study.
     """
     experts = columns(config)["experts", "flat"]
-    found: list[Row] = []
+    tests: list[Row] = []
     for preset, setting in TRAINED:
         names = columns(config)[preset, setting]
         names |= {name: single * len(config.seeds) for name, single in experts.items()}
         family: list[Row] = []
-        for one in COMPARISONS:
+        for comparison in COMPARISONS:
             first, second = (
-                [rows[name, "greedy"][one.metric] for name in names[policy]]
-                for policy in (one.first, one.second)
+                [rows[name, "greedy"][comparison.metric] for name in names[policy]]
+                for policy in (comparison.first, comparison.second)
             )
             if "" not in (*first, *second) and len(first) > 1:
-                label = {"preset": preset, "setting": setting} | one._asdict()
+                label = {"preset": preset, "setting": setting} | comparison._asdict()
                 family.append(paired_row(label, first, second))
-        found += with_holm(family)
-    return found
+        tests += with_holm(family)
+    return tests
 
 
 def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
@@ -182,20 +182,20 @@ def _printed(table_6_2: Sequence[Row]) -> dict[str, Any]:
     rows = [
         row | {"group": f"{row['preset']}_{row['setting']}_{row['readout']}"} for row in table_6_2
     ]
-    kept = ("ours", "over_training", "over_evaluation", "low", "high")
-    return nested(rows, "group", "policy", "metric", keep=kept)
+    fields = ("ours", "over_training", "over_evaluation", "low", "high")
+    return nested(rows, "group", "policy", "metric", keep=fields)
 
 
 def _settings(config: Config) -> dict[str, Any]:
     """Return settings of the first expert and of the first learner of each preset."""
     first = {job.name: dataclasses.asdict(job.config) for job in jobs(config)}
-    found: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     for (preset, setting), policies in columns(config).items():
         name, target = f"{preset}_{setting}", "egoistic"
         if preset == "experts":
             name, target = "expert", "expert egoistic"
-        found[name] = first[policies[target][0]]
-    return found | {"pool_episodes": config.pool_episodes}
+        settings[name] = first[policies[target][0]]
+    return settings | {"pool_episodes": config.pool_episodes}
 
 
 def _means(rows: PolicyRows, config: Config) -> Iterator[tuple[str, Row]]:

@@ -33,7 +33,7 @@ def table_6_2(
     `over_training` is the standard deviation over training seeds, empty for a single expert;
     `over_evaluation` that over groups of evaluation episodes, averaged over training seeds.
     """
-    found: list[Row] = []
+    table: list[Row] = []
     for (group, policies), metric in itertools.product(
         columns(config).items(), thesis_values.METRICS
     ):
@@ -46,7 +46,7 @@ def table_6_2(
                 factor * group_spread(episodes[name, readout], config)[metric] for name in names
             ]
             mean, spread = thesis_values.TABLE_6_2[metric][policy]
-            found.append(
+            table.append(
                 dict(zip(("preset", "setting"), group, strict=True))
                 | {"readout": readout, "policy": policy, "metric": metric}
                 | {"thesis": mean, "thesis_spread": spread, "ours": float(np.mean(values))}
@@ -54,7 +54,7 @@ def table_6_2(
                 | {"over_evaluation": float(np.mean(spreads))}
                 | {"low": min(values), "high": max(values), "seeds": len(values)}
             )
-    return found
+    return table
 
 
 def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
@@ -71,15 +71,15 @@ def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
 
 def part(episodes: Episodes, which: slice) -> Episodes:
     """Return some of the episodes."""
-    kept: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for name, value in episodes._asdict().items():
         if name == "signal_names":
-            kept[name] = value
+            fields[name] = value
         elif isinstance(value, tuple):
-            kept[name] = type(value)(*(column[which] for column in value))
+            fields[name] = type(value)(*(column[which] for column in value))
         else:
-            kept[name] = value[which]
-    return Episodes(**kept)
+            fields[name] = value[which]
+    return Episodes(**fields)
 
 
 def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
@@ -105,8 +105,8 @@ def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
 
 def _printed_d(first: str, second: str, signal: str) -> float:
     """Return Cohen's d that follows from the thesis' Table A.1, for groups of one size."""
-    (mean, sd), (other, other_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
-    return (mean - other) / float(np.hypot(sd, other_sd) / np.sqrt(2))
+    (mean, sd), (mean_2, other_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
+    return (mean - mean_2) / float(np.hypot(sd, other_sd) / np.sqrt(2))
 
 
 def distributions(recordings: Path) -> list[Row]:
@@ -120,7 +120,7 @@ def distributions(recordings: Path) -> list[Row]:
         recorded, classical = _recorded(recordings, mode)
         values[mode] = {"r_self": classical["own"], "r_global": classical["others"]}
         values[mode] |= {"r_env": recorded.rewards.env, "r_social": recorded.rewards.social}
-    found: list[Row] = []
+    table: list[Row] = []
     for signal in ("r_self", "r_global", "r_env", "r_social"):
         everything = np.concatenate([values[mode][signal] for mode in MODES])
         low, high = np.quantile(everything, [0.005, 0.995])
@@ -128,13 +128,13 @@ def distributions(recordings: Path) -> list[Row]:
         for mode in MODES:
             clipped = np.clip(values[mode][signal], edges[0], edges[-1])
             counts, _ = np.histogram(clipped, edges)
-            found += [
+            table += [
                 {"mode": mode, "signal": signal, "from": low, "to": high, "share": share}
                 for low, high, share in zip(
                     edges[:-1], edges[1:], counts / len(clipped), strict=True
                 )
             ]
-    return found
+    return table
 
 
 def _returns(recordings: Path, mode: str) -> dict[str, np.ndarray]:

@@ -71,7 +71,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
     populations = [
         (name, {"population": name}, driver) for name in POPULATIONS for driver in DRIVERS
     ]
-    variants = [(_name(one), one, driver) for one in VARIANTS for driver in REWARD_DRIVERS]
+    variants = [
+        (_name(variant), variant, driver) for variant in VARIANTS for driver in REWARD_DRIVERS
+    ]
     outcomes = [
         {"population": name, "driver": driver} | outcome_row(episodes)
         for name, driver, episodes in _driven(

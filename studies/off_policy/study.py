@@ -63,8 +63,8 @@ class Scene(NamedTuple):
     @staticmethod
     def of(world: str) -> Scene:
         """Enumerate a world."""
-        part = tabulate(make_grid(world)).reachable_part()
-        return Scene(part, {state.tobytes(): row for row, state in enumerate(part.states)})
+        table = tabulate(make_grid(world)).reachable_part()
+        return Scene(table, {state.tobytes(): row for row, state in enumerate(table.states)})
 
     def policy(self, angle: float, random: float) -> np.ndarray:
         """Return the best first actions for R(α), mixed with random ones."""
@@ -75,7 +75,7 @@ class Scene(NamedTuple):
 
     def data(self, config: Config, explored: float, seed: int) -> Demonstrations:
         """Return equal numbers of episodes of each demonstrator."""
-        shown = {
+        demonstrations = {
             mode: rollout_table(
                 self.part,
                 self.policy(angle, explored),
@@ -85,7 +85,7 @@ class Scene(NamedTuple):
             ).transitions
             for number, (mode, angle) in enumerate(MODES.items())
         }
-        return equal_trajectories(shown, config.episodes_each, seed)
+        return equal_trajectories(demonstrations, config.episodes_each, seed)
 
     def chances(self, policy: np.ndarray) -> Chances:
         """Return a policy as a function of observations; an end's observation has no action."""
@@ -129,8 +129,8 @@ def _set_rows(
     for angle in config.angles:
         policy = scene.policy(angle, config.random if explored else 0.0)
         truth = evaluate_exactly(scene.part, policy).value(angle)
-        found = evaluator.evaluate(scene.chances(policy))
-        for name, estimate, supported in _estimators(found):
+        evaluation = evaluator.evaluate(scene.chances(policy))
+        for name, estimate, supported in _estimators(evaluation):
             value, low, high = estimate.value(angle)
             yield label | {
                 "explored": explored,
@@ -143,8 +143,8 @@ def _set_rows(
                 "high": high if np.isfinite(high) else "",
                 "covers": int(low - 1e-9 <= truth <= high + 1e-9),
                 "supported": int(supported),
-                "effective": found.effective,
-                "left": found.left,
+                "effective": evaluation.effective,
+                "left": evaluation.left,
             }
 
 
@@ -161,12 +161,12 @@ def _pooled(values: Sequence[Any], group: Sequence[Row]) -> Row:
     """Coverage and error of the estimates that are called supported, and of the others."""
     row: Row = dict(zip(_KEYS, values, strict=True)) | {"estimates": len(group)}
     row["supported"] = mean(group, "supported")
-    for name, wanted in (("supported", 1), ("others", 0)):
-        some = [one for one in matching(group, supported=wanted) if one["value"] != ""]
-        errors = [abs(one["value"] - one["exact"]) for one in some]
-        widths = [one["high"] - one["low"] for one in some if one["high"] != ""]
+    for name, is_supported in (("supported", 1), ("others", 0)):
+        estimates = [one for one in matching(group, supported=is_supported) if one["value"] != ""]
+        errors = [abs(one["value"] - one["exact"]) for one in estimates]
+        widths = [one["high"] - one["low"] for one in estimates if one["high"] != ""]
         row |= {
-            f"covers_{name}": mean(some, "covers") if some else "",
+            f"covers_{name}": mean(estimates, "covers") if estimates else "",
             f"error_{name}": float(np.mean(errors)) if errors else "",
             f"largest_error_{name}": max(errors) if errors else "",
             f"width_{name}": float(np.mean(widths)) if widths else "",

@@ -212,8 +212,8 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
 
 def pictures(results: Results) -> dict[str, Figure]:
     """Draw Fig 6.1: the commonest sequence of each policy over seeds, beside the thesis'."""
-    drawn = figure(8.0, 4.2)
-    axes = drawn.add_subplot()
+    picture = figure(8.0, 4.2)
+    axes = picture.add_subplot()
     policies = results.summary["policies"]
     for row, (name, entry) in enumerate(policies.items()):
         y = -row * 1.5
@@ -225,7 +225,7 @@ def pictures(results: Results) -> dict[str, Figure]:
     axes.set(xlim=(-2.6, 12.2), ylim=(-1.5 * len(policies) + 0.7, 0.8))
     axes.axis("off")
     axes.set_title("5x5: greedy actions after training on one mixed data set (W wait, G go)")
-    return {"fig_6_1": drawn}
+    return {"fig_6_1": picture}
 
 
 def _draw_sequence(axes: Any, letters: str, y: float, height: float) -> None:

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
 from socialiq.demonstrations.dataset import Demonstrations
@@ -265,7 +265,7 @@ def drive_references(
     """Drive calibrated drivers, constant ones and the planted ones."""
     del on_progress
     world = RecordedWorld.load(inputs["world"] / WORLD)
-    drivers = [*rules_at_junction(world.n_actions)]
+    drivers = [Reference(name, world.driver(name)) for name in world.references]
     drivers += [Reference(rule.name, rule) for rule in rules(world)]
     _drive(world, drivers, config, folder)
 
@@ -287,10 +287,10 @@ def drive_dials(
 
 def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, folder: Path) -> None:
     seeds = np.arange(config.episodes) + config.first_episode
-    batch = JunctionBatch(world, min(_SIDE_BY_SIDE, len(seeds)))
+    course = Course(world, seeds, min(_SIDE_BY_SIDE, len(seeds)))
     arrays = {}
     for driver in drivers:
-        outcomes = drive_junction(batch, driver, seeds)
+        outcomes = course.drive(driver)
         arrays |= {f"{driver.name}/{name}": getattr(outcomes, name) for name in _COLUMNS}
     header = {"drivers": [entry.name for entry in drivers]}
     save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)

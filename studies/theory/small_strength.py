@@ -45,15 +45,15 @@ def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]
                 problem = dataclasses.replace(
                     case.problem, strength=share * reach, temperature=temperature
                 )
-                found = minimise(problem, q)
-                q = found.q
+                minimum = minimise(problem, q)
+                q = minimum.q
                 rows.append(
                     case.label
                     | {
                         "temperature": temperature,
                         "strength": problem.strength,
                         "reach": reach,
-                        "mean_target": _mean(problem, found.occupancy),
+                        "mean_target": _mean(problem, minimum.occupancy),
                         "line": _mean(problem, problem.demonstrated)
                         + problem.strength * response.target_slope(problem) / _mass(problem),
                     }
@@ -95,8 +95,8 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
         finite = [f.strength for f in predicted.values() if _TIE < f.strength < np.inf]
         low, high = 0.1 * min([reach, *finite]), 10.0 * max([reach, *finite])
         steps = int(np.ceil(_PER_OCTAVE * np.log2(high / low))) + 1
-        found = found_flips(problem, SOLVERS[next_value], np.geomspace(low, high, steps).tolist())
-        for flip in found:
+        flips = found_flips(problem, SOLVERS[next_value], np.geomspace(low, high, steps).tolist())
+        for flip in flips:
             first = predicted[flip.state]
             rows.append(
                 case.label
@@ -129,8 +129,8 @@ def length_rows(
             q = None
             for strength in strengths:
                 changed = dataclasses.replace(problem, strength=strength, temperature=temperature)
-                found = minimise(changed, q)
-                q = found.q
+                minimum = minimise(changed, q)
+                q = minimum.q
                 greedy = np.eye(q.shape[1])[q.argmax(axis=1)]
                 rows.append(
                     {
@@ -138,7 +138,7 @@ def length_rows(
                         "target_kind": kind,
                         "temperature": temperature,
                         "strength": strength,
-                        "soft_length": _length(part, found.policy),
+                        "soft_length": _length(part, minimum.policy),
                         "greedy_length": _length(part, greedy),
                         "optimum_length": optimum,
                     }

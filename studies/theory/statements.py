@@ -65,8 +65,8 @@ def grid_cases(
 ) -> list[Case]:
     """Return the pool of equal numbers of episodes of each expert, at every angle and target."""
     return [
-        Case(name, angle, kind, problem_of(part, Setting(angle, kind)))
-        for name, part in worlds.items()
+        Case(name, angle, kind, problem_of(reachable, Setting(angle, kind)))
+        for name, reachable in worlds.items()
         for angle in angles
         for kind in kinds
     ]
@@ -88,9 +88,9 @@ def _random_case(seed: int, kind: str) -> Case:
         initial=rng.dirichlet(np.ones(_N_STATES)),
     )
     policies = [rng.dirichlet(np.full(_N_ACTIONS, 0.5), _N_STATES) for _ in range(3)]
-    parts = occupancies(mdp, policies, [1 / 3] * 3, _DISCOUNT)
-    target = mean_target(mdp, policies, parts, mdp.rewards.env, kind, _DISCOUNT)
-    problem = Problem(mdp, parts.sum(axis=0), target, discount=_DISCOUNT)
+    terms = occupancies(mdp, policies, [1 / 3] * 3, _DISCOUNT)
+    target = mean_target(mdp, policies, terms, mdp.rewards.env, kind, _DISCOUNT)
+    problem = Problem(mdp, terms.sum(axis=0), target, discount=_DISCOUNT)
     return Case(f"random {seed}", 0.0, kind, problem)
 
 
@@ -120,19 +120,21 @@ def minimum_rows(cases: Sequence[Case]) -> list[Row]:
                 problem = dataclasses.replace(
                     case.problem, strength=strength, temperature=temperature
                 )
-                found, on = minimise(problem), problem.support
-                closed = closed_form(problem, found.occupancy)
-                primal = primal_value(problem, found.occupancy)
-                gap = dual_value(problem, found.loss) - primal
+                minimum, on = minimise(problem), problem.support
+                closed = closed_form(problem, minimum.occupancy)
+                primal = primal_value(problem, minimum.occupancy)
+                gap = dual_value(problem, minimum.loss) - primal
                 rows.append(
                     case.label
                     | {
                         "strength": strength,
                         "temperature": temperature,
-                        "steps": found.steps,
-                        "log10_closed_error": log10(np.abs(found.reward[on] - closed[on]).max()),
+                        "steps": minimum.steps,
+                        "log10_closed_error": log10(np.abs(minimum.reward[on] - closed[on]).max()),
                         "log10_duality_gap": log10(gap / (1e-3 + abs(primal))),
-                        "largest_correction": float((found.reward[on] - centre(problem)[on]).max()),
+                        "largest_correction": float(
+                            (minimum.reward[on] - centre(problem)[on]).max()
+                        ),
                         "bound": 1.0 / (2.0 * problem.curvature),
                     }
                 )
@@ -143,8 +145,8 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
     """Return centre, solved and closed r̂ of each demonstrated pair, at λ = 1 and τ = 1."""
     rows = []
     for case in cases:
-        found = minimise(case.problem)
-        closed, prior = closed_form(case.problem, found.occupancy), centre(case.problem)
+        minimum = minimise(case.problem)
+        closed, prior = closed_form(case.problem, minimum.occupancy), centre(case.problem)
         for state, action in np.argwhere(case.problem.support):
             rows.append(
                 case.label
@@ -152,7 +154,7 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
                     "state": int(state),
                     "action": int(action),
                     "centre": prior[state, action],
-                    "solved": found.reward[state, action],
+                    "solved": minimum.reward[state, action],
                     "closed": closed[state, action],
                 }
             )
@@ -176,9 +178,9 @@ def primal_rows(cases: Sequence[Case]) -> list[Row]:
             "opposite target": _occupancy(problem, target=-problem.target),
         }
         value = primal_value(problem, best)
-        for name, other in others.items():
+        for name, compared in others.items():
             for share in _MIXED:
-                mixed = (1.0 - share) * best + share * other
+                mixed = (1.0 - share) * best + share * compared
                 lost = (value - primal_value(problem, mixed)) / problem.demonstrated.sum()
                 rows.append(
                     case.label
@@ -200,16 +202,16 @@ def shaping_rows(cases: Sequence[Case], targets: Mapping[str, Sequence[Case]]) -
         targets: The same cases with other targets, by the target's name.
     """
     rows = []
-    for place, case in enumerate(cases):
-        problem, rng = case.problem, np.random.default_rng(place)
+    for state, case in enumerate(cases):
+        problem, rng = case.problem, np.random.default_rng(state)
         base = minimise(problem).policy
         for _ in range(_N_POTENTIALS):
             potential = rng.normal(scale=10.0, size=problem.mdp.n_states)
             target = shaped(problem.mdp, problem.target, potential, problem.discount)
-            other = dataclasses.replace(problem, target=target)
-            rows.append(_difference(case, "random shaping", base, other))
+            compared = dataclasses.replace(problem, target=target)
+            rows.append(_difference(case, "random shaping", base, compared))
         for name, same in targets.items():
-            rows.append(_difference(case, name, base, same[place].problem))
+            rows.append(_difference(case, name, base, same[state].problem))
     return rows
 
 
@@ -240,16 +242,20 @@ def zero_rows(cases: Sequence[Case]) -> list[Row]:
 def offline_rows(cases: Sequence[Case]) -> list[Row]:
     """Compare the objective with conservative Q-learning's plus the constant, at random Q."""
     rows = []
-    for place, case in enumerate(cases):
-        problem, rng = case.problem, np.random.default_rng(place)
-        some = np.asarray(problem.support.any(axis=1))
+    for state, case in enumerate(cases):
+        problem, rng = case.problem, np.random.default_rng(state)
+        selected = np.asarray(problem.support.any(axis=1))
         for _ in range(5):
             draw = rng.normal(scale=3.0, size=problem.support.shape)
             q, v = np.where(problem.support, draw, -np.inf), np.zeros(problem.mdp.n_states)
-            v[some] = soft_value(q[some], problem.temperature)
-            loss, other = problem.loss(q, v), conservative_loss(problem, q, v) + offset(problem)
+            v[selected] = soft_value(q[selected], problem.temperature)
+            loss, compared = problem.loss(q, v), conservative_loss(problem, q, v) + offset(problem)
             rows.append(
                 case.label
-                | {"loss": loss, "conservative": other, "log10_error": log10(loss / other - 1.0)}
+                | {
+                    "loss": loss,
+                    "conservative": compared,
+                    "log10_error": log10(loss / compared - 1.0),
+                }
             )
     return rows

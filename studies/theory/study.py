@@ -58,19 +58,19 @@ def _statements(
 ) -> dict[str, list[Row]]:
     """Return the tables of the statements that hold at any λ."""
     plain = [case for case in grids + randoms if case.target_kind == "instantaneous"]
-    drawn = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
+    chosen = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     angles = list(dict.fromkeys(case.angle for case in grids))
     seeds = range(len({case.world for case in randoms}))
-    others = {
+    alternatives = {
         name: statements.grid_cases(worlds, (name,), angles)
         + statements.random_cases(seeds, (name,))
         for name in ("advantage", "own_advantage", "to_go")
     }
     return {
         "minima": statements.minimum_rows(grids + randoms),
-        "rewards": statements.reward_rows(drawn),
-        "primal": statements.primal_rows(drawn),
-        "shaping": statements.shaping_rows(plain, others),
+        "rewards": statements.reward_rows(chosen),
+        "primal": statements.primal_rows(chosen),
+        "shaping": statements.shaping_rows(plain, alternatives),
         "zero": statements.zero_rows(
             [case for case in plain if case.angle == 0.0]  # λ = 0 has no angle
         ),
@@ -85,7 +85,7 @@ def _small_strengths(
     config: Config,
 ) -> dict[str, list[Row]]:
     """Return the tables of the statements for small λ."""
-    drawn = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
+    chosen = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     flips = [row for way in NEXT_VALUES for row in lines.flip_rows(grids + randoms, way)]
     lengths = [
         row
@@ -95,7 +95,7 @@ def _small_strengths(
         )
     ]
     return {
-        "path": lines.path_rows(drawn, (lines.COLD, 0.1, 1.0)),
+        "path": lines.path_rows(chosen, (lines.COLD, 0.1, 1.0)),
         "slopes": lines.slope_rows(grids + randoms),
         "flips": flips,
         "lengths": lengths,

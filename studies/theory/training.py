@@ -162,15 +162,15 @@ def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> D
     """
     policy = semi_gradient.demonstrated_policy(problem)
     policy = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
-    world, part = ground.table.world, ground.part
-    place = np.zeros(ground.table.mdp.n_states, np.int64)
-    place[world.index(part.states)] = np.arange(len(part.states))
-    before = place[world.index(np.rint(data.observation).astype(np.int64))]
+    world, reachable = ground.table.world, ground.part
+    row_of_state = np.zeros(ground.table.mdp.n_states, np.int64)
+    row_of_state[world.index(reachable.states)] = np.arange(len(reachable.states))
+    before = row_of_state[world.index(np.rint(data.observation).astype(np.int64))]
     runs = ~(data.terminated | data.truncated)
     after = np.zeros_like(before)
-    after[runs] = place[world.index(np.rint(data.next_observation[runs]).astype(np.int64))]
+    after[runs] = row_of_state[world.index(np.rint(data.next_observation[runs]).astype(np.int64))]
     shaped = []
-    for reward, paid in zip(part.mdp.rewards, data.rewards, strict=True):
+    for reward, paid in zip(reachable.mdp.rewards, data.rewards, strict=True):
         v = evaluate_policy(problem.mdp, policy, reward, problem.discount).v
         shaped.append(paid + problem.discount * runs * v[after] - v[before])
     return dataclasses.replace(data, rewards=RewardPair(*shaped))
@@ -182,7 +182,7 @@ def _first_flips(runs: list[Row]) -> list[Row]:
     for (next_value, kind, seed), rows in groups(runs, "next_value", "target_kind", "seed").items():
         baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
         grid = sorted((r for r in rows if r["prior_weight"] > 0.0), key=lambda r: r["strength"])
-        left = [place for place, row in enumerate(grid) if row["choices"] != baseline]
+        left = [row_of_state for row_of_state, row in enumerate(grid) if row["choices"] != baseline]
         first = left[0] if left else None
         flips.append(
             {
@@ -247,10 +247,10 @@ def earliest(rows: list[Row]) -> list[Row]:
     firsts = []
     for group in groups(rows, "next_value", "world", "angle", "target_kind").values():
         predicted = [row for row in group if row["predicted"] != ""]
-        found = [row["found"] for row in group if row["found"] != ""]
+        flips_found = [row["found"] for row in group if row["found"] != ""]
         if predicted:
             first = min(predicted, key=lambda row: row["predicted"])
-            firsts.append(first | {"found": min(found, default="")})
+            firsts.append(first | {"found": min(flips_found, default="")})
     return firsts
 
 

@@ -97,11 +97,11 @@ def _tie_rows() -> list[Row]:
 def _crossing7_row(options: dict[str, str]) -> Row:
     """Return angle, totals and collisions of the stationary optimum at the three angles."""
     table = tabulate(make_grid("crossing7", **options))
-    part = table.reachable_part()
-    kept = table.mdp.reachable()
-    row: Row = {"reading": _name(options), "reachable": part.mdp.n_states}
+    reachable = table.reachable_part()
+    index = table.mdp.reachable()
+    row: Row = {"reading": _name(options), "reachable": reachable.mdp.n_states}
     for mode, angle in MODES.items():
-        metrics = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
+        metrics = evaluate_exactly(reachable, expert_policy(table, angle, "stochastic")[index])
         row |= {
             f"{mode}_angle": metrics.angle,
             f"{mode}_r_env": metrics.r_env,
@@ -117,13 +117,13 @@ def _name(options: dict[str, str]) -> str:
 
 def _front_rows(table: Table) -> list[Row]:
     """Return, by angle, the optimum with a clock, the stationary one, and the largest radius."""
-    part = table.reachable_part()
-    optimum = Optimum(part)
-    kept = table.mdp.reachable()
+    reachable = table.reachable_part()
+    optimum = Optimum(reachable)
+    index = table.mdp.reachable()
     rows = []
     for angle in np.arange(0.0, 91.0, 5.0):
         best = optimum.attainable.optimum(angle)
-        stationary = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
+        stationary = evaluate_exactly(reachable, expert_policy(table, angle, "stochastic")[index])
         rows.append(
             {
                 "angle": angle,
@@ -195,9 +195,9 @@ def _crossing5_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
 
 
 def _crossing7_summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
-    part, kept = table.reachable_part(), table.mdp.reachable()
+    reachable, index = table.reachable_part(), table.mdp.reachable()
     experts = {
-        mode: evaluate_exactly(part, expert_policy(table, angle)[kept])._asdict()
+        mode: evaluate_exactly(reachable, expert_policy(table, angle)[index])._asdict()
         for mode, angle in MODES.items()
     }
     steps = sum(metrics["length"] for metrics in experts.values())

@@ -12,8 +12,8 @@ import json
 import jaxtyping
 import pytest
 
-from socialiq.audit.evidence.drive import drive_grid, fates
-from socialiq.audit.evidence.outcomes import episode_seeds
+from socialiq.audit.evidence.drive import Course
+from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
@@ -52,9 +52,9 @@ class Owner:
         """Whether an audit with this seed would pass clearly, by the normal approximation."""
         declared = parse(profile, "profile.toml")
         drawn = draw(Commitment(self.sha256, declared.sha256), seed)
-        fate = fates(self.table, episode_seeds(drawn.derived("episodes"), EPISODES))
+        course = Course(self.table.world, episode_seeds(drawn.derived("episodes"), EPISODES))
         best, mine = (
-            drive_grid(self.table, one, fate, "").totals[:, 0] for one in (self.best, self.policy)
+            course.drive(Reference("", one)).totals[:, 0] for one in (self.best, self.policy)
         )
         gain = best - mine
         return gain.mean() + 2.6 * gain.std() / EPISODES**0.5 <= self.margin

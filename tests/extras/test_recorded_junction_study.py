@@ -11,13 +11,12 @@ pytest.importorskip("shapely", reason="extra `maps` is not installed")
 from studies.recorded_junction_practice.planted import rules
 from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world
 
-from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.demonstrations import files
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
 from socialiq_lab import results as store
-from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
@@ -41,10 +40,11 @@ def test_world_demonstrations_and_rules_are_those_of_the_results(tmp_path: Path)
     assert human == (data["human"]["episodes"], data["human"]["decisions"])
     wanted = {row["driver"]: row for row in committed.tables["drivers"]}
     seeds = np.arange(config.episodes) + config.first_episode
-    batch = JunctionBatch(world, 200)
+    course = Course(world, seeds, 200)
+    own = [Reference(name, world.driver(name)) for name in world.references]
     planted = [Reference(rule.name, rule) for rule in rules(world)[1:3]]
-    for one in [*rules_at_junction(world.n_actions), *planted]:
-        found, theirs = drive_junction(batch, one, seeds), wanted[one.name]
+    for one in [*own, *planted]:
+        found, theirs = course.drive(one), wanted[one.name]
         assert found.mean.env == pytest.approx(theirs["r_env"], abs=1e-3), one.name
         assert found.mean.social == pytest.approx(theirs["r_social"], abs=1e-3), one.name
         arrived = float((found.ending == Ending.ARRIVAL).mean())

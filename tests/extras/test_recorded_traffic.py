@@ -65,25 +65,25 @@ def check_equal(back, recording, atol=1e-9):
 def test_commonroad_there_and_back(episodes, tmp_path):
     for number, episode in enumerate(episodes[::3]):
         path = tmp_path / f"{number}.xml"
-        write_commonroad(episode.recording, path)
-        check_equal(read_commonroad(path).recording, episode.recording)
+        write_commonroad(episode, path)
+        check_equal(read_commonroad(path).recording, episode)
 
 
 @pytest.mark.parametrize("layout", ["ind", "interaction"])
 def test_csv_layouts_there_and_back(layout, episodes, tmp_path):
     """The tracks by CSV, the road by CommonRoad, as an import does it."""
     road = tmp_path / "road.xml"
-    write_commonroad(episodes[0].recording, road)
+    write_commonroad(episodes[0], road)
     for number, episode in enumerate(episodes[::5]):
         (tmp_path / str(number)).mkdir()
-        path = write_csv(episode.recording.tracks, layout, tmp_path / str(number))
+        path = write_csv(episode.tracks, layout, tmp_path / str(number))
         (back,) = read_csv(path, read_map(layout))
-        check_equal(Recording(back.recording.tracks, road_of(road)), episode.recording)
+        check_equal(Recording(back.recording.tracks, road_of(road)), episode)
 
 
 def test_ngsim_is_as_close_as_its_columns_allow(episodes, tmp_path):
     """It has no heading and the front's centre for a position, so both are estimates."""
-    recording = episodes[0].recording
+    recording = episodes[0]
     path = write_csv(recording.tracks, "ngsim", tmp_path)
     (back,) = read_csv(path, read_map("ngsim"))
     off = np.hypot(
@@ -120,12 +120,12 @@ def recorded(busy, tmp_path_factory):
     paths = []
     for number, episode in enumerate(busy):
         paths.append(str(folder / f"{number}.safetensors"))
-        files.save(folder / f"{number}.safetensors", episode.recording)
+        files.save(folder / f"{number}.safetensors", episode)
     return paths
 
 
 def test_the_mode_says_whether_drivers_are_simulated(busy):
-    world = build([busy[0].recording], WorldConfig()).world
+    world = build([busy[0]], WorldConfig()).world
     table, as_human = replay(world).table, replay(world, as_human=True).table
     assert set(table.counts()) == {"human", "simulated"}
     assert table.counts()["human"] == as_human.counts()["simulated"] == (0, 0)

@@ -7,15 +7,9 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.audit.evidence.drive_junction import (
-    DRIVER,
-    drive_junction,
-    junction_strata,
-    rules_at_junction,
-)
+from socialiq.audit.evidence.collect import junction_strata
+from socialiq.audit.evidence.drive import Course, UniformPolicy
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
-from socialiq.audit.evidence.trivial import UniformPolicy
-from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.profile import scenario_sha256, world_of
 from socialiq.cli.main import main
 from socialiq.errors import UserError
@@ -54,9 +48,9 @@ def waiting(world_file) -> QPolicy:
 
 
 def test_episodes_are_those_of_the_environment(world_file):
-    junction, seeds = Junction.of(str(world_file), {}), episode_seeds(50_000_000, 20)
+    junction, seeds = world_of(str(world_file), {}), episode_seeds(50_000_000, 20)
     policy = Timed(junction.n_features + 1)
-    found = drive_junction(junction.batch(3), Reference("timed", policy), seeds)
+    found = Course(junction, seeds, 3).drive(Reference("timed", policy))
     env = RecordedJunctionEnv(world_file, clock=True)
     for row, seed in enumerate(seeds.tolist()):
         seen, _ = env.reset(seed=seed)
@@ -72,27 +66,27 @@ def test_episodes_are_those_of_the_environment(world_file):
 
 
 def test_the_calibrated_driver_arrives_and_waiting_never_does(world_file):
-    junction, seeds = Junction.of(str(world_file), {}), episode_seeds(50_000_000, 40)
-    batch = junction.batch(40)
+    junction, seeds = world_of(str(world_file), {}), episode_seeds(50_000_000, 40)
+    course = Course(junction, seeds)
     driver, go, wait = (
-        drive_junction(batch, one, seeds) for one in rules_at_junction(junction.n_actions)
+        course.drive(Reference(name, junction.driver(name))) for name in junction.references
     )
-    assert driver.name == DRIVER and (driver.ending == Ending.ARRIVAL).all()
+    assert driver.name == "driver" and (driver.ending == Ending.ARRIVAL).all()
     assert (wait.ending == Ending.TIMEOUT).any() and not (wait.at_fault | wait.struck).any()
     assert go.at_fault.any()
     assert driver.mean.env > wait.mean.env
 
 
 def test_no_policy_drives_as_the_population(world_file):
-    junction = Junction.of(str(world_file), {})
+    junction = world_of(str(world_file), {})
     with pytest.raises(UserError, match="chose action -1"):
-        drive_junction(junction.batch(20), Reference("sly", AsDriver()), episode_seeds(0, 20))
+        Course(junction, episode_seeds(0, 20)).drive(Reference("sly", AsDriver()))
 
 
 def test_draws_of_a_soft_policy_do_not_depend_on_the_batch(world_file):
-    junction, seeds = Junction.of(str(world_file), {}), episode_seeds(50_000_000, 20)
+    junction, seeds = world_of(str(world_file), {}), episode_seeds(50_000_000, 20)
     driver = Reference("random", UniformPolicy(junction.n_actions))
-    few, many = (drive_junction(junction.batch(n), driver, seeds, False) for n in (2, 20))
+    few, many = (Course(junction, seeds, n).drive(driver, False) for n in (2, 20))
     assert np.array_equal(few.totals, many.totals)
 
 
@@ -122,7 +116,7 @@ def test_an_audit_from_the_command_line(world_file, tmp_path, monkeypatch, capsy
     assert main([*call, "--episodes", "40", "--seed", "50000000", "--out", "a", "--json"]) == 1
     report = json.loads(capsys.readouterr().out)
     assert report["policy"]["means"]["timeout"] == 1.0
-    assert [one["name"] for one in report["references"]] == [DRIVER, "go", "wait"]
+    assert [one["name"] for one in report["references"]] == ["driver", "go", "wait"]
     assert "none of them is a person" in report["limits"][0]
     (tmp_path / "w.safetensors").unlink()  # a report is verified without the world
     assert main(["audit", "verify", "a"]) == 0

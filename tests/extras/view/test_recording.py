@@ -11,8 +11,8 @@ from tests.extras.view.made import DT, EDGE, crossing, saved
 from socialiq.audit.resolve_policy import Trust
 from socialiq.errors import UserError
 from socialiq.view.open import opened
-from socialiq.view.recording import CHUNK, Traffic
 from socialiq_recordings.road.network import RoadNetwork
+from socialiq_recordings.view import CHUNK, Traffic
 
 
 def test_the_conflict_says_who_enters_first_and_when():

@@ -9,7 +9,7 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.profile import interface_of, world_of
+from socialiq.audit.profile.profile import world_of
 from socialiq.cli.main import main
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.policies.interface import Interface
@@ -183,8 +183,8 @@ def test_the_bounds_of_actions_are_part_of_the_scenario(folder):
     found = json.loads(narrow.description)
     assert found["action_bounds"] == {"low": [-0.5], "high": [0.5]} and "n_actions" not in found
     assert narrow.description != wide.description
-    assert interface_of(narrow) == Interface(2, 0, 1)
-    assert interface_of(world_of("intersection", {})) == Interface(70, 3)
+    assert Interface.of(narrow) == Interface(2, 0, 1)
+    assert Interface.of(world_of("intersection", {})) == Interface(70, 3)
 
 
 def test_random_actions_are_those_of_the_episode(folder):

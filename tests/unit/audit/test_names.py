@@ -1,13 +1,13 @@
-from socialiq.audit.evidence.collect import RULES
 from socialiq.audit.report.words import names_of, plain_name
 from socialiq.audit.resolve_policy import GAPS
+from socialiq.worlds.intersection.world import Intersection
 
 MODES = ("egoistic", "prosocial", "altruistic")
 
 
 def test_every_driver_of_the_package_has_a_name_in_words():
     experts = [f"{kind}_{mode}" for kind in ("set", "expert") for mode in MODES]
-    for name in (*RULES, *GAPS, *experts):
+    for name in (*Intersection.references, *GAPS, *experts):
         found = plain_name(name)
         assert found != name and "_" not in found
     assert plain_name("set_prosocial").startswith("trained for 45°")

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from socialiq.page.bundle import ASSETS, program
+from socialiq.page.write import ASSETS, program
 
 STARTS = ("page", "watch")
 

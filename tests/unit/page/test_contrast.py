@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from socialiq.page.bundle import ASSETS
+from socialiq.page.write import ASSETS
 
 TEXT = [
     *[(ink, ground) for ink in ("ink", "faint") for ground in ("paper", "card", "soft")],

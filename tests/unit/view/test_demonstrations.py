@@ -9,7 +9,7 @@ import pytest
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import record
-from socialiq.view.demonstrations import demonstrations_shown, seeds_of
+from socialiq.view.demonstrations import demonstrations_view, seeds_of
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -24,7 +24,7 @@ def table():
 def shown(table, folder):
     path = folder / "some.safetensors"
     files.save(path, table)
-    return demonstrations_shown(path)
+    return demonstrations_view(path)
 
 
 def test_an_episode_has_its_seed_decisions_and_scenes(table, tmp_path):

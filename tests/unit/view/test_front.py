@@ -7,16 +7,16 @@ import re
 
 import pytest
 
-from socialiq.page.bundle import ASSETS, program
-from socialiq.view.front import OWN, front
-from socialiq.view.shown import Shown
+from socialiq.page.write import ASSETS, program
+from socialiq.view import View
+from socialiq.view.server import OWN, front
 
 HOSTILE = "</script><script>alert(1)</script>"
 
 
 @pytest.fixture(scope="module")
 def made():
-    return front(Shown("policy", HOSTILE, HOSTILE, {"name": HOSTILE}), "ws://127.0.0.1:1/t/decide")
+    return front(View("policy", HOSTILE, HOSTILE, {"name": HOSTILE}), "ws://127.0.0.1:1/t/decide")
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from socialiq.view.guard import Guard, new_token
+from socialiq.view.server import Guard, new_token
 
 TOKEN = "a-token"
 HOST, ORIGIN = b"127.0.0.1:8000", b"http://127.0.0.1:8000"

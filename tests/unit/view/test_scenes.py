@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.view.scenes import scenes_of
+from socialiq.view.demonstrations import scenes_of
 
 
 def row(x, y, vx, vy):

@@ -100,8 +100,8 @@ def verdict(thesis: Printed, ours: Ours) -> str:
     assert thesis.spread is not None
     gap = abs(ours.value - thesis.value)
     if gap <= tolerance(thesis, ours):
-        known = ERRORS * ours.error <= max(thesis.spread, thesis.digit / 2)
-        return "reproduced" if known else "partly"
+        is_precise = ERRORS * ours.error <= max(thesis.spread, thesis.digit / 2)
+        return "reproduced" if is_precise else "partly"
     negligible = thesis.over == "episodes" and gap < NEGLIGIBLE * thesis.spread
     return "partly" if negligible else "not"
 
@@ -110,8 +110,8 @@ def _digit(text: str, value: float) -> float:
     """Return one unit of the last digit with which a text prints a value; 1 if it doesn't."""
     for match in _PRINTED.finditer(text):
         plain = match.group().replace(",", "")
-        shown, _, exponent = plain.partition("e")
+        digits, _, exponent = plain.partition("e")
         if float(plain) in (value, 100 * value):
             scale = value / float(plain) if value else 1.0
-            return 10.0 ** (int(exponent or 0) - len(shown.partition(".")[2])) * scale
+            return 10.0 ** (int(exponent or 0) - len(digits.partition(".")[2])) * scale
     return 1.0  # a count, of things that the thesis lists

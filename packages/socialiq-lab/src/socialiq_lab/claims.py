@@ -116,10 +116,10 @@ class _Summaries:
 
     def number(self, claim: dict[str, Any], name: str, otherwise: float) -> float:
         """Return the number at the place that a field of a claim names; of a list its length."""
-        place = _PLACE.fullmatch(claim.get(name, ""))
-        if place is None:
+        reference = _PLACE.fullmatch(claim.get(name, ""))
+        if reference is None:
             return otherwise
-        value = self.at(*place.groups()[:2])
+        value = self.at(*reference.groups()[:2])
         try:
             return float(len(value) if isinstance(value, list) else value)
         except (TypeError, ValueError) as error:
@@ -168,7 +168,7 @@ def _compared(claim: dict[str, Any], summaries: _Summaries) -> dict[str, Any]:
     )
     allowed = claim["tolerance"] if thesis.spread is None else tolerance(thesis, ours)
     if thesis.spread is None:
-        found = "reproduced" if abs(ours.value - value) <= allowed else "not"
+        result = "reproduced" if abs(ours.value - value) <= allowed else "not"
     else:
-        found = verdict(thesis, ours)
-    return numbers | {"our_value": ours.value, "tolerance": allowed, "from_numbers": found}
+        result = verdict(thesis, ours)
+    return numbers | {"our_value": ours.value, "tolerance": allowed, "from_numbers": result}

@@ -100,8 +100,8 @@ def scheduler_address(file: Path) -> str:
     Raises:
         UserError: If it is not such a file.
     """
-    found = read_json(file)
-    address = found.get("address") if isinstance(found, dict) else None
+    content = read_json(file)
+    address = content.get("address") if isinstance(content, dict) else None
     if not isinstance(address, str) or not _ADDRESS.fullmatch(address):
         raise UserError(
             f"{file} names no scheduler's address: make it with `dask scheduler --scheduler-file`"

@@ -213,8 +213,8 @@ def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any
     """Lay a table over another; tables in them are merged too."""
     result = dict(below)
     for key, value in above.items():
-        both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = {**result[key], **value} if both and key != "data" else value
+        mergeable = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
+        result[key] = {**result[key], **value} if mergeable and key != "data" else value
     return result
 
 
@@ -226,9 +226,9 @@ def _train(state: State, variant: Mapping[str, Any], module: Any, context: Conte
     data = _datasets(state, variant["data"])
     static, numbers = gridworlds.learner_of(variant)
     runs = [
-        dataclasses.replace(numbers, **values, seed=seed, dataset=place % len(data))
+        dataclasses.replace(numbers, **values, seed=seed, dataset=index % len(data))
         for values in _product(gridworlds.axes(variant.get("runs", {})))
-        for place, seed in enumerate(seeds)
+        for index, seed in enumerate(seeds)
     ]
     for name, field in variant.get("reciprocal", {}).items():
         runs = [dataclasses.replace(run, **{name: 1.0 / getattr(run, field)}) for run in runs]
@@ -262,10 +262,10 @@ def _datasets(state: State, declared: Mapping[str, int]) -> list[Demonstrations]
         "trajectories": experts.trajectory_datasets,
         "transitions": experts.transition_datasets,
     }
-    ((kind, each),) = declared.items()
-    name = f"{kind} {each}"
+    ((kind, number),) = declared.items()
+    name = f"{kind} {number}"
     if name not in state.data:
-        state.data[name] = kinds[kind](state.ground.table, state.config.seeds, each)
+        state.data[name] = kinds[kind](state.ground.table, state.config.seeds, number)
     return state.data[name]
 
 
@@ -280,17 +280,17 @@ def _label(declared: Mapping[str, Any], run: Any) -> Row:
 def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
     from socialiq_lab import figures
 
-    drawn = {}
+    pictures = {}
     settings = settings_of(results)
     for declared in content.get("figure", ()):
         specification = resolved(declared, settings)
         if "python" in specification:
-            drawn |= _function(module, specification["python"])(results)
+            pictures |= _function(module, specification["python"])(results)
             continue
         picture = figures.draw(specification, results)
         if picture is not None:
-            drawn[specification["name"]] = picture
-    return drawn
+            pictures[specification["name"]] = picture
+    return pictures
 
 
 def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[View]:

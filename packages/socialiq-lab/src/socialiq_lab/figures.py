@@ -54,8 +54,8 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
     side_by_side = min(specification.get("columns", len(panels)), len(panels))
     width, height = specification.get("size", (4.4, 4.0))
     down = math.ceil(len(panels) / side_by_side)
-    drawn = figure(width * side_by_side, height * down)
-    grid = drawn.subplots(down, side_by_side, squeeze=False).ravel()
+    picture = figure(width * side_by_side, height * down)
+    grid = picture.subplots(down, side_by_side, squeeze=False).ravel()
     for number, (axes, panel) in enumerate(itertools.zip_longest(grid, panels)):
         if panel is None:
             axes.axis("off")
@@ -64,8 +64,8 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
             _layer(axes, layer, panel, _rows(layer, results))
         _finish(axes, specification, panel, number)
     if "title" in specification:
-        drawn.suptitle(specification["title"], fontsize=10)
-    return drawn
+        picture.suptitle(specification["title"], fontsize=10)
+    return picture
 
 
 def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
@@ -84,10 +84,10 @@ def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
     rows = results.tables.get(layer["table"], [])
     for column, names in layer.get("split", {}).items():
         keys = names.split("/")
-        parts = [(row, str(row[column]).split("/")) for row in rows]
+        split_rows = [(row, str(row[column]).split("/")) for row in rows]
         rows = [
             row | dict(zip(keys, map(_number, values), strict=True))
-            for row, values in parts
+            for row, values in split_rows
             if len(values) == len(keys)
         ]
     return where(rows, layer.get("where", {}))
@@ -129,7 +129,7 @@ def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) 
     if kind == "bars":
         _bars(axes, layer, rows, y, colors)
         return
-    for (place, (name, color)), (number, style) in itertools.product(
+    for (position, (name, color)), (number, style) in itertools.product(
         enumerate(colors.items()), enumerate(styles)
     ):
         chosen = {layer[key]: v for key, v in (("lines", name), ("styles", style)) if v is not None}
@@ -138,7 +138,7 @@ def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) 
             continue
         words = [str(word) for word in (name, style) if word is not None]
         look = {"color": layer.get("color", color), "label": ", ".join(words) or layer.get("label")}
-        _series(axes, layer, series, y, kind, look, STYLES[number % 4], _MARKS[place % 8])
+        _series(axes, layer, series, y, kind, look, STYLES[number % 4], _MARKS[position % 8])
 
 
 def _series(
@@ -177,11 +177,11 @@ def _bars(
     width = 0.8 / len(colors)
     for number, (name, color) in enumerate(colors.items()):
         series = rows if name is None else where(rows, {layer["lines"]: name})
-        for place in _values(series, layer["x"]):
-            here = where(series, {layer["x"]: place})
+        for position in _values(series, layer["x"]):
+            here = where(series, {layer["x"]: position})
             values = [row[y] for row in here]
-            at = places.index(place) - 0.4 + (number + 0.5) * width
-            label = (name or layer.get("label")) if place == places[0] else None
+            at = places.index(position) - 0.4 + (number + 0.5) * width
+            label = (name or layer.get("label")) if position == places[0] else None
             axes.bar([at], [np.mean(values)], 0.9 * width, color=color, label=label, alpha=0.7)
             if len(values) > 1:
                 axes.plot([at] * len(values), values, ".", color="black", markersize=3)
@@ -200,8 +200,8 @@ def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -
     limits = layer.get("limits", (None, None))
     shape = {"origin": "lower", "aspect": "auto"}
     image = axes.imshow(picture, **shape, vmin=limits[0], vmax=limits[1], cmap="viridis")
-    axes.set_xticks(range(len(across)), [f"{place:g}" for place in across])
-    axes.set_yticks(range(len(down)), [f"{place:g}" for place in down])
+    axes.set_xticks(range(len(across)), [f"{position:g}" for position in across])
+    axes.set_yticks(range(len(down)), [f"{position:g}" for position in down])
     axes.figure.colorbar(image, ax=axes, shrink=0.7, label=layer.get("zlabel", ""))
 
 

@@ -68,7 +68,7 @@ def train_runs(
     The default monitor of a training with a progress callback is the exact metrics.
     """
     if monitor is None and on_report is not None:
-        monitor = exact_monitor(ground.part, [one.temperature for one in hyperparameters])
+        monitor = exact_monitor(ground.part, [run.temperature for run in hyperparameters])
     callbacks = Callbacks(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if static.online else None
     return train(static, hyperparameters, datasets, simulator, callbacks, chunk, prior=prior)
@@ -142,10 +142,10 @@ def checkpoint_rows(history: History, runs: Sequence[Any], labels: Sequence[Row]
     return [
         label
         | {"readout": readout, "seed": run.seed, "updates": updates}
-        | {name: float(arrays[readout, name][place, number]) for name in Metrics._fields}
+        | {name: float(arrays[readout, name][checkpoint, number]) for name in Metrics._fields}
         for number, (run, label) in enumerate(zip(runs, labels, strict=True))
         for readout in READOUTS
-        for place, updates in enumerate(history.updates)
+        for checkpoint, updates in enumerate(history.updates)
     ]
 
 

@@ -89,19 +89,19 @@ def fingerprints(jobs: Sequence[Job]) -> dict[str, str]:
     Raises:
         UserError: If two jobs share a name.
     """
-    found: dict[str, str] = {}
+    hashes: dict[str, str] = {}
     version = importlib.metadata.version("socialiq")
     for job in jobs:  # a job stands after its inputs
-        if job.name in found:
+        if job.name in hashes:
             raise UserError(f"two jobs are called {job.name}")
-        parts = [
+        content = [
             version,
             job.work.__qualname__,
             dataclasses.asdict(job.config),
-            [found[name] for name in job.inputs],
+            [hashes[name] for name in job.inputs],
         ]
-        found[job.name] = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-    return found
+        hashes[job.name] = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return hashes
 
 
 def is_done(folder: Path, fingerprint: str) -> bool:
@@ -133,9 +133,9 @@ def do(
     with _locked(work / ".locks" / job.name, job.name):
         if is_done(work / job.name, fingerprint):
             return 0.0
-        part = _begun(job, work, fingerprint, call)
+        target = _begun(job, work, fingerprint, call)
         began = time.monotonic()
-        job.work(job.config, part, {name: work / name for name in job.inputs}, on_progress)
+        job.work(job.config, target, {name: work / name for name in job.inputs}, on_progress)
         seconds = time.monotonic() - began
         record = {
             "fingerprint": fingerprint,
@@ -143,41 +143,41 @@ def do(
             "inputs": list(job.inputs),
             "seconds": round(seconds, 1),
         }
-        write_json(part / RECORD, record)
-        (part / _BEGUN).unlink()
+        write_json(target / RECORD, record)
+        (target / _BEGUN).unlink()
         folder = work / job.name
         if folder.exists():
             shutil.rmtree(folder)
-        part.rename(folder)
+        target.rename(folder)
     return seconds
 
 
 def _begun(job: Job, work: Path, fingerprint: str, call: str) -> Path:
     """Return the folder in which a job is done, with the number of its tries noted there."""
-    part = work / f"{job.name}.part"
-    mark = part / _BEGUN
+    target = work / f"{job.name}.part"
+    mark = target / _BEGUN
     try:
-        found = read_json(mark) if mark.is_file() else {}
-        if part.exists() and found.get("fingerprint") != fingerprint:
-            shutil.rmtree(part)
-        part.mkdir(parents=True, exist_ok=True)
+        hashes = read_json(mark) if mark.is_file() else {}
+        if target.exists() and hashes.get("fingerprint") != fingerprint:
+            shutil.rmtree(target)
+        target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"cannot write {part}: {error.strerror}; choose another place") from error
-    again = call != "" and (found.get("fingerprint"), found.get("call")) == (fingerprint, call)
-    cut_off = found["tries"] if again else 0
+        raise UserError(f"cannot write {target}: {error.strerror}; choose another place") from error
+    again = call != "" and (hashes.get("fingerprint"), hashes.get("call")) == (fingerprint, call)
+    cut_off = hashes["tries"] if again else 0
     if cut_off > RETRIES:
         raise UserError(
             f"its process was killed {cut_off} times: see whether the memory suffices; "
             "what is finished is kept"
         )
     write_json(mark, {"fingerprint": fingerprint, "call": call, "tries": cut_off + 1})
-    return part
+    return target
 
 
 def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
     """Return the jobs that are not finished."""
-    known = fingerprints(jobs)
-    return [job for job in jobs if not is_done(work / job.name, known[job.name])]
+    hashes = fingerprints(jobs)
+    return [job for job in jobs if not is_done(work / job.name, hashes[job.name])]
 
 
 @contextmanager

@@ -34,10 +34,10 @@ def array_script(
 
 def ranges(numbers: Sequence[int]) -> str:
     """Return increasing numbers as Slurm writes them: 0-3,5."""
-    found: list[list[int]] = []
+    script: list[list[int]] = []
     for number in numbers:
-        if found and number == found[-1][1] + 1:
-            found[-1][1] = number
+        if script and number == script[-1][1] + 1:
+            script[-1][1] = number
         else:
-            found.append([number, number])
-    return ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in found)
+            script.append([number, number])
+    return ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in script)

@@ -121,12 +121,12 @@ def run(
     """
     config = study.Config() if config is None else config
     if study.jobs is None:
-        found = study.tables(config, Context((), Path(), on_stage))
+        findings = study.tables(config, Context((), Path(), on_stage))
     else:
         with work_folder(work) as folder:
             context = _finished(study, config, folder, on_stage, engine or Engine())
-            found = study.tables(config, context)
-    return Results.of(study.name, config, found.tables, found.summary, found.files)
+            findings = study.tables(config, context)
+    return Results.of(study.name, config, findings.tables, findings.summary, findings.files)
 
 
 def _finished(
@@ -136,9 +136,9 @@ def _finished(
     jobs = list(study.jobs(config)) if study.jobs else []
     run_jobs(jobs, folder, on_stage, engine.processes, engine.cluster)
     if study.more_jobs:
-        more = study.more_jobs(config, folder)
-        run_jobs(more, folder, on_stage, engine.processes, engine.cluster)
-        jobs += more
+        later = study.more_jobs(config, folder)
+        run_jobs(later, folder, on_stage, engine.processes, engine.cluster)
+        jobs += later
     return Context(jobs, folder, on_stage)
 
 

@@ -14,10 +14,10 @@ from socialiq.types import Row
 
 def groups(rows: Sequence[Row], *keys: str) -> dict[tuple, list[Row]]:
     """Return the rows by their values of some columns, in order of first appearance."""
-    found: dict[tuple, list[Row]] = {}
+    result: dict[tuple, list[Row]] = {}
     for row in rows:
-        found.setdefault(tuple(row[key] for key in keys), []).append(row)
-    return found
+        result.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return result
 
 
 def matching(rows: Sequence[Row], **wanted: Any) -> list[Row]:
@@ -88,8 +88,8 @@ def paired_table(
     for values, comparable in groups(rows, *within).items():
         by_group = groups(comparable, by)
         first = {row[seed]: row for row in by_group[reference,]}
-        for (name,), others in by_group.items():
-            pairs = [(first[row[seed]], row) for row in others if row[seed] in first]
+        for (name,), group in by_group.items():
+            pairs = [(first[row[seed]], row) for row in group if row[seed] in first]
             if name == reference or len(pairs) < 2:
                 continue
             for metric in columns:
@@ -129,14 +129,14 @@ def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -
         keys: Columns, outermost first; a float is written as short as it can be.
         keep: Columns that remain; by default all but the keys.
     """
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for row in rows:
-        place = found
+        branch = result
         for key in keys[:-1]:
-            place = place.setdefault(_as_key(row[key]), {})
+            branch = branch.setdefault(_as_key(row[key]), {})
         names = [name for name in row if name not in keys] if keep is None else keep
-        place[_as_key(row[keys[-1]])] = {name: row[name] for name in names}
-    return found
+        branch[_as_key(row[keys[-1]])] = {name: row[name] for name in names}
+    return result
 
 
 def _as_key(value: Any) -> str:

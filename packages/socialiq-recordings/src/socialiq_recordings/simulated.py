@@ -7,11 +7,9 @@ observation of that decision precedes it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int8, Int64
 
 from socialiq.types import Ending, Policy
 from socialiq.worlds.highway.core.compile import for_python
@@ -35,29 +33,6 @@ FIRST_LANELET = 1000
 _SPACING = 0.5  # m between the points of an arc; `path_of` recovers the arc for any spacing
 
 _position, _heading_at = for_python(position), for_python(heading_at)
-
-
-@dataclass(frozen=True, eq=False)
-class Episode:
-    """Recorded simulated episode, with the simulator's own results.
-
-    Attributes:
-        recording: Tracks and road.
-        ego: Number of the ego's track.
-        way: Lanelet of the ego's planned way over the junction.
-        observation: Observation at every decision and at the end.
-        action: Actions of the ego.
-        pair: r_env and r_social.
-        ending: Value of `Ending`.
-    """
-
-    recording: Recording
-    ego: int
-    way: int
-    observation: Float32[np.ndarray, "decision_and_one feature"]
-    action: Int64[np.ndarray, " decision"]
-    pair: Float64[np.ndarray, "decision 2"]
-    ending: Int8[np.ndarray, " decision"]
 
 
 def road() -> RoadNetwork:
@@ -94,7 +69,7 @@ def _following(lane: int) -> list[int]:
     return geometry.CONNECTED[lane, 1 : 4 if lane % 5 == 0 else 2].tolist()
 
 
-def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episode:
+def record(options: Options, policy: Policy, seed: int, name: str = "") -> Recording:
     """Run an episode and record every sub-step.
 
     Args:
@@ -105,32 +80,16 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episo
     """
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])
-    frames, observations = [_now(batch)], [batch.observation[0]]
-    slot = batch.buffers.episodes[0]["ego"]
-    ego, origin, destination = (
-        int(batch.buffers.vehicles[0][name][slot]) for name in ("identity", "origin", "destination")
-    )
-    actions, pairs, endings = [], [], []
-    while not endings or endings[-1] == Ending.NONE:
+    frames, ending = [_now(batch)], Ending.NONE
+    while ending == Ending.NONE:
         action, _ = policy.predict(batch.seen_by(policy))
         decisions = batch.step(action, auto_reset=False)
         count = int(batch.buffers.present[0, 0])
         frames += [moment[:count].copy() for moment in batch.buffers.trace[0]]
-        observations.append(decisions.observation[0])
-        actions.append(int(np.ravel(action)[0]))
-        pairs.append([decisions.rewards.env[0], decisions.rewards.social[0]])
-        endings.append(int(decisions.ending[0]))
+        ending = Ending(int(decisions.ending[0]))
     source = {"made_by": "socialiq simulator", "seed": seed, "options": repr(options)}
     tracks = _tracks(frames, 1 / options.simulation_frequency, name or f"simulated-{seed}", source)
-    return Episode(
-        Recording(tracks, road()),
-        int(np.flatnonzero(tracks.identity == ego + 1)[0]),
-        FIRST_LANELET + geometry.turn(origin, destination),
-        np.array(observations),
-        np.array(actions, np.int64),
-        np.array(pairs),
-        np.array(endings, np.int8),
-    )
+    return Recording(tracks, road())
 
 
 def _now(batch: Batch) -> np.ndarray:

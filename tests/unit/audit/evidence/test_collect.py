@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import socialiq.audit.evidence.collect as collecting
+import socialiq.audit.evidence.drive as driving
 from socialiq.audit.evidence.collect import (
     NO_CROSSING,
     collect_evidence,
@@ -48,7 +48,7 @@ def test_collisions_are_either_the_egos_or_not(found):
 
 
 def test_strata_do_not_depend_on_the_driver_or_the_batch(found, declared, monkeypatch):
-    monkeypatch.setattr(collecting, "SIDE_BY_SIDE", 7)
+    monkeypatch.setattr(driving, "SIDE_BY_SIDE", 7)
     again = collect_evidence(declared("intersection").world(), policy("wait"), SEEDS)
     assert set(found.strata) == {"density", "conflict", "right_of_way"}
     for name, labels in found.strata.items():

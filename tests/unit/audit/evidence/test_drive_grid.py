@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.drive import drive_grid, exact_optima, fates
+from socialiq.audit.evidence.drive import Course, exact_optima
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending
@@ -30,22 +30,22 @@ def expert(table, angle):
     return TabularPolicy(table.world, expert_policy(table, angle))
 
 
-@pytest.fixture(scope="module")
-def part7(table7):
-    return table7.reachable_part()
+def drive(world, policy, seeds, name="driver"):
+    return Course(world, seeds).drive(Reference(name, policy))
 
 
 @pytest.fixture(scope="module")
-def fate(part7):
-    return fates(part7, episode_seeds(0, 400))
+def world7(table7):
+    return table7.world
+
+
+SEEDS = episode_seeds(0, 400)
 
 
 def test_the_5x5_experts_by_hand(table5):
     # Crossing at once earns the ego 6 of GGGG; the other, cut off, has paid 4 of its steps.
-    part = table5.reachable_part()
-    draws = fates(part, episode_seeds(0, 20))
-    egoist = drive_grid(part, expert(table5, 0.0), draws, "egoist")
-    prosocial = drive_grid(part, expert(table5, 45.0), draws, "prosocial")
+    egoist = drive(table5.world, expert(table5, 0.0), SEEDS[:20])
+    prosocial = drive(table5.world, expert(table5, 45.0), SEEDS[:20])
     assert egoist.totals.tolist() == [[6.0, -4.0]] * 20
     assert prosocial.totals.tolist() == [[5.0, 6.0]] * 20
     assert egoist.length.tolist() == [4] * 20 and prosocial.length.tolist() == [5] * 20
@@ -53,54 +53,52 @@ def test_the_5x5_experts_by_hand(table5):
 
 
 def test_waiting_for_ever_runs_out_of_time(table5):
-    part = table5.reachable_part()
-    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 20)), "waits")
+    waits = drive(table5.world, Constant(0), SEEDS[:20])
     assert waits.ending.tolist() == [Ending.TIMEOUT] * 20
     assert waits.length.tolist() == [table5.world.horizon] * 20
     assert waits.totals[:, 0].tolist() == [-20.0] * 20
 
 
-def test_exact_optima_do_what_they_are_expected_to(part7, fate):
-    optima = exact_optima(part7, fate)
+def test_exact_optima_do_what_they_are_expected_to(world7):
+    optima = exact_optima(Course(world7, SEEDS))
     assert all(one.expected for one in optima)
     for one in optima:
-        error = np.maximum(one.totals.std(axis=0, ddof=1), 0.05) / np.sqrt(len(fate))
+        error = np.maximum(one.totals.std(axis=0, ddof=1), 0.05) / np.sqrt(len(SEEDS))
         assert (np.abs(one.totals.mean(axis=0) - one.expected) < 5 * error).all(), one.name
     # The published egoist of the 7x7 world (docs/worlds/crossing7.md).
     egoist = next(one for one in optima if one.angles[0] <= 0.0 <= one.angles[1])
     assert egoist.expected == pytest.approx((2.2, -2.0))
 
 
-def test_chance_is_common_and_the_rest_is_not(table7, part7, fate):
-    once = drive_grid(part7, expert(table7, 45.0), fate, "one")
-    again = drive_grid(part7, expert(table7, 45.0), fate, "two")
-    reverse = drive_grid(part7, expert(table7, 45.0), fate[::-1], "three")
+def test_chance_is_common_and_the_rest_is_not(table7, world7):
+    once, again = (drive(world7, expert(table7, 45.0), SEEDS) for _ in range(2))
+    reverse = drive(world7, expert(table7, 45.0), SEEDS[::-1])
     np.testing.assert_array_equal(once.totals, again.totals)
     np.testing.assert_array_equal(once.totals, reverse.totals[::-1])
     assert len(np.unique(once.totals[:, 1])) > 1
 
 
-def test_a_memory_is_carried_and_begun(part7, fate):
+def test_a_memory_is_carried_and_begun(world7):
     policy = Constant(1)
-    drive_grid(part7, policy, fate[:5], "constant")
+    drive(world7, policy, SEEDS[:5])
     states = [state for state, _ in policy.memories]
     assert states == [None, *range(1, len(states))]
     assert [begins.tolist() for _, begins in policy.memories][:2] == [[True] * 5, [False] * 5]
 
 
-def test_who_reads_a_clock_is_given_one(part7, fate):
-    features = part7.world.n_features
+def test_who_reads_a_clock_is_given_one(world7):
+    features = world7.n_features
     plain, timed = Constant(1), Constant(1, features + 1)
     for policy in (plain, timed):
-        drive_grid(part7, policy, fate[:4], "constant")
+        drive(world7, policy, SEEDS[:4])
     assert {seen.shape for seen in plain.seen} == {(4, features)}
     assert [seen[0, -1] for seen in timed.seen] == list(range(len(timed.seen)))
 
 
 @pytest.mark.parametrize("answer", [3, -1, 0.5])
-def test_what_is_no_action_is_refused(part7, fate, answer):
+def test_what_is_no_action_is_refused(world7, answer):
     with pytest.raises(UserError, match=r"foreign (chose|answered)"):
-        drive_grid(part7, Constant(answer), fate[:4], "foreign")
+        drive(world7, Constant(answer), SEEDS[:4], "foreign")
 
 
 def test_evidence_of_a_gridworld(declared, table7):

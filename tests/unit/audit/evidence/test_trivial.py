@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.drive import RANDOM, UniformPolicy
 from socialiq.audit.evidence.outcomes import episode_seeds
-from socialiq.audit.evidence.trivial import RANDOM, ConstantPolicy, UniformPolicy
 from socialiq.types import Ending
+from socialiq.worlds.world import ConstantPolicy
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.drive import drive_environment
+from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile import environment
 from socialiq.audit.profile.environment import Environment
@@ -82,23 +82,23 @@ SEEDS = np.array([5, 2**40 + 1, 7])
 
 
 def test_what_everybody_earned_is_summed(world):
-    went = drive_environment(world, Reference("goes", Policy(0), 45.0), SEEDS)
+    went = Course(world, SEEDS).drive(Reference("goes", Policy(0), 45.0))
     starts = [world.env.reset(seed=seed % 2**31)[0][0] for seed in SEEDS.tolist()]
     assert went.totals.tolist() == [[3 * (1 + start), 0.0] for start in starts]
     assert len(set(starts)) > 1
     assert went.length.tolist() == [3, 3, 3] and set(went.ending) == {Ending.ARRIVAL}
     assert went.angles == (45.0,) and not went.at_fault.any()
-    struck = drive_environment(world, Reference("strikes", Policy(1)), SEEDS)
+    struck = Course(world, SEEDS).drive(Reference("strikes", Policy(1)))
     assert struck.at_fault.all() and not struck.struck.any()
     assert struck.length.tolist() == [1, 1, 1] and (struck.totals[:, 1] == -1).all()
 
 
 def test_a_soft_policy_draws_by_the_episode(world):
     coin = Reference("coin", Coin())
-    assert drive_environment(world, coin, SEEDS).length.tolist() == [3, 3, 3]
+    assert Course(world, SEEDS).drive(coin).length.tolist() == [3, 3, 3]
     seeds = np.arange(40)
-    drawn = drive_environment(world, coin, seeds, deterministic=False)
-    again = drive_environment(world, coin, seeds[::-1].copy(), deterministic=False)
+    drawn = Course(world, seeds).drive(coin, deterministic=False)
+    again = Course(world, seeds[::-1].copy()).drive(coin, deterministic=False)
     assert drawn.length.tolist() == again.length[::-1].tolist()
     assert set(drawn.length.tolist()) == {1, 2, 3}
 

@@ -8,7 +8,6 @@ from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import selected, traces_of
 from socialiq.audit.seeds import Commitment, draw
-from socialiq.audit.verdict.results import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.to_json import to_json
 
@@ -41,9 +40,6 @@ def audited(declared):
     )
     traffic = other_traffic(profile)
     there = elsewhere(drawn, traffic)
-    verdict, discrimination, shifts = judged(
-        profile, evidence, [], drawn.derived("resampling"), traffic, there
-    )
     return Audited(
         profile=profile,
         policy={
@@ -65,9 +61,7 @@ def audited(declared):
         consistency=None,
         evidence=evidence,
         elsewhere=there,
-        verdict=verdict,
-        discrimination=discrimination,
-        shifts=shifts,
+        traffic=traffic,
         films={},
         traces=traces_of(profile.world(), Always(), selected(evidence, 0.0)),
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",

@@ -19,6 +19,7 @@ from socialiq.audit.seeds import LARGEST_SEED
 from socialiq.audit.verdict.calibration import Status
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import MEASURES
+from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError
 
 SHIPPED = json.loads((Path(package.__file__).parent / "report.schema.json").read_text())
@@ -135,7 +136,8 @@ def test_wrong_values_are_found(plain, path, value):
 
 
 def test_the_content_says_what_was_found(report, audited):
-    verdict, evidence = audited.verdict, audited.evidence
+    evidence = audited.evidence
+    verdict = judge(audited.profile, evidence, audited.drawn.derived("resampling"))
     assert report["verdict"]["decision"] == verdict.decision.value
     assert (
         report["verdict"]["exit_code"]

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
-from socialiq.audit.verdict.results import judged
+from socialiq.audit.verdict.results import results_of
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.audit.verdict.verdict import judge
 
@@ -27,7 +27,7 @@ def evidence(world, purpose):
 
 def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(profile):
     found = evidence(profile.world(), 1)
-    verdict, discrimination, shifts = judged(profile, found, ["the same"], 5)
+    verdict, discrimination, shifts = results_of(profile, found, ["the same"], 5)
     assert shifts is None
     assert "the same" not in {one.name for one in discrimination.drivers}
     assert "the same" not in {one.name for one in verdict.regret.references}
@@ -38,7 +38,7 @@ def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(profile):
 def test_other_traffic_is_compared_without_the_policy_itself(profile):
     traffic = other_traffic(profile)
     there = [evidence(one.world, 2) for one in traffic]
-    found = judged(profile, evidence(profile.world(), 1), ["the same"], 5, traffic, there)
+    found = results_of(profile, evidence(profile.world(), 1), ["the same"], 5, traffic, there)
     assert found.shifts is not None
     assert [one.name for one in found.shifts] == [one.name for one in traffic]
     assert all(one.best != "the same" for one in found.shifts)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from socialiq_recordings.identity.duplicates import pairs_once, same_moments, tracks_once
+from socialiq_recordings.identity.duplicates import pairs_once, same_moments, tracks_kept
 from socialiq_recordings.identity.identify import Identified, Overlap
 
 
@@ -31,5 +31,5 @@ def test_the_longer_of_two_conflicts_stays():
 
 def test_the_longer_of_two_tracks_stays(straight):
     first, second = straight([8.0, 9.0], frames=30), straight([9.0, 8.0, 7.0], frames=40)
-    left = tracks_once([first, second], WINDOWS)
-    assert [one.n_tracks for one in left] == [3]  # all tracks of the first are in the second
+    # All tracks of the first are in the second.
+    assert tracks_kept([first, second], WINDOWS) == {(1, 0), (1, 1), (1, 2)}

@@ -30,11 +30,9 @@ def test_a_point_is_projected_on_the_nearest_piece(x, y, along, lateral, degrees
     assert at(Polyline(CORNER), x, y) == pytest.approx([along, lateral, math.radians(degrees)])
 
 
-def test_a_polyline_knows_its_length_and_its_ends():
+def test_a_polyline_knows_its_length():
     path = Polyline(CORNER)
     assert path.length == 15.0
-    assert path.heading_at_start == 0.0
-    assert path.heading_at_end == pytest.approx(math.pi / 2)
 
 
 def circle(sense, count=20):
@@ -47,7 +45,6 @@ def test_points_of_a_circle_make_an_arc(sense):
     path = path_of(circle(sense))
     assert isinstance(path, Arc)
     assert path.length == pytest.approx(5 * math.pi)
-    assert path.heading_at_start == pytest.approx(sense * math.pi / 2)
     # 1 rad along, 2 m outside: outside lies to the right of a left turn
     x, y = 3.0 + 12.0 * math.cos(sense), 4.0 + 12.0 * math.sin(sense)
     along, lateral, heading = at(path, x, y)

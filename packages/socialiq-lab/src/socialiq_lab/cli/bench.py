@@ -51,11 +51,11 @@ class Bench(Printing):
         one_of("benchmark", self.benchmark, BENCHMARKS)
         if self.repeats < 1:
             raise UserError(f"repeats must be at least 1, got {self.repeats}")
-        found = load(self.benchmark).run(self.repeats)
+        path = load(self.benchmark).run(self.repeats)
         if self.json:
-            print_json(found)
+            print_json(path)
         else:
-            print_table([{"measured": name, "value": value} for name, value in found.items()])
+            print_table([{"measured": name, "value": value} for name, value in path.items()])
         return 0
 
 

@@ -54,8 +54,8 @@ class Demo(Printing):
             for name in drivers:
                 episodes = episodes_of(batch, driver_of(name), np.arange(self.episodes))
                 row = outcome_row(episodes)
-                shown = ("collision", "arrival", "timeout", "speed_kmh", "stopped")
-                rows.append({"policy": name} | {key: row[key] for key in shown})
+                columns = ("collision", "arrival", "timeout", "speed_kmh", "stopped")
+                rows.append({"policy": name} | {key: row[key] for key in columns})
             filmed = FILMED if FILMED in drivers else RULES[0]
             scenes = episode_scenes(world.batch(1, traced=True), driver_of(filmed), seed=3)
             rate = world.options.simulation_frequency

@@ -113,9 +113,9 @@ def summary_rows(results: Results) -> list[Row]:
     """Rows of the table that fit a screen: settings that differ, and what came out."""
     rows = results.tables["runs"]
     names = list(rows[0])
-    wanted = [name for name in names[: names.index("policy")] if name != "data"]
-    wanted += [name for name in ("loss", *OUTCOMES) if name in names]
-    return [{name: row[name] for name in wanted} for row in rows]
+    selected = [name for name in names[: names.index("policy")] if name != "data"]
+    selected += [name for name in ("loss", *OUTCOMES) if name in names]
+    return [{name: row[name] for name in selected} for row in rows]
 
 
 def print_failures(results: Results) -> None:

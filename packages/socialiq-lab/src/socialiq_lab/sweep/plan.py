@@ -82,32 +82,32 @@ class _Reader:
             raise self.error("runs_per_job", f"must be at least 1, got {size}")
         static, base = self.settings()
         runs = self.hyperparameters(base)
-        found: list[RunsConfig] = []
+        values: list[RunsConfig] = []
         for world, data in self.places():
-            for one in self.statics(static, world != OFFLINE):
+            for item in self.statics(static, world != OFFLINE):
                 for first in range(0, len(runs), size):
-                    found.append(self.config(world, data, one, tuple(runs[first : first + size])))
-                    if len(found) * size > MOST_RUNS + size:
+                    values.append(self.config(world, data, item, tuple(runs[first : first + size])))
+                    if len(values) * size > MOST_RUNS + size:
                         raise self.too_many()
         jobs = tuple(
-            Job(f"training/{number:05d}", train_runs, one, cost=float(len(one.hyperparameters)))
-            for number, one in enumerate(found)
+            Job(f"training/{number:05d}", train_runs, item, cost=float(len(item.hyperparameters)))
+            for number, item in enumerate(values)
         )
         return Plan(self.file, jobs, self.content)
 
     def settings(self) -> tuple[Any, Any]:
         """Find the learner; return the settings to begin with: the preset's, or its defaults."""
-        named = self.typed("learner", self.content.get("learner", IQ_LEARN), str)
-        if named != IQ_LEARN:
+        names = self.typed("learner", self.content.get("learner", IQ_LEARN), str)
+        if names != IQ_LEARN:
             if "preset" in self.content:
                 raise self.error("preset", f"is of {IQ_LEARN}: leave it out")
-            file, _, name = named.rpartition(":")
+            file, _, name = names.rpartition(":")
             if name in LEARNERS and not file:
-                self.learner = named, ""
+                self.learner = names, ""
             else:
                 path = (self.file.absolute().parent / file).resolve()
                 sha256 = sha256_of_file(path) if path.is_file() else ""
-                self.learner = f"{path}:{name}" if file else named, sha256
+                self.learner = f"{path}:{name}" if file else names, sha256
             try:
                 kind = find_learner(self.learner[0], "learner", self.allow_code)
             except UserError as error:
@@ -125,34 +125,34 @@ class _Reader:
             sha256 = sha256_of_file(path)
         except UserError as error:
             raise self.error("data", str(error)) from error
-        place = "" if world == OFFLINE else world
+        location = "" if world == OFFLINE else world
         return RunsConfig(
-            *self.learner, place, data, str(path), sha256, static, runs, self.allow_code
+            *self.learner, location, data, str(path), sha256, static, runs, self.allow_code
         )
 
     def places(self) -> list[tuple[str, str]]:
         """Return every world with each of its data sets."""
         worlds = [
-            self.typed("worlds", one, str) for one in _listed(self.content.get("worlds", OFFLINE))
+            self.typed("worlds", item, str) for item in _listed(self.content.get("worlds", OFFLINE))
         ]
-        given = self.content.get("data")
-        if given is None:
+        value = self.content.get("data")
+        if value is None:
             raise self.error("data", "is missing: name at least one file of `socialiq collect`")
-        by_world = given if isinstance(given, dict) else dict.fromkeys(worlds, given)
+        by_world = value if isinstance(value, dict) else dict.fromkeys(worlds, value)
         self.known("data", by_world, worlds)
         pairs = []
         for world in worlds:
             if world not in by_world:
                 raise self.error("data", f"names no file for {world}")
             if not (world == OFFLINE or world in GRIDWORLDS or ":" in world or "/" in world):
-                known = f"{', '.join(GRIDWORLDS)}, {OFFLINE} or a Gymnasium id"
-                raise self.error("worlds", f"unknown world '{world}': choose {known}")
+                names_known = f"{', '.join(GRIDWORLDS)}, {OFFLINE} or a Gymnasium id"
+                raise self.error("worlds", f"unknown world '{world}': choose {names_known}")
             if self.learner[0] and world not in (OFFLINE, *GRIDWORLDS):
                 raise self.error("worlds", f"this learner trains offline: leave '{world}' out")
             files = _listed(by_world[world])
             if not files:
                 raise self.error("data", f"names no file for {world}")
-            pairs += [(world, self.typed("data", one, str)) for one in files]
+            pairs += [(world, self.typed("data", item, str)) for item in files]
         if not pairs:
             raise self.error("worlds", "must name at least one world")
         return pairs
@@ -163,7 +163,7 @@ class _Reader:
         fields = {field.name for field in dataclasses.fields(base)} - {"seed", "dataset"}
         self.known("hyperparameters", table, sorted(fields))
         values = self.values("hyperparameters", table, type(base))
-        seeds = [self.typed("seeds", one, int) for one in _listed(self.content.get("seeds", [0]))]
+        seeds = [self.typed("seeds", item, int) for item in _listed(self.content.get("seeds", [0]))]
         if not seeds or len({*seeds}) < len(seeds):
             raise self.error("seeds", "must be one or more different whole numbers")
         values.append([_Entry("seeds", "seed", seed) for seed in seeds])
@@ -179,7 +179,7 @@ class _Reader:
         endings = table.get("endings", {})
         if not isinstance(endings, dict):
             raise self.error("static.endings", "must be a table")
-        self.known("static.endings", endings, [one.name for one in dataclasses.fields(Endings)])
+        self.known("static.endings", endings, [item.name for item in dataclasses.fields(Endings)])
         flat = {name: value for name, value in table.items() if name != "endings"}
         values = [] if self.learner[0] else [[_Entry("worlds", "online", online)]]
         values += self.values("static", flat, type(base))
@@ -188,15 +188,15 @@ class _Reader:
 
     def values(self, where: str, table: Mapping[str, Any], kind: type) -> list[list[_Entry]]:
         """Return the values of each key, of its field's type."""
-        hints, found = typing.get_type_hints(kind), []
-        for name, given in table.items():
+        hints, values = typing.get_type_hints(kind), []
+        for name, value in table.items():
             key, hint = f"{where}.{name}", hints[name]
             is_tuple = typing.get_origin(hint) is tuple
-            several = [given] if is_tuple and not _nested(given) else _listed(given)
+            several = [value] if is_tuple and not _nested(value) else _listed(value)
             if not several:
                 raise self.error(key, "must have at least one value")
-            found.append([_Entry(key, name, self.typed(key, one, hint)) for one in several])
-        return found
+            values.append([_Entry(key, name, self.typed(key, item, hint)) for item in several])
+        return values
 
     def replaced(self, base: Any, entries: Sequence[_Entry]) -> Any:
         """Return the settings with these values; a refusal names the key at fault."""
@@ -216,13 +216,13 @@ class _Reader:
         """Return a value of the hinted type; a whole number may stand for a number."""
         if typing.get_origin(hint) is Literal:
             if value not in typing.get_args(hint):
-                known = ", ".join(typing.get_args(hint))
-                raise self.error(key, f"unknown value {value!r}: choose one of {known}")
+                names_known = ", ".join(typing.get_args(hint))
+                raise self.error(key, f"unknown value {value!r}: choose one of {names_known}")
             return value
         if typing.get_origin(hint) is tuple:
             if not isinstance(value, list):
                 raise self.error(key, f"must be a list of whole numbers, got {value!r}")
-            return tuple(self.typed(key, one, int) for one in value)
+            return tuple(self.typed(key, item, int) for item in value)
         kinds: dict[Any, tuple[Any, str]] = {
             str: (str, "text in quotes"),
             bool: (bool, "true or false"),
@@ -231,17 +231,17 @@ class _Reader:
         }
         if hint not in kinds:
             raise self.error(key, "is of a type that a sweep file can't set: leave it out")
-        wanted, what = kinds[hint]
-        if not isinstance(value, wanted) or (isinstance(value, bool) and hint is not bool):
+        expected, what = kinds[hint]
+        if not isinstance(value, expected) or (isinstance(value, bool) and hint is not bool):
             raise self.error(key, f"must be {what}, got {value!r}")
         return hint(value)
 
     def table(self, key: str) -> dict[str, Any]:
         """Return a table of the file, by default an empty one."""
-        found = self.content.get(key, {})
-        if not isinstance(found, dict):
+        values = self.content.get(key, {})
+        if not isinstance(values, dict):
             raise self.error(key, "must be a table")
-        return found
+        return values
 
     def known(self, where: str, table: Mapping[str, Any], names: Sequence[str]) -> None:
         """Refuse unknown keys."""
@@ -260,8 +260,8 @@ class _Reader:
 
 
 def _with(base: Any, entries: Sequence[_Entry]) -> Any:
-    plain = {one.field: one.value for one in entries if "endings." not in one.key}
-    nested = {one.field: one.value for one in entries if "endings." in one.key}
+    plain = {item.field: item.value for item in entries if "endings." not in item.key}
+    nested = {item.field: item.value for item in entries if "endings." in item.key}
     if nested:
         plain["endings"] = dataclasses.replace(base.endings, **nested)
     return dataclasses.replace(base, **plain)
@@ -272,4 +272,4 @@ def _listed(given: Any) -> list[Any]:
 
 
 def _nested(given: Any) -> bool:
-    return isinstance(given, list) and any(isinstance(one, list) for one in given)
+    return isinstance(given, list) and any(isinstance(item, list) for item in given)

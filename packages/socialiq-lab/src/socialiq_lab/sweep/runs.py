@@ -135,8 +135,8 @@ def _failure(trained: Trained, run: int) -> str:
 def _last(trained: Trained, run: int) -> dict[str, float]:
     """Return the terms of the objective over the last chunk."""
     history = trained.history
-    found = {name: float(history.array(name)[-1, run]) for name in history.values}
-    return {name: value if math.isfinite(value) else np.nan for name, value in found.items()}
+    rows = {name: float(history.array(name)[-1, run]) for name in history.values}
+    return {name: value if math.isfinite(value) else np.nan for name, value in rows.items()}
 
 
 def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> Results:
@@ -155,9 +155,9 @@ def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> 
         for run, one in enumerate(config.hyperparameters):
             name = f"policies/{number:05d}.safetensors"
             policies[name] = (work / job.name / f"policy_{run}.safetensors").read_bytes()
-            place = {"run": number, "world": config.world, "data": config.name}
+            path = {"run": number, "world": config.world, "data": config.name}
             flat = _flat(config.static) | dataclasses.asdict(one)
-            label = place | {_COLUMNS.get(key, key): _cell(flat[key]) for key in varied}
+            label = path | {_COLUMNS.get(key, key): _cell(flat[key]) for key in varied}
             label["policy"] = name
             own = [row for row in rows if row["number"] == run]
             failures += bool(own[0]["failure"])
@@ -178,22 +178,22 @@ class _Recorded:
 
 def _varied(configs: Sequence[RunsConfig]) -> list[str]:
     """Return names of the settings that differ between runs, angle, λ and seed always."""
-    seen: dict[str, set[Any]] = {}
+    observed: dict[str, set[Any]] = {}
     for config in configs:
         for name, value in _flat(config.static).items():
-            seen.setdefault(name, set()).add(value)
-        for one in config.hyperparameters:
-            for name, value in dataclasses.asdict(one).items():
-                seen.setdefault(name, set()).add(value)
+            observed.setdefault(name, set()).add(value)
+        for row in config.hyperparameters:
+            for name, value in dataclasses.asdict(row).items():
+                observed.setdefault(name, set()).add(value)
     always = ("angle", "strength", "seed")
-    return [name for name, values in seen.items() if len(values) > 1 or name in always]
+    return [name for name, values in observed.items() if len(values) > 1 or name in always]
 
 
 def _flat(static: Any) -> dict[str, Any]:
     """Return the fields of a static config, the treatment of each ending among them."""
-    found = {one.name: getattr(static, one.name) for one in dataclasses.fields(static)}
-    endings = vars(found.pop("endings")) if "endings" in found else {}
-    return found | {f"endings.{name}": value for name, value in endings.items()}
+    rows = {row.name: getattr(static, row.name) for row in dataclasses.fields(static)}
+    endings = vars(rows.pop("endings")) if "endings" in rows else {}
+    return rows | {f"endings.{name}": value for name, value in endings.items()}
 
 
 def _cell(value: Any) -> Any:

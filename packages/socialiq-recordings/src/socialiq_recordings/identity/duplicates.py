@@ -63,21 +63,6 @@ def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place
     return once(sizes, lambda key: same.get(key, ()))
 
 
-def tracks_once(recorded: Sequence[Tracks], identified: Identified) -> list[Tracks]:
-    """Return the tracks of each recording without those that another shows for longer.
-
-    Args:
-        recorded: Tracks of each recording.
-        identified: Of the same recordings.
-    """
-    longest = tracks_kept(recorded, identified)
-    masks = [
-        np.array([(recording, track) in longest for track in range(tracks.n_tracks)])
-        for recording, tracks in enumerate(recorded)
-    ]
-    return [t.kept(mask) for t, mask in zip(recorded, masks, strict=True) if mask.any()]
-
-
 def pairs_once(
     sizes: Mapping[tuple[int, int, int], float], identified: Identified
 ) -> set[tuple[int, int, int]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -30,38 +30,6 @@ class Coordinates(NamedTuple):
     along: Float64[np.ndarray, " point"]
     lateral: Float64[np.ndarray, " point"]
     heading: Float64[np.ndarray, " point"]
-
-
-@runtime_checkable
-class Path(Protocol):
-    """Protocol of a line with coordinates along it."""
-
-    @property
-    def length(self) -> float:
-        """Length in m."""
-        ...
-
-    @property
-    def heading_at_start(self) -> float:
-        """Direction of the line at its start, rad."""
-        ...
-
-    @property
-    def heading_at_end(self) -> float:
-        """Direction of the line at its end, rad."""
-        ...
-
-    def coordinates(
-        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
-    ) -> Coordinates:
-        """Return the longitudinal and lateral coordinates of points."""
-        ...
-
-    def points_at(
-        self, along: Float64[np.ndarray, " point"]
-    ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
-        """Return points on the line at distances from its start, and its directions there, rad."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,16 +60,6 @@ class Polyline:
     def length(self) -> float:
         """Length in m."""
         return float(self._lengths.sum())
-
-    @property
-    def heading_at_start(self) -> float:
-        """Direction of the first segment, rad."""
-        return float(np.arctan2(self.steps[0, 1], self.steps[0, 0]))
-
-    @property
-    def heading_at_end(self) -> float:
-        """Direction of the last segment, rad."""
-        return float(np.arctan2(self.steps[-1, 1], self.steps[-1, 0]))
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
@@ -152,16 +110,6 @@ class Arc:
     sense: float
     length: float
 
-    @property
-    def heading_at_start(self) -> float:
-        """Direction of the tangent at its start, rad."""
-        return self.phase + self.sense * np.pi / 2
-
-    @property
-    def heading_at_end(self) -> float:
-        """Direction of the tangent at its end, rad."""
-        return self.heading_at_start + self.sense * self.length / self.radius
-
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
@@ -186,7 +134,7 @@ def wrapped(angle: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def path_of(points: Float64[np.ndarray, "point 2"]) -> Path:
+def path_of(points: Float64[np.ndarray, "point 2"]) -> Polyline | Arc:
     """Return the line through some points: an arc if they are on a circle, else a polyline."""
     moved = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 0])
     distinct = points[moved]

@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64
 
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanes, RoadNetwork, lanes_of
-from socialiq_recordings.road.paths import Path, path_of, wrapped
+from socialiq_recordings.road.paths import Arc, Polyline, path_of, wrapped
 
 LANE_CHANGE = 2.0  # cost of a change of lane, in m of misfit for one state
 GAP = 20.0  # cost of a step to a lanelet that is not connected
@@ -55,7 +55,7 @@ class Matcher:
         self._road = road
         self._price = self._prices()
 
-    def path(self, number: int) -> Path:
+    def path(self, number: int) -> Polyline | Arc:
         """Return a lanelet's centre line."""
         return self.paths[self._place[number]]
 
@@ -153,7 +153,7 @@ class Matcher:
             length += self.path(way[-1]).length
         return way[1:]
 
-    def section(self, lanelets: list[int], least: float = 0.0) -> Path | None:
+    def section(self, lanelets: list[int], least: float = 0.0) -> Polyline | Arc | None:
         """Return the line along consecutive lanelets, without parallel lanes.
 
         Args:
@@ -237,9 +237,3 @@ class Scene:
     def present(self, frame: int) -> Int64[np.ndarray, " row"]:
         """Return the rows of the vehicles of one frame, in the order of their tracks."""
         return self._by_frame.get(int(frame), np.zeros(0, np.int64))
-
-    def row_at(self, track: int, frame: int) -> int | None:
-        """Return a track's row at a frame; None if it isn't present."""
-        rows = self.rows(track)
-        row = rows.start + frame - int(self.tracks.frame[rows.start])
-        return row if rows.start <= row < rows.stop else None

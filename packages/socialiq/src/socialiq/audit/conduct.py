@@ -9,7 +9,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from socialiq.audit.evidence.consistency import joined
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
@@ -18,15 +18,13 @@ from socialiq.audit.looks.look import Look, Opened, Plan, commit, open_look, rec
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.episodes import Traces, check_filmed, films_of, selected, traces_of
+from socialiq.audit.report.episodes import check_filmed, films_of, selected, traces_of
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
 from socialiq.audit.request import Collection, Request, command_of
 from socialiq.audit.resolve_policy import References, Trust, resolve_policy
 from socialiq.audit.seeds import Commitment, Nonce, Round
-from socialiq.audit.verdict.results import dependence, judged
-from socialiq.audit.verdict.shift import Traffic, other_traffic
+from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
-from socialiq.policies.interface import Record
 from socialiq.policies.isolation import IsolationMode
 
 
@@ -87,30 +85,6 @@ def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
     return commit(request.log, plan, source)
 
 
-class _Gathered(NamedTuple):
-    """Policy, seed and evidence of an audit, before any test.
-
-    Attributes:
-        policy: Record of the policy.
-        opened: Commitment, seed and look.
-        references: Drivers to compare with.
-        complete: Evidence of the declared traffic, with all references.
-        traffic: Other traffic.
-        elsewhere: Evidence of each other traffic.
-        films: Films by path in the report's folder.
-        traces: Movements of the vehicles in the episodes shown.
-    """
-
-    policy: Record
-    opened: Opened
-    references: References
-    complete: Evidence
-    traffic: Sequence[Traffic]
-    elsewhere: list[Evidence]
-    films: dict[str, bytes]
-    traces: Traces
-
-
 def conduct(
     request: Request,
     print_line: Callable[[str], None],
@@ -129,58 +103,24 @@ def conduct(
         UserError: If the request is invalid, or the policy fails on the way.
     """
     request.check()
-    started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
-    profile = load(request.profile)
-    gathered = _gather(request, profile, print_line, repeated, collect)
-    draw, look = gathered.opened
-    consistency = joined(
-        [evidence.consistency for evidence in (gathered.complete, *gathered.elsewhere)]
-    )
-    verdict, discrimination, shifts = judged(
-        profile,
-        gathered.complete,
-        gathered.references.itself,
-        draw.derived("resampling"),
-        gathered.traffic,
-        gathered.elsewhere,
-        error=None if look is None else look.error,
-        findings=dependence(consistency),
-    )
-    report = content(
-        Audited(
-            profile=profile,
-            policy=gathered.policy.as_json(),
-            deterministic=not request.soft,
-            drawn=draw,
-            look=look,
-            records=gathered.references.records,
-            reference_files=list(request.references),
-            left_out=gathered.references.itself,
-            consistency=consistency,
-            evidence=gathered.complete,
-            elsewhere=gathered.elsewhere,
-            verdict=verdict,
-            discrimination=discrimination,
-            shifts=shifts,
-            films=gathered.films,
-            traces=gathered.traces,
-            command=command_of(request, draw.seed),
-            started=started,
-            seconds=round(time.monotonic() - clock, 3),
-        )
-    )
-    evidence = (gathered.complete, *gathered.elsewhere)
-    return Conducted(report, evidence, profile, gathered.films, request.log, look)
+    clock, profile = time.monotonic(), load(request.profile)
+    audited = _audited(request, profile, print_line, repeated, collect)
+    report = content(audited)
+    report["timing"]["seconds"] = round(time.monotonic() - clock, 3)
+    evidence = (audited.evidence, *audited.elsewhere)
+    films = dict(audited.films)
+    return Conducted(report, evidence, profile, films, request.log, audited.look)
 
 
-def _gather(
+def _audited(
     request: Request,
     profile: Profile,
     print_line: Callable[[str], None],
     repeated: Opened | None,
     collect: Callable[[Collection], Evidence],
-) -> _Gathered:
-    """Load the policy, commit, learn the seed, and run all drivers."""
+) -> Audited:
+    """Load the policy, commit, learn the seed, and run all drivers, before any test."""
+    started = datetime.datetime.now(datetime.UTC)
     seed, world = request.given(), profile.world(request.trust.allow_code)
     if request.films:
         check_filmed(world)
@@ -188,35 +128,46 @@ def _gather(
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
         policy = closing.enter_context(loaded).record
+        worlds = (None, world), *enumerate(variant.world for variant in traffic)
         declared, *shifted = (
             Collection.of(request, profile, number, scenario, loaded, closing)
-            for number, scenario in (
-                (None, world),
-                *enumerate(variant.world for variant in traffic),
-            )
+            for number, scenario in worlds
         )
         if request.in_parts:
             declared.check_parts()
         plan = plan_of(request, profile, policy.sha256, declared.references)
-        opened = repeated or _open(request, plan, seed, print_line)
-        draw = opened.drawn
+        draw, look = repeated or _open(request, plan, seed, print_line)
         if draw.commitment != plan.commitment:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"
             )
-
-        def collected(collection: Collection, purpose: str) -> Evidence:
-            return collect(collection.on(episode_seeds(draw.derived(purpose), request.episodes)))
-
-        complete = collected(declared, "episodes")
-        elsewhere = [
-            collected(collection, f"shift {number}") for number, collection in enumerate(shifted)
-        ]
+        purposes = ["episodes", *(f"shift {number}" for number in range(len(shifted)))]
+        complete, *elsewhere = (
+            collect(collection.on(episode_seeds(draw.derived(purpose), request.episodes)))
+            for collection, purpose in zip((declared, *shifted), purposes, strict=True)
+        )
         episodes = selected(complete, profile.angle)
         films = films_of(world, loaded.policy, episodes) if request.films else {}
         traces = traces_of(world, loaded.policy, episodes, not request.soft)
-    references = declared.references
-    return _Gathered(policy, opened, references, complete, traffic, elsewhere, films, traces)
+    return Audited(
+        profile=profile,
+        policy=policy.as_json(),
+        deterministic=not request.soft,
+        drawn=draw,
+        look=look,
+        records=declared.references.records,
+        reference_files=list(request.references),
+        left_out=declared.references.itself,
+        consistency=joined([evidence.consistency for evidence in (complete, *elsewhere)]),
+        evidence=complete,
+        elsewhere=elsewhere,
+        traffic=traffic,
+        films=films,
+        traces=traces,
+        command=command_of(request, draw.seed),
+        started=started,
+        seconds=0.0,
+    )
 
 
 def plan_of(request: Request, profile: Profile, policy_sha256: str, references: References) -> Plan:

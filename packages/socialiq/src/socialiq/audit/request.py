@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import shlex
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,11 +13,11 @@ import numpy as np
 from jaxtyping import Int64
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.consistency import Recorder
-from socialiq.audit.evidence.drive import ByRule
-from socialiq.audit.evidence.outcomes import Evidence, check_episodes
-from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import Profile, World
+from socialiq.audit.evidence.consistency import Recorder, joined
+from socialiq.audit.evidence.drive import SIDE_BY_SIDE, ByRule
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes, check_episodes
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.reader import load
 from socialiq.audit.resolve_policy import (
     References,
     Trust,
@@ -26,13 +27,15 @@ from socialiq.audit.resolve_policy import (
     resolve_references,
 )
 from socialiq.audit.seeds import Nonce, Round, check_seed, read_nonce, read_round
+from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
+from socialiq.evaluation.parts import blocks_of, in_parts
 from socialiq.evaluation.simulate import SoftPolicy
+from socialiq.learners.callbacks import Report
 from socialiq.policies.interface import Loaded
 from socialiq.policies.process import GIB, Limits
 from socialiq.worlds.context_policy import ContextPolicy
-from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import World
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +170,7 @@ class Collection(NamedTuple):
                 )
             if request.soft:
                 raise UserError("a declared rule is tested with best actions: leave out --soft")
-            dial = None if isinstance(world, GridWorld) else reference_dial(request.references)
+            dial = None if world.is_exact else reference_dial(request.references)
             by_rule = ByRule(profile.rule, dial)
             if dial is not None:
                 ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
@@ -183,9 +186,7 @@ class Collection(NamedTuple):
         Raises:
             UserError: If parts of the episodes would give other evidence than all at once.
         """
-        draws_by_seed = isinstance(self.world, Intersection | Junction) and isinstance(
-            self.loaded.policy, SoftPolicy
-        )
+        draws_by_seed = self.world.draws_by_seed and isinstance(self.loaded.policy, SoftPolicy)
         if self.by_rule is not None:
             raise UserError("a declared rule is tested in one process: leave out --processes")
         if self.request.soft and not draws_by_seed:
@@ -216,3 +217,79 @@ class Collection(NamedTuple):
                 evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
         self.loaded.check_unchanged()
         return evidence
+
+
+class _Part(NamedTuple):
+    """Episodes that a process of its own runs; `hashes` are of policy and declaration."""
+
+    request: Request
+    traffic: int | None
+    hashes: tuple[str, str]
+    side_by_side: int
+    seeds: Int64[np.ndarray, " episode"]
+
+
+def _collect_part(part: _Part) -> Evidence:
+    request, profile = part.request, load(part.request.profile)
+    world = scenario = profile.world(request.trust.allow_code)
+    if part.traffic is not None:
+        scenario = other_traffic(profile)[part.traffic].world
+    with contextlib.ExitStack() as closing:
+        loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
+        closing.enter_context(loaded)
+        if (loaded.record.sha256, profile.sha256) != part.hashes:
+            raise UserError("policy or declaration have changed since the audit began")
+        collection = Collection.of(request, profile, part.traffic, scenario, loaded, closing)
+        return collection.on(part.seeds).collect(part.side_by_side)
+
+
+def collect_in_parts(
+    collection: Collection, processes: int, on_report: Callable[[Report], None] | None = None
+) -> Evidence:
+    """Run all drivers on the episodes in parts; the evidence is the same in however many.
+
+    Args:
+        collection: What is to be collected.
+        processes: Number of processes.
+        on_report: Called with the progress after each part.
+
+    Raises:
+        UserError: If the episodes can't be split, or a part fails.
+    """
+    collection.check_parts()
+    hashes = (collection.loaded.record.sha256, collection.profile.sha256)
+    size = min(SIDE_BY_SIDE, len(collection.seeds))
+    parts = [
+        _Part(collection.request, collection.traffic, hashes, size, block)
+        for block in blocks_of(collection.seeds, processes)
+    ]
+    played = in_parts(_collect_part, parts, processes, on_report)
+    first, columns = played[0], zip(*(evidence.drivers for evidence in played), strict=True)
+    drivers = [_end_to_end(column) for column in columns]
+    if collection.world.is_exact:
+        # Angles and expectations of the exact optima are computed here: their last bits depend on
+        # the number of threads of a process.
+        here = collection.on(collection.seeds[:1]).collect().drivers
+        drivers = [
+            dataclasses.replace(driver, angles=exact.angles, expected=exact.expected)
+            for driver, exact in zip(drivers, here, strict=True)
+        ]
+    count = 1 + len(first.references)
+    return Evidence(
+        scenario=first.scenario,
+        seeds=collection.seeds,
+        policy=drivers[0],
+        references=tuple(drivers[1:count]),
+        strata={
+            name: np.concatenate([evidence.strata[name] for evidence in played])
+            for name in first.strata
+        },
+        trivial=tuple(drivers[count:]),
+        consistency=joined([evidence.consistency for evidence in played]),
+    )
+
+
+def _end_to_end(parts: Sequence[Outcomes]) -> Outcomes:
+    columns = ("totals", "ending", "contact", "length")
+    values = {name: [getattr(outcomes, name) for outcomes in parts] for name in columns}
+    return dataclasses.replace(parts[0], **{k: np.concatenate(v) for k, v in values.items()})

@@ -8,13 +8,9 @@ import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
-from socialiq.audit.evidence.collect import RULES
-from socialiq.audit.evidence.drive_junction import rules_at_junction
 from socialiq.audit.evidence.outcomes import Reference
-from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import World, interface_of
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.foreign import one_line
@@ -26,9 +22,9 @@ from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process import Limits
 from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of
-from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.intersection import atlas, policies
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.registry import INTERSECTIONS
+from socialiq.worlds.world import World
 
 ATLAS = "atlas:"
 
@@ -85,14 +81,15 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
         path = _shipped_file(spec.removeprefix(ATLAS), world)
         loaded = _file(str(path), world, angle, trust)
         return dataclasses.replace(loaded, record=dataclasses.replace(loaded.record, source=spec))
-    if spec in policies.NAMES and isinstance(world, Intersection):
+    if spec in world.drivers:
         return rule_of(spec, world)
     if ":" not in spec and not Path(spec).exists():
         if Path(spec).suffix in SUFFIXES:
             raise UserError(f"no such file: {one_line(spec)}")
         choices = list(KINDS)
-        if isinstance(world, Intersection):
-            choices += ["atlas:NAME", f"a rule-based driver ({', '.join(policies.NAMES)})"]
+        choices += ["atlas:NAME"] if world.name in INTERSECTIONS else []
+        if world.drivers:
+            choices.append(f"a rule-based driver ({', '.join(world.drivers)})")
         raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(choices)}")
     return _file(spec, world, angle, trust)
 
@@ -125,16 +122,13 @@ def resolve_references(
         policy: Record of the policy under audit.
         trust: Permissions of Python modules.
     """
-    drivers = _shipped(world) if isinstance(world, Intersection) else []
-    rules = RULES if isinstance(world, Intersection) else ()
-    if isinstance(world, Junction):
-        rules = tuple(rule.name for rule in rules_at_junction(world.n_actions))
+    drivers = _shipped(world) if world.name in INTERSECTIONS else []
     with contextlib.ExitStack() as started:
         for spec in specs:
             drivers += _named(str(spec), world, trust, started)
         close = started.pop_all().close
     records = {driver.name: record for driver, record in drivers}
-    audited, names = policy.as_json(), (*rules, *records)
+    audited, names = policy.as_json(), (*world.references, *records)
     itself = [name for name in names if is_itself(name, records.get(name), audited)]
     return References([driver for driver, _ in drivers], records, itself, close)
 
@@ -170,10 +164,10 @@ def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[st
     return same and (not several or reference["source"] == policy["source"])
 
 
-def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
+def _shipped(world: World) -> list[tuple[Reference, dict[str, Any]]]:
     """Return gap rules, and the experts of the atlas if they are installed and fit the world."""
     drivers, shipped = [], atlas.names(_studies(world))
-    better = "expert" if world.options.continuous else "set"
+    better = "expert" if world.action_size else "set"
     for name in GAPS:
         loaded = rule_of(name, world)
         drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
@@ -188,18 +182,18 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
 
 
 def _shipped_file(name: str, world: World) -> Path:
-    if isinstance(world, Intersection):
-        return atlas.path_for(name, world.options)
+    if world.name in INTERSECTIONS:
+        return atlas.path_for(name, cast(Any, world).options)
     return atlas.path_of(name, _studies(world))
 
 
 def _studies(world: World) -> tuple[str, ...]:
     """Return the studies of the atlas whose policies have the world's kind of actions."""
-    return atlas.CONTINUOUS_STUDIES if interface_of(world).action_size else atlas.STUDIES
+    return atlas.CONTINUOUS_STUDIES if world.action_size else atlas.STUDIES
 
 
 def _fits(name: str, world: World) -> bool:
-    interface = interface_of(world)
+    interface = Interface.of(world)
     if not interface.action_size:
         policy = atlas.load(name)
         return Interface(policy.n_features, policy.n_actions) == interface
@@ -247,10 +241,9 @@ def _named(
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """Load a policy's file; its input may have the time as a further feature.
 
-    The time is that of a world of this package or a recorded junction; other environments have
-    none (`evidence.drive`, `evidence.drive_junction`, `evaluation.simulate.play`).
+    The time is that of a world that `shows_time`.
     """
-    interface = interface_of(world)
+    interface = Interface.of(world)
     keywords: dict[str, Any] = {
         "angle": angle,
         "allow_code": trust.allow_code,
@@ -259,21 +252,18 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     keywords["action_size"] = interface.action_size
     if is_code(spec):
         keywords |= {"isolation": isolation_of(trust.isolation), "files": trust.files}
-    keywords["clock"] = isinstance(world, GridWorld | Intersection | Junction)
+    keywords["clock"] = world.shows_time
     return load_policy(spec, interface.n_features, interface.n_actions, **keywords)
 
 
-def rule_of(name: str, world: Intersection, seed: int = 0) -> Loaded:
-    """Return a rule-based driver of the intersection, with its record.
+def rule_of(name: str, world: World, seed: int = 0) -> Loaded:
+    """Return a rule-based driver of a world, with its record.
 
     Args:
-        name: One of `worlds.intersection.policies.NAMES`.
-        world: The intersection; with continuous actions the rule accelerates and does not steer.
+        name: One of its `drivers`.
+        world: The world; with continuous actions a rule accelerates and does not steer.
         seed: Seed of the random driver.
     """
-    record = Record(RULE, name, _rule_sha256(name), _RULE_COVERS, interface_of(world), False)
-    return Loaded(policies.policy(name, seed, world.options), record)
-
-
-def _rule_sha256(name: str) -> str:
-    return hashlib.sha256(f"rule {name}\n{package_sha256()}\n".encode()).hexdigest()
+    sha256 = hashlib.sha256(f"rule {name}\n{package_sha256()}\n".encode()).hexdigest()
+    record = Record(RULE, name, sha256, _RULE_COVERS, Interface.of(world), False)
+    return Loaded(world.driver(name, seed), record)

@@ -12,14 +12,14 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.conduct import Conducted, conduct, log_folder
+from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known, number, others, outcome, percent
-from socialiq.audit.request import Request
+from socialiq.audit.request import Collection, Request, collect_in_parts
 from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import Printing, print_table, say
 from socialiq.cli.progress import Display
-from socialiq.errors import UserError
-from socialiq_lab.engine import Engine, work_folder
+from socialiq.evaluation.parts import check_processes
 
 
 @dataclass(frozen=True)
@@ -68,16 +68,15 @@ class Audit(Printing):
     shift: bool = False
     """Also run the same number of episodes in other traffic, and report whether the policy drives
     differently there. The verdict doesn't depend on it."""
-    engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
-    work: Path | None = None
-    """Folder of the parts that are finished, with --processes or --cluster; it is kept, so that
-    the same command with --seed goes on from it. By default a temporary folder."""
+    processes: int = 0
+    """Processes among which the episodes are split, by seed; by default this one runs all."""
     replace: bool = False
     """Replace an earlier report in the folder."""
 
     def run(self) -> int:
         """Audit, write the report, print the verdict."""
         check_target(self.out, self.replace)
+        check_processes(self.processes)
         done = self.conducted()
         done.write(self.out, self.replace)
         if self.json:
@@ -87,17 +86,16 @@ class Audit(Printing):
         return int(done.report["verdict"]["exit_code"])
 
     def conducted(self) -> Conducted:
-        """Run all drivers in this process, or in parts by the engine."""
-        if not self.engine.given:
-            if self.work is not None:
-                raise UserError("--work is of --processes or --cluster: add one, or leave it out")
+        """Run all drivers in this process, or in parts by several."""
+        if not self.processes:
             return conduct(self.request(), say)
-        if self.engine.cluster is not None and self.work is None:
-            raise UserError("a cluster needs a folder that all its workers see: add --work FOLDER")
-        from socialiq_lab.audit_parts import collector
+        with Display() as display:
 
-        with work_folder(self.work) as work, Display() as display:
-            return conduct(self.request(), say, collect=collector(self.engine, work, display.stage))
+            def collect(collection: Collection) -> Evidence:
+                report = display.stage("episodes")
+                return collect_in_parts(collection, self.processes, report)
+
+            return conduct(self.request(), say, collect=collect)
 
     def request(self) -> Request:
         """Return the request of the audit."""
@@ -115,7 +113,7 @@ class Audit(Printing):
             log=log_folder(self.out, self.log, self.no_log, self.seed),
             nonce=self.nonce,
             beacon=self.beacon,
-            in_parts=self.engine.given,
+            in_parts=self.processes > 0,
         )
 
 

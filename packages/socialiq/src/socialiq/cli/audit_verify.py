@@ -1,4 +1,4 @@
-"""`audit verify`: integrity of a report, and its repetition."""
+"""`audit verify` and `audit sign`: integrity of a report, its repetition, a signature of it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ import tyro
 
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, tables_of
+from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
 from socialiq.audit.report.recompute import differences
 from socialiq.audit.report.seeds import opened_of
-from socialiq.audit.report.signature import faults_of_signature, key_id, read_public_key
+from socialiq.audit.report.signature import (
+    faults_of_signature,
+    key_id,
+    read_private_key,
+    read_public_key,
+    signed,
+)
 from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
 from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
@@ -26,8 +32,10 @@ from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.policies.model_signature import fault_of_model, path_of_signature
+from socialiq.policies.model_signature import fault_of_model, path_of_signature, sign_model
 from socialiq.provenance import package_sha256
+from socialiq.reading import sha256_of_file
+from socialiq.storage import write_atomically
 
 
 @dataclass(frozen=True)
@@ -75,8 +83,10 @@ class Verify(Printing):
         if key is not None and not faults:
             faults = faults_of_signature(content_of(self.folder), key)
             checked.append(f"signature by the key {key_id(key)}")
-            if not faults and self._policy_signature() is not None:
-                faults = self._fault_of_policy()
+            policy = Path(self.policy)
+            there = policy.is_file() and path_of_signature(policy).is_file()
+            if not faults and self.key is not None and there:
+                faults = self._faults_of_policy(policy, self.key)
                 checked.append("signature of the policy")
         if self.log is not None and not faults:
             faults = faults_by_log(self.folder, self.log)
@@ -85,7 +95,9 @@ class Verify(Printing):
             faults = self._again()
             checked.append("episodes, run again")
         status = 1 if faults else 3 if findings.not_checked else 0
-        claims = [] if faults else self._claims()
+        claims = read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
+        if self.log is not None and OF_A_LOG in claims:
+            claims.remove(OF_A_LOG)
         if self.json:
             row = {"folder": str(self.folder), "rerun": self.rerun, "faults": faults}
             row |= {"not_checked": findings.not_checked, "checked": [] if faults else checked}
@@ -112,40 +124,28 @@ class Verify(Printing):
             )
         sys.stdout.write(f"checked: {'; '.join(checked)}\n")
         left = [] if self.rerun else [_NOT_RUN]
-        signature = "--key checks its signatures" if self._is_signed() else "it is not signed"
+        signed = (self.folder / SIGNATURES).is_file()
+        signature = "--key checks its signatures" if signed else "it is not signed"
         left += [f"who wrote it ({signature})"] if self.key is None else []
         left.append(f"claims of the auditor ({', '.join(claims)})")
         sys.stdout.write(f"not checked: {'; '.join(left)}\n")
 
-    def _policy_signature(self) -> Path | None:
-        """Return the signature beside the policy's file, if both are there."""
-        path = Path(self.policy)
-        signature = path_of_signature(path) if self.policy and path.is_file() else None
-        return signature if signature is not None and signature.is_file() else None
-
-    def _fault_of_policy(self) -> list[str]:
-        path, signature = Path(self.policy), self._policy_signature()
-        assert signature is not None and self.key is not None
+    def _faults_of_policy(self, path: Path, key: Path) -> list[str]:
+        """Check the signature beside the policy's file."""
         audited = read_report(self.folder / REPORT)["hashes"]["policy"]
         if hashlib.sha256(path.read_bytes()).hexdigest() != audited:
             return [f"{path} is not the policy that was audited: its hash differs"]
-        fault = fault_of_model(path, signature, self.key)
+        fault = fault_of_model(path, path_of_signature(path), key)
         return [fault] if fault else []
-
-    def _is_signed(self) -> bool:
-        return (self.folder / SIGNATURES).is_file()
-
-    def _claims(self) -> list[str]:
-        """Return the auditor's claims that nothing has confirmed."""
-        claims = read_report(self.folder / REPORT)["claims_of_auditor"]
-        return [claim for claim in claims if claim != OF_A_LOG or self.log is None]
 
     def _again(self) -> list[str]:
         files = content_of(self.folder)
         report = read_report(self.folder / REPORT)
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
-        self._check_world(files[PROFILE])
+        world = parse(files[PROFILE], PROFILE).scenario.world
+        if ":" in world and self.world != world:
+            raise _asks_to_run(world, "--world")
         with tempfile.TemporaryDirectory() as folder:
             profile = Path(folder) / PROFILE
             profile.write_bytes(files[PROFILE])
@@ -157,32 +157,20 @@ class Verify(Printing):
             f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]
         ]
 
-    def _source(self, report: dict[str, Any]) -> str:
-        """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""
-        source = str(report["policy"]["record"]["source"])
+    def _request(self, report: dict[str, Any], profile: Path) -> Request:
+        """Return the request; a report may be untrusted, so it doesn't decide which code runs."""
+        source = self.policy or str(report["policy"]["record"]["source"])
         if not self.policy and source.startswith(_RUNS):
             raise _asks_to_run(source, "--policy")
-        return self.policy or source
-
-    def _references(self, report: dict[str, Any]) -> tuple[str, ...]:
-        """Return the user's references, by the same rule."""
-        for reference in () if self.reference else report["reference_files"]:
+        references = tuple(self.reference or report["reference_files"])
+        for reference in () if self.reference else references:
             if reference.startswith(_RUNS):
                 raise _asks_to_run(reference, "--reference")
-        return tuple(self.reference or report["reference_files"])
-
-    def _check_world(self, profile: bytes) -> None:
-        """Check the environment of the declaration, by the same rule."""
-        world = parse(profile, PROFILE).scenario.world
-        if ":" in world and self.world != world:
-            raise _asks_to_run(world, "--world")
-
-    def _request(self, report: dict[str, Any], profile: Path) -> Request:
         return Request(
-            policy=self._source(report),
+            policy=source,
             profile=profile,
             episodes=report["seeds"]["episodes"],
-            references=self._references(report),
+            references=references,
             soft=not report["policy"]["deterministic"],
             trust=self.code.trust,
             threads=self.threads,
@@ -215,3 +203,54 @@ def _asks_to_run(what: str, option: str) -> UserError:
         f"this report asks to run '{one_line(what)}': if you trust that, give it as {option} "
         "yourself"
     )
+
+
+@dataclass(frozen=True)
+class Sign(Printing):
+    """Sign the statement of a report, which has the hash of every file.
+
+    A report that `audit verify` finds different, or can't check, is not signed: status 1 or 3.
+    Owner and auditor may both sign. SOCIALIQ_KEY_PASSPHRASE opens an encrypted key.
+
+    Example: socialiq audit sign audit --key private.pem
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Report folder, of `socialiq audit --out`."""
+    key: Path
+    """Your private key, a PEM file: Ed25519, or ECDSA on the curve P-256."""
+    policy: Path | None = None
+    """The policy's file, to sign it too: FILE.sig, in the format of OpenSSF Model Signing, which
+    takes a P-256 key and needs the extra `signing`."""
+
+    def run(self) -> int:
+        """Check the folder, sign, write `statement.dsse.json`, and the policy's signature."""
+        key = read_private_key(self.key)
+        findings = check_folder(self.folder)
+        for line in findings.faults:
+            complain(line)
+        for name in findings.not_checked:
+            complain(f"{name} is not checked: sign with the version of socialiq that wrote it")
+        if findings.faults or findings.not_checked:
+            return 1 if findings.faults else 3
+        files, written = content_of(self.folder), [self.folder / SIGNATURES]
+        model = None if self.policy is None else self._of_policy(self.policy)
+        envelope = signed(files[STATEMENT], key, files.get(SIGNATURES))
+        write_atomically(self.folder / SIGNATURES, envelope)
+        if self.policy is not None and model is not None:
+            written.append(path_of_signature(self.policy))
+            write_atomically(written[-1], model)
+        signer = key_id(key.public_key())
+        if self.json:
+            print_json({"key": signer, "files": [str(path) for path in written]})
+        else:
+            for path in written:
+                sys.stdout.write(f"{path}: signed by the key {signer}\n")
+        return 0
+
+    def _of_policy(self, policy: Path) -> bytes:
+        """Return the signature of the policy, if it is the one that was audited."""
+        audited = read_report(self.folder / REPORT)["hashes"]["policy"]
+        if sha256_of_file(policy) != audited:
+            raise UserError(f"{policy} is not the policy that was audited: its hash differs")
+        return sign_model(policy, self.key)

@@ -1,23 +1,120 @@
-"""The page as one file: styles, program and data inside it, and a policy that forbids all else."""
+"""The page as one file: its scripts, its data, its content security policy."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import html
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.page.bundle import ASSETS, program
-from socialiq.page.content import about, content
-from socialiq.page.shown_dial import ShownDial, shipped_dial
-from socialiq.storage import write_atomically
+from socialiq.page.crossing import crossing
+from socialiq.page.dial import PageDial, shipped_dial
+from socialiq.page.webassembly.layout import layout
+from socialiq.page.webassembly.replay import CORE
+from socialiq.storage import packaged_results, read_json, write_atomically
+from socialiq.worlds.intersection.options import Options
+
+ASSETS = Path(__file__).with_name("assets")
+START = "page"
+"""Script that starts the page."""
+
+_IMPORT = re.compile(r'^import \{ ([^}]+) \} from "((?:\.\.?/)(?:[\w./]+/)?(\w+)\.js)";$', re.M)
+_EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.M)
+
+
+def program(start: str = START, folder: Path = ASSETS) -> str:
+    """Return a program: a script with every script that it needs, each after those it needs.
+
+    Args:
+        start: Name of the script that starts it, without `.js`.
+        folder: Its folder; scripts of several folders have different names.
+    """
+    sources: dict[str, str] = {}
+    _add(folder / f"{start}.js", sources)
+    return "\n".join(['"use strict";', *sources.values()])
+
+
+def _add(path: Path, sources: dict[str, str]) -> None:
+    """Add a script after the scripts that it imports."""
+    name = path.stem
+    if name in sources:
+        return
+    source = path.read_text(encoding="utf-8")
+    for _, target, _ in _IMPORT.findall(source):
+        _add(path.parent / target, sources)
+    names = ", ".join(_EXPORT.findall(source))
+    body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
+    sources[name] = f"const script_{name} = (() => {{\n{body}return {{ {names} }};\n}})();"
+
+
+def core(options: Options) -> dict[str, Any]:
+    """Return what a page needs to run the compiled core, JSON-compatible.
+
+    Args:
+        options: Scenario.
+    """
+    return {"layout": layout(options), "core": base64.b64encode(CORE.read_bytes()).decode()}
+
+
+def content(dial: PageDial) -> dict[str, Any]:
+    """Return the page's data, JSON-compatible."""
+    return {
+        **core(Options()),
+        "dial": base64.b64encode(dial.file).decode(),
+        "range": [dial.low, dial.high],
+        "curve": [point._asdict() for point in dial.curve],
+        "crossing": crossing(),
+    }
+
+
+def about(dial: PageDial) -> str:
+    """Return what the page says of itself, as HTML.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
+    return "\n".join(
+        f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in _passages(counts, dial)
+    )
+
+
+def _passages(counts: dict[str, int], dial: PageDial) -> list[tuple[str, str]]:
+    return [
+        (
+            "What is shown",
+            "highway-env's intersection, compiled. The coloured car turns left; it decides once a "
+            "second: slower, keep, faster. The reward of a decision is a pair: own progress and "
+            "effect on others. At an angle &alpha; the network maximises cos &alpha; times the "
+            "first plus sin &alpha; times the second. Twins share the seed, so the traffic is the "
+            "same until an ego influences it.",
+        ),
+        (
+            "Keys",
+            "Arrow keys turn the dial, with Shift by 5&deg;. Space plays and pauses, comma and "
+            "full stop step by a decision, N takes the next seed, 1 to 3 choose a twin.",
+        ),
+        (
+            "How near this is to the Python package",
+            "The core is the package's own, compiled to WebAssembly from the same source. In "
+            f"{counts['same_endings']:,} of {counts['episodes']:,} test episodes it ended as the "
+            "native core did, and drivers (an earlier dial and rules) took "
+            f"{counts['same_decisions']:,} of "
+            f"{counts['decisions']:,} decisions as there. The same episodes, not the same bits: "
+            f"{counts['close_states'] / counts['observations']:.1%} of the states agree to 1e-9.",
+        ),
+        ("Where dial and curve come from", html.escape(dial.source)),
+    ]
+
 
 FILE = "index.html"
 
 
-def page(dial: ShownDial | None = None) -> str:
+def page(dial: PageDial | None = None) -> str:
     """Return the page's HTML. It makes no request; its program and its styles are named by hash.
 
     Args:
@@ -69,7 +166,7 @@ def embedded(data: Mapping[str, Any]) -> str:
     return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def write_page(folder: Path, dial: ShownDial | None = None) -> Path:
+def write_page(folder: Path, dial: PageDial | None = None) -> Path:
     """Write the page into a folder and return its path.
 
     Args:

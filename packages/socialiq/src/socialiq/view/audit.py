@@ -13,7 +13,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
-from socialiq.view.shown import Shown
+from socialiq.view import View
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
@@ -21,7 +21,7 @@ ENDINGS = {"arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 """Endings by their names in a report; every other name is a kind of collision."""
 
 
-def audit_shown(folder: Path) -> Shown:
+def audit_view(folder: Path) -> View:
     """Return an audit as content of the page.
 
     Args:
@@ -40,7 +40,7 @@ def audit_shown(folder: Path) -> Shown:
             "open its report.html"
         )
     verdict, declared = report["verdict"], report["declaration"]
-    return Shown(
+    return View(
         kind="episodes",
         title=f"Audit of {one_line(report['policy']['record']['source'], 60)}",
         lead=f"{verdict['decision'].capitalize()}, declared at {declared['angle']:g}°. "

@@ -15,7 +15,7 @@ from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
-from socialiq.view.shown import Shown
+from socialiq.view import View
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
@@ -104,7 +104,7 @@ class PolicyDecider:
         return np.column_stack([observations, times]) if timed else observations
 
 
-def policy_shown(spec: str, angle: float, trust: Trust) -> Shown:
+def policy_view(spec: str, angle: float, trust: Trust) -> View:
     """Return a policy as content of the page.
 
     Args:
@@ -121,7 +121,7 @@ def policy_shown(spec: str, angle: float, trust: Trust) -> Shown:
     if decider.turns:
         dial = DialPolicy.load(Path(spec))
         data |= {"dial": {"angle": angle, "low": dial.low, "high": dial.high}}
-    return Shown(
+    return View(
         kind="policy",
         title=data["name"],
         lead="Your policy on the same seeds as the dial of the package. It decides in Python, the "

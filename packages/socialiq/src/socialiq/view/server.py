@@ -3,17 +3,159 @@
 from __future__ import annotations
 
 import asyncio
+import html
 import json
+import re
+import secrets
 import socket
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Awaitable, Callable, MutableMapping
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
-from socialiq.page.write import page
-from socialiq.view.front import Front, front
-from socialiq.view.guard import ADDRESS, App, Guard, new_token
-from socialiq.view.shown import Decide, Shown
+from socialiq.page.dial import shipped_dial
+from socialiq.page.write import ASSETS, content, core, embedded, page, policy, program
+from socialiq.view import Decide, View
+
+ADDRESS = "127.0.0.1"
+TOKEN_BYTES = 24
+
+HEADERS = {
+    "cache-control": "no-store",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+}
+"""Headers of every answer: nothing is kept, embedded elsewhere, or told to another site."""
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+
+def new_token() -> str:
+    """Return a random token of 192 bits, as text for an address."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+class Guard:
+    """An ASGI application that passes on what its own page asks, and refuses all else.
+
+    Args:
+        app: The application; its paths lie below the token.
+        port: Port at which the server listens.
+        token: Token of the address.
+    """
+
+    def __init__(self, app: App, port: int, token: str) -> None:
+        self._app, self._token = app, token
+        self._host = f"{ADDRESS}:{port}"
+        self._origin = f"http://{self._host}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request, or one websocket."""
+        if scope["type"] not in ("http", "websocket"):
+            return
+        status, reason = self._fault(scope)
+        if status:
+            await _refuse(scope, receive, send, status, reason)
+            return
+
+        async def send_with_headers(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *_encoded(HEADERS)]
+            await send(message)
+
+        await self._app(scope, receive, send_with_headers)
+
+    def _fault(self, scope: Scope) -> tuple[int, str]:
+        """Return status and reason of a refusal; status 0 if the request is accepted."""
+        headers = scope["headers"]
+        if _values(headers, b"host") != [self._host]:
+            return 421, "this server answers at its own address alone"
+        origins = _values(headers, b"origin")
+        needed = scope["type"] == "websocket"  # browsers name the origin of every websocket
+        if (needed or origins) and origins != [self._origin]:
+            return 403, "this server answers its own page alone"
+        if _values(headers, b"sec-fetch-site") not in ([], ["same-origin"], ["none"]):
+            return 403, "this server answers its own page alone"
+        if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
+            return 405, "this server changes nothing: ask by GET"
+        first = scope["path"].encode("utf-8", "surrogateescape").split(b"/")[1:2]
+        if not first or not secrets.compare_digest(first[0], self._token.encode()):
+            return 404, "nothing is here: open the address that `socialiq view` printed"
+        return 0, ""
+
+
+def _values(headers: list[tuple[bytes, bytes]], name: bytes) -> list[str]:
+    """Return the values of all headers of a name, in lower case as host names are compared."""
+    return [value.decode("latin-1").lower() for key, value in headers if key.lower() == name]
+
+
+def _encoded(headers: dict[str, str]) -> list[tuple[bytes, bytes]]:
+    return [(name.encode(), value.encode()) for name, value in headers.items()]
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send(
+            {"type": "websocket.close", "code": 1008, "reason": reason}
+        )  # before it opens: 403
+        return
+    headers = {**HEADERS, "content-type": "text/plain; charset=utf-8"}
+    await send({"type": "http.response.start", "status": status, "headers": _encoded(headers)})
+    await send({"type": "http.response.body", "body": f"{reason}\n".encode()})
+
+
+OWN = Path(__file__).with_name("assets")
+
+
+class Front(NamedTuple):
+    """A page and its content security policy.
+
+    Attributes:
+        text: HTML.
+        policy: Its own script, its styles, its server; nothing else, and in no frame.
+    """
+
+    text: str
+    policy: str
+
+
+def front(view: View, socket_address: str) -> Front:
+    """Return the page that shows something.
+
+    Args:
+        view: View of the page; its texts may hold anything.
+        socket_address: Address of the websocket.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    script = program("opened", OWN)
+    style = (ASSETS / "style.css").read_text(encoding="utf-8") + _asset("opened.css")
+    about = {"kind": view.kind, "count": view.count, **view.data}
+    blocks = {
+        "style": style,
+        "title": html.escape(view.title),
+        "lead": html.escape(view.lead),
+        "body": _asset(f"{view.kind}.html").replace("{controls}", _asset("controls.html")),
+        "data": embedded({**content(shipped_dial()), **core(view.options), "shown": about}),
+        "program": script,
+    }
+    text = re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], _asset("opened.html"))
+    allowed = policy(script, style, f"'self' {socket_address}")
+    return Front(text, f"{allowed}; frame-ancestors 'none'")
+
+
+def _asset(name: str) -> str:
+    return (OWN / name).read_text(encoding="utf-8")
+
 
 MOST_BYTES = 1 << 20
 """Largest question of the page, bytes: 64 observations have 90 kB."""
@@ -66,11 +208,11 @@ def bound(port: int) -> socket.socket:
     return listening
 
 
-def application(shown: Shown | None, port: int, token: str) -> App:
+def application(view: View | None, port: int, token: str) -> App:
     """Return the ASGI application that shows something, and refuses what the page did not ask.
 
     Args:
-        shown: What is shown; None for the page of the shipped dial alone.
+        view: What is view; None for the page of the shipped dial alone.
         port: Port at which it listens.
         token: Token of the address.
 
@@ -83,7 +225,7 @@ def application(shown: Shown | None, port: int, token: str) -> App:
     socket_address = f"ws://{ADDRESS}:{port}/{token}/decide"
     # The dial's page holds a policy of its own too, which forbids every request.
     alone = Front(page(), "frame-ancestors 'none'")
-    text, policy = alone if shown is None else front(shown, socket_address)
+    text, policy = alone if view is None else front(view, socket_address)
 
     async def whole(_: Any) -> Any:
         return responses.HTMLResponse(text, headers={"content-security-policy": policy})
@@ -93,10 +235,10 @@ def application(shown: Shown | None, port: int, token: str) -> App:
 
     async def part(request: Any) -> Any:
         number = request.path_params["number"]
-        if shown is None or not 0 <= number < shown.count:
+        if view is None or not 0 <= number < view.count:
             return responses.PlainTextResponse("there is no such part\n", 404)
         try:
-            return responses.JSONResponse(await asyncio.to_thread(shown.part, number))
+            return responses.JSONResponse(await asyncio.to_thread(view.part, number))
         except UserError as error:
             return responses.JSONResponse({"fault": one_line(str(error))}, 422)
 
@@ -105,8 +247,8 @@ def application(shown: Shown | None, port: int, token: str) -> App:
         routing.Route("/dial", dial),
         routing.Route("/part/{number:int}", part),
     ]
-    if shown is not None and shown.decide is not None:
-        routes.append(routing.WebSocketRoute("/decide", _Conversation(shown.decide).hold))
+    if view is not None and view.decide is not None:
+        routes.append(routing.WebSocketRoute("/decide", _Conversation(view.decide).hold))
     mounted = [routing.Mount(f"/{token}", routes=routes)]
     return Guard(applications.Starlette(routes=mounted), port, token)
 
@@ -156,11 +298,11 @@ def _object(text: str) -> dict[str, Any]:
     return content
 
 
-def serve(shown: Shown | None, port: int, opened: Callable[[str], None]) -> None:
+def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     """Serve until Ctrl-C.
 
     Args:
-        shown: What is shown; None for the page of the shipped dial alone.
+        view: What is view; None for the page of the shipped dial alone.
         port: Port at 127.0.0.1; 0 takes a free one.
         opened: Called with the address once the server listens.
 
@@ -173,7 +315,7 @@ def serve(shown: Shown | None, port: int, opened: Callable[[str], None]) -> None
     with listening:
         number = listening.getsockname()[1]
         settings = uvicorn.Config(
-            application(shown, number, token),
+            application(view, number, token),
             log_level="error",
             access_log=False,
             lifespan="off",

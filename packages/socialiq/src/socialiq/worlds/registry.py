@@ -61,12 +61,20 @@ def load_world(name: str) -> World:
         raise UserError(
             f"{one_line(name)} is no file of a world: name one of `socialiq data world`"
         )
+    return loaded(loader, one_line(name))(name)
+
+
+def loaded(entry: EntryPoint, file: str) -> Any:
+    """Return the object of an entry point, which reads a file.
+
+    Raises:
+        UserError: If its distribution is not installed.
+    """
     try:
-        load = loader.load()
+        return entry.load()
     except ModuleNotFoundError as error:
-        missing = loader.module.partition(".")[0].replace("_", "-")
-        raise UserError(f"{one_line(name)} needs {missing}: pip install {missing}") from error
-    return load(name)
+        missing = entry.module.partition(".")[0].replace("_", "-")
+        raise UserError(f"{file} needs {missing}: pip install {missing}") from error
 
 
 def refuse_file(name: str) -> None:

@@ -93,14 +93,7 @@ def joined(checks: Sequence[Consistency | None]) -> Consistency | None:
     if not complete or len(complete) < len(checks):
         return None
     columns = zip(*complete, strict=True)
-    return Consistency(*(_sum(column) for column in columns))
-
-
-def _sum(column: Sequence[Answers]) -> Answers:
-    total = Answers(0, 0)
-    for answers in column:
-        total = total.plus(answers)
-    return total
+    return Consistency(*(Answers(*map(sum, zip(*column, strict=True))) for column in columns))
 
 
 class Recorder:

@@ -1,35 +1,39 @@
-"""Seeded episodes of one driver in an environment, at the intersection or in a gridworld."""
+"""Seeded episodes of one driver in any world: a policy, an exact optimum, or a trivial driver."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Int8, Int64
+from jaxtyping import Float, Int, Int64
 
 from socialiq.audit.evidence.outcomes import AS_DECLARED, Outcomes, Reference
-from socialiq.audit.profile.environment import LARGEST_SEED, Environment
-from socialiq.evaluation.context import (
-    ContextLosses,
-    DecisionLosses,
-    by_turning,
-    state_angles,
+from socialiq.evaluation.context import DecisionLosses, by_turning, losses_of, state_angles
+from socialiq.evaluation.simulate import (
+    UNIFORM,
+    GymActor,
+    GymSimulator,
+    PolicyActor,
+    ScriptedActor,
+    SoftActor,
+    SoftPolicy,
+    UniformActor,
+    simulate,
 )
-from socialiq.evaluation.context_rollouts import losses_of
-from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
-from socialiq.evaluation.simulators import FixedChance, GymActor, GymSimulator, TableSimulator
-from socialiq.mdp.front import AttainableSet, attainable_set
+from socialiq.mdp.front import attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
-from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
+
+SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
+
+CANDIDATES = tuple(15.0 * step for step in range(7))
+"""Angles at which the decision losses of the policy are measured in each context, in degrees."""
 
 
 class ByRule(NamedTuple):
@@ -44,330 +48,229 @@ class ByRule(NamedTuple):
     dial: DialPolicy | None
 
 
-class Summed(NamedTuple):
-    """Totals, last ending, contact and length of each episode."""
-
-    totals: Float[np.ndarray, "episode 2"]
-    ending: Int8[np.ndarray, " episode"]
-    contact: Int8[np.ndarray, " episode"]
-    length: Int64[np.ndarray, " episode"]
-
-
-def summed(steps: Iterator[Step], episodes: int) -> Summed:
-    """Return what the decisions of episodes add up to.
+class Course:
+    """Episodes of a world that every driver of an audit is run on.
 
     Args:
-        steps: The decisions, until each episode has ended.
-        episodes: Number of episodes.
-    """
-    totals, length = np.zeros((episodes, 2)), np.zeros(episodes, np.int64)
-    ending, contact = np.zeros(episodes, np.int8), np.zeros(episodes, np.int8)
-    for step in steps:
-        which = step.episode[step.running]
-        for side, reward in enumerate(step.made.rewards):
-            totals[which, side] += np.atleast_1d(reward)[step.running]
-        length[which] += 1
-        ending[which] = step.made.ending[step.running]
-        if hasattr(step.made, "contact"):
-            contact[which] = step.made.contact[step.running]
-    assert (ending != Ending.NONE).all()
-    return Summed(totals, ending, contact, length)
-
-
-def outcomes_of(
-    name: str, steps: Iterator[Step], episodes: int, angles: tuple[float, ...] = ()
-) -> Outcomes:
-    """Return the outcomes of a driver whose simulator reports contacts, or none at all.
-
-    Args:
-        name: Name of the driver.
-        steps: Its decisions.
-        episodes: Number of episodes.
-        angles: Angles for `Outcomes`.
-    """
-    return Outcomes(name, *summed(steps, episodes), angles)
-
-
-def drive_environment(
-    world: Environment,
-    driver: Reference,
-    seeds: Int64[np.ndarray, " episode"],
-    deterministic: bool = True,
-) -> Outcomes:
-    """Run a driver on one episode of an environment for each seed.
-
-    Fault is not known: every collision counts as the driver's.
-
-    Args:
-        world: The environment.
-        driver: The driver.
-        seeds: Seeds of the episodes; a stochastic `SoftPolicy` draws from them too.
-        deterministic: Whether it takes its best action.
-
-    Raises:
-        UserError: If the environment or the driver fails, or an episode doesn't end.
-    """
-    policy = driver.policy
-    actor = GymActor(policy, deterministic)
-    if not deterministic and isinstance(policy, SoftPolicy):
-        actor = SoftActor(policy, size=1)
-    return outcomes_of(driver.name, steps_of(world, actor, seeds), len(seeds), driver.angles)
-
-
-def steps_of(
-    world: Environment, actor: Actor, seeds: Int64[np.ndarray, " episode"]
-) -> Iterator[Step]:
-    """Yield an actor's decisions on one episode of an environment for each seed.
-
-    Raises:
-        UserError: As `drive_environment`.
-    """
-    return simulate(GymSimulator(world.env, modulus=LARGEST_SEED), actor, seeds)
-
-
-def drive_intersection(
-    batch: Batch,
-    driver: Reference,
-    seeds: Int64[np.ndarray, " episode"],
-    deterministic: bool = True,
-    by_rule: ByRule | None = None,
-    candidates: tuple[float, ...] = (),
-) -> Outcomes:
-    """Run a driver on one episode of the intersection for each seed.
-
-    Args:
-        batch: The episodes that run side by side.
-        driver: The driver.
+        world: The world.
         seeds: Seeds of the episodes.
-        deterministic: Whether it takes its best action.
-        by_rule: A declared rule and its reference dial; None without one.
-        candidates: Angles at which decision losses are measured besides, in degrees.
+        side_by_side: Number of episodes at once on a road. In a gridworld all run at once, so a
+            policy with a memory keeps one for each episode.
+        threads: Number of threads of a compiled world.
+        by_rule: A declared rule of the angle: decision losses are measured too.
+
+    Attributes:
+        batch: The episodes that run side by side.
+        losses: Losses at a declared rule in a gridworld; None without one.
     """
-    losses = None
-    if by_rule is None:
-        episodes = episodes_of(batch, driver.policy, seeds, deterministic)
-    else:
-        assert by_rule.dial is not None  # `Collection.of` refuses a rule without it
+
+    def __init__(
+        self,
+        world: World,
+        seeds: Int64[np.ndarray, " episode"],
+        side_by_side: int | None = None,
+        threads: int = 1,
+        by_rule: ByRule | None = None,
+    ) -> None:
+        self.world, self.seeds, self.by_rule = world, seeds, by_rule
+        size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
+        self.batch: Any = world.batch(len(seeds) if world.is_exact else size, threads)
+        self.losses = None
+        if by_rule is not None and world.is_exact:
+            self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
+
+    def drive(
+        self,
+        driver: Reference,
+        deterministic: bool = True,
+        candidates: tuple[float, ...] = (),
+    ) -> Outcomes:
+        """Run a driver on all episodes.
+
+        In an environment fault is not known: every collision counts as the driver's.
+
+        Args:
+            driver: The driver; a stochastic `SoftPolicy` draws from the episodes' seeds.
+            deterministic: Whether it takes its best action.
+            candidates: Angles at which decision losses are measured on a road, in degrees.
+
+        Raises:
+            UserError: If its answers are not one of the world's actions for each episode, an
+                environment fails, or an episode doesn't end.
+        """
+        rule = self.by_rule
+        if rule is None or rule.dial is None:
+            actor = actor_of(self.world, self.batch, driver, deterministic)
+            return self.outcomes(driver.name, actor, driver.angles)
+        policy, seeds = driver.policy, self.seeds
         episodes, losses = losses_of(
-            batch, driver.policy, seeds, by_rule.dial, by_rule.rule, candidates, deterministic
+            self.batch, policy, seeds, rule.dial, rule.rule, candidates, deterministic
         )
-    return Outcomes(
-        name=driver.name,
-        totals=np.stack(episodes.totals, axis=1),
-        ending=episodes.ending.astype(np.int8),
-        contact=episodes.contact.astype(np.int8),
-        length=episodes.length,
-        angles=driver.angles,
-        lost=None if losses is None else losses.declared.sum(axis=1),
-        contexts=losses,
-    )
-
-
-_CHANCE = 5190  # makes these draws independent of other draws from the same seed
-
-
-def fates(
-    table: Table, seeds: Sequence[int] | Int64[np.ndarray, " episode"]
-) -> Float[np.ndarray, "episode draw"]:
-    """Return the uniform numbers that decide the first state and every chance outcome.
-
-    Args:
-        table: The world or its reachable part.
-        seeds: Seed of each episode.
-    """
-    draws = table.world.horizon + 1
-    rows = [np.random.default_rng([_CHANCE, seed]).random(draws) for seed in np.asarray(seeds)]
-    return np.array(rows).reshape(len(rows), draws)
-
-
-def drive_grid(
-    table: Table,
-    policy: Policy,
-    fate: Float[np.ndarray, "episode draw"],
-    name: str,
-    deterministic: bool = True,
-    angles: tuple[float, ...] = (),
-    losses: DecisionLosses | None = None,
-) -> Outcomes:
-    """Run a policy on the episodes of these fates, all side by side.
-
-    Its input has all rows until the last episode has ended, so a policy with a memory keeps one
-    for each row. The time is a last feature of the input if the policy has one feature more than
-    the world.
-
-    Args:
-        table: The world or its reachable part.
-        policy: The policy.
-        fate: Result of `fates`.
-        name: Name of the driver.
-        deterministic: Passed to `predict`.
-        angles: Angles for `Outcomes`.
-        losses: Losses at a declared rule; None without one.
-
-    Raises:
-        UserError: If its answers are not one of the world's actions for each episode.
-    """
-    actor = GridActor(table, policy, name, deterministic)
-    return _driven(table, actor, fate, name, angles, losses=losses)
-
-
-def _driven(
-    table: Table,
-    actor: Actor,
-    fate: Float[np.ndarray, "episode draw"],
-    name: str,
-    angles: tuple[float, ...],
-    expected: RewardPair | None = None,
-    losses: DecisionLosses | None = None,
-) -> Outcomes:
-    episodes = len(fate)
-    simulator = TableSimulator(table, episodes, FixedChance(fate))
-    steps = simulate(simulator, actor, np.arange(episodes))
-    contexts = None if losses is None else losses.begin(episodes)
-    if losses is not None and contexts is not None:
-        steps = _noted(steps, losses, contexts, episodes)
-    totals, ending, _, length = summed(steps, episodes)
-    lost = None if contexts is None else contexts.declared.sum(axis=1)
-    contact = np.where(ending == Ending.COLLISION, int(Contact.EGO_STRUCK), int(Contact.NONE))
-    struck = contact.astype(np.int8)
-    return Outcomes(name, totals, ending, struck, length, angles, expected, lost, contexts)
-
-
-def _noted(
-    steps: Iterator[Step], losses: DecisionLosses, contexts: ContextLosses, episodes: int
-) -> Iterator[Step]:
-    """Pass on the decisions, after their losses were added."""
-    time = np.zeros(episodes, np.int64)
-    for step in steps:
-        which, rows = step.episode[step.running], step.running
-        losses.note(contexts, which, time[which], step.observation[rows], step.action[rows])
-        time[which] += 1
-        yield step
-
-
-class GridActor:
-    """A policy in a gridworld, with a memory for each row and, if it has one, a time feature.
-
-    Rows whose episode has ended stay in its input; their answers are not used.
-    """
-
-    def __init__(self, table: Table, policy: Policy, name: str, deterministic: bool) -> None:
-        self._table, self._policy, self._name = table, policy, name
-        self._deterministic, self._memory, self._time = deterministic, None, 0
-        self._clock = getattr(policy, "n_features", None) == table.world.n_features + 1
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: all episodes begin at once."""
-
-    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
-        """Return the policy's actions."""
-        rows = len(running)
-        features = self._table.states[observation].astype(np.float32)
-        if self._clock:
-            features = np.column_stack([features, np.full(rows, self._time, np.float32)])
-        answer, self._memory = self._policy.predict(
-            features,
-            self._memory,
-            episode_start=np.full(rows, self._time == 0),
-            deterministic=self._deterministic,
+        return Outcomes(
+            name=driver.name,
+            totals=np.stack(episodes.totals, axis=1),
+            ending=episodes.ending.astype(np.int8),
+            contact=episodes.contact.astype(np.int8),
+            length=episodes.length,
+            angles=driver.angles,
+            lost=losses.declared.sum(axis=1),
+            contexts=losses,
         )
-        self._time += 1
-        return Interface(0, self._table.mdp.n_actions).checked(answer, rows, self._name)
+
+    def outcomes(
+        self,
+        name: str,
+        actor: Actor,
+        angles: tuple[float, ...] = (),
+        expected: RewardPair | None = None,
+    ) -> Outcomes:
+        """Run an actor on all episodes.
+
+        Args:
+            name: Name of the driver.
+            actor: The actor.
+            angles: As for `Outcomes`.
+            expected: As for `Outcomes`.
+        """
+        count = len(self.seeds)
+        totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
+        ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
+        contexts = None if self.losses is None else self.losses.begin(count)
+        for step in simulate(self.batch, actor, self.seeds):
+            rows, which = step.running, step.episode[step.running]
+            if self.losses is not None and contexts is not None:
+                observation, action = step.observation[rows], step.action[rows]
+                self.losses.note(contexts, which, length[which], observation, action)
+            for side, reward in enumerate(step.made.rewards):
+                totals[which, side] += np.atleast_1d(reward)[rows]
+            length[which] += 1
+            ending[which] = step.made.ending[rows]
+            if hasattr(step.made, "contact"):
+                contact[which] = step.made.contact[rows]
+        assert (ending != Ending.NONE).all()
+        lost = None if contexts is None else contexts.declared.sum(axis=1)
+        return Outcomes(name, totals, ending, contact, length, angles, expected, lost, contexts)
 
 
-def drive_actions(
-    table: Table,
-    actions: Int[np.ndarray, "time episode"],
-    fate: Float[np.ndarray, "episode draw"],
-    name: str,
-    losses: DecisionLosses | None = None,
-) -> Outcomes:
-    """Run fixed actions, whatever happens, on the episodes of these fates.
+def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: bool) -> Actor:
+    """Return the actor of a driver in episodes side by side, or in an environment one by one.
 
-    Args:
-        table: The world or its reachable part.
-        actions: Action of each episode at each time.
-        fate: Result of `fates`.
-        name: Name of the driver.
-        losses: As for `drive_grid`.
+    In a gridworld, where all episodes begin at once, a policy may have a memory for each of them.
     """
-    return _driven(table, _FixedActor(actions), fate, name, angles=(), losses=losses)
+    policy, sizes = driver.policy, Interface.of(world)
+    if not deterministic and world.draws_by_seed and isinstance(policy, SoftPolicy):
+        return SoftActor(policy, batch)
+    if isinstance(policy, ConstantPolicy):
+        action = np.asarray(policy.action)
+        return ScriptedActor(lambda _, __, rows: np.tile(action, (len(rows), *(1,) * action.ndim)))
+    if isinstance(batch, GymSimulator):
+        return GymActor(policy, deterministic)
+    checked = functools.partial(sizes.checked, source=driver.name)
+    return PolicyActor(policy, batch, deterministic, world.is_exact, checked)
 
 
-class _FixedActor:
-    """Actions by time and episode; all episodes begin at once."""
-
-    def __init__(self, actions: Int[np.ndarray, "time episode"]) -> None:
-        self._actions, self._time = actions, 0
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: the actions are fixed."""
-
-    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
-        """Return the actions of the present time."""
-        self._time += 1
-        return self._actions[self._time - 1]
+def _by_state(actions: Int[np.ndarray, "time state"]) -> Actor:
+    """Return the actor that takes these actions of a gridworld; all episodes begin at once."""
+    return ScriptedActor(lambda time, states, _: actions[time, states])
 
 
-class _TimedActor:
-    """Actions by time and state; all episodes begin at once."""
-
-    def __init__(self, actions: Int[np.ndarray, "time state"]) -> None:
-        self._actions, self._time = actions, 0
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: the table is the same for every episode."""
-
-    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
-        """Return the actions of the table."""
-        self._time += 1
-        return self._actions[self._time - 1, observation]
-
-
-def exactly_as_declared(
-    table: Table,
-    rule: AngleRule,
-    fate: Float[np.ndarray, "episode draw"],
-    losses: DecisionLosses,
-) -> Outcomes:
-    """Run the exact dial turned by a declared rule, which loses nothing by it.
-
-    Args:
-        table: The world's reachable part.
-        rule: The rule.
-        fate: Result of `fates`.
-        losses: As for `drive_grid`.
-    """
+def exactly_as_declared(course: Course, rule: AngleRule) -> Outcomes:
+    """Run the exact dial of a gridworld turned by a declared rule, which loses nothing by it."""
+    table = course.batch.table
     chances = by_turning(table, state_angles(table, rule))
     exact = horizon_evaluation(table.mdp, chances, table.world.horizon).totals
-    actor = _TimedActor(chances.argmax(axis=2))
-    return _driven(table, actor, fate, AS_DECLARED, (), exact, losses)
+    actor = _by_state(chances.argmax(axis=2))
+    return course.outcomes(AS_DECLARED, actor, expected=exact)
 
 
-def exact_optima(
-    table: Table, fate: Float[np.ndarray, "episode draw"], losses: DecisionLosses | None = None
-) -> tuple[Outcomes, ...]:
-    """Run the exact optima of a gridworld on episodes of given fates, one for each vertex.
+def exact_optima(course: Course) -> tuple[Outcomes, ...]:
+    """Run the exact optima of a gridworld, one for each vertex of the attainable set.
 
     Together they are the best at every angle, so the largest J(α) among them is J*(α) itself.
     They depend on the time; `Outcomes.expected` has the exact expectation.
+    """
+    mdp, horizon = course.batch.table.mdp, course.batch.table.world.horizon
+    attainable, optima = attainable_set(mdp, horizon), []
+    for vertex in range(len(attainable.vertices)):
+        low, high = attainable.supporting_interval(vertex)
+        reward = np.asarray(score(exact_weights((low + high) / 2), mdp.rewards))
+        optimum = horizon_optimum(mdp, reward, horizon)
+        exact = horizon_evaluation(mdp, optimum.probabilities(mdp.n_actions), horizon).totals
+        actor = _by_state(optimum.actions)
+        optima.append(course.outcomes(f"optimum_{vertex:02d}", actor, (low, high), exact))
+    return tuple(optima)
+
+
+PREFIX = "trivial_"
+"""Beginning of the names of trivial drivers: constant actions and uniformly random ones. They are
+no references of the regret test. A declaration that all of them would pass excludes nothing."""
+
+RANDOM = f"{PREFIX}random"
+
+GO_AND_WAIT = ("go", "wait")
+"""Constant drivers of the intersection, which are references already, by name of their rule."""
+
+
+class UniformPolicy:
+    """Policy that chooses every action with the same probability, whatever it observes.
 
     Args:
-        table: The world's reachable part.
-        fate: Result of `fates`.
-        losses: As for `drive_grid`.
+        actions: Number of actions.
     """
-    horizon, optima = table.world.horizon, []
-    best: AttainableSet = attainable_set(table.mdp, horizon)
-    for vertex in range(len(best.vertices)):
-        low, high = best.supporting_interval(vertex)
-        middle = (low + high) / 2
-        reward = np.asarray(score(exact_weights(middle), table.mdp.rewards))
-        optimum = horizon_optimum(table.mdp, reward, horizon)
-        exact = horizon_evaluation(
-            table.mdp, optimum.probabilities(table.mdp.n_actions), horizon
-        ).totals
-        name = f"optimum_{vertex:02d}"
-        actor = _TimedActor(optimum.actions)
-        optima.append(_driven(table, actor, fate, name, (low, high), exact, losses))
-    return tuple(optima)
+
+    def __init__(self, actions: int) -> None:
+        self._actions = actions
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[np.ndarray, Any]:
+        """Return the first action: the draws follow `probabilities`."""
+        return np.zeros(len(observation), np.int64), state
+
+    def probabilities(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """Return equal probabilities."""
+        return np.full((len(observations), self._actions), 1.0 / self._actions)
+
+
+def trivial_drivers(course: Course) -> tuple[Outcomes, ...]:
+    """Run the first action, the last action, and random ones, drawn by the seeds of the episodes.
+
+    The first is to wait, the last to go as fast as possible; in an environment their meaning is
+    not known, and of continuous actions they are the lower and upper ends of all numbers. Where
+    the world has references of its own, the constant drivers are among them.
+    """
+    world, interface = course.world, Interface.of(course.world)
+    constant: dict[str, Any] = {}
+    if not world.references and interface.action_size:
+        ends = {"lowest_values": -1.0, "highest_values": 1.0}
+        constant = {
+            name: np.full(interface.action_size, end, np.float32) for name, end in ends.items()
+        }
+    elif not world.references:
+        names = getattr(world, "actions", [f"action_{k}" for k in range(interface.n_actions)])
+        constant = {names[0]: 0, names[-1]: interface.n_actions - 1}
+    outcomes = [
+        course.drive(Reference(f"{PREFIX}{name}", ConstantPolicy(action)))
+        for name, action in constant.items()
+    ]
+    return (*outcomes, _random(course, interface))
+
+
+def _random(course: Course, interface: Interface) -> Outcomes:
+    """Run random actions, drawn by the seeds of the episodes."""
+    if course.world.is_exact:
+        horizon = course.batch.table.world.horizon
+        streams = [np.random.default_rng([UNIFORM, seed]) for seed in course.seeds.tolist()]
+        actions = [stream.integers(interface.n_actions, size=horizon) for stream in streams]
+        table = np.array(actions).T
+        return course.outcomes(RANDOM, ScriptedActor(lambda time, _, __: table[time]))
+    if interface.action_size:
+        return course.outcomes(RANDOM, UniformActor(interface.action_size, course.batch))
+    driver = Reference(RANDOM, UniformPolicy(interface.n_actions))
+    return course.drive(driver, deterministic=False)

@@ -102,7 +102,7 @@ class Evidence:
         strata: Label of each episode by name of the stratification. Labels depend on the seed
             alone, so no driver can choose its stratum.
         trivial: Outcomes of constant and random actions, which are no references of the regret
-            test (`evidence.trivial`).
+            test (`evidence.drive`).
         consistency: Answers of the policy to repeated queries; None if it was not asked.
     """
 

@@ -5,27 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from socialiq.audit.evidence.drive import GridActor, fates
-from socialiq.audit.profile.environment import LARGEST_SEED, Environment
-from socialiq.audit.profile.profile import World
-from socialiq.evaluation.play import play
-from socialiq.evaluation.simulate import SoftPolicy, simulate
-from socialiq.evaluation.simulators import FixedChance, GymActor, TableSimulator
+from socialiq.audit.evidence.drive import actor_of
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.profile.environment import LARGEST_SEED
+from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds import scene_named
-from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.highway.gym import SceneEnv
+from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.highway.pictures import render
 from socialiq.worlds.highway.pictures.render import Scene
-from socialiq.worlds.highway.world import SceneWorld
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.views import REACH
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import World
 
 PER_SECOND = 5
 """Frames of a second on a road, fewer in episodes of more than `MOST_FRAMES`."""
@@ -132,26 +127,39 @@ def replayer(
     road = road_of(world)
     if road is not None:
         return lambda seed: _on_road(road, policy, seed, deterministic)
-    if isinstance(world, GridWorld):
-        table = tabulate(world)
-        return lambda seed: _in_grid(table, policy, seed, deterministic)
+    if world.is_exact:
+        return _grid_replayer(world, policy, deterministic)
     return None
 
 
-def road_of(world: World) -> Intersection | SceneWorld | None:
+class Road(NamedTuple):
+    """Compiled road of a world.
+
+    Attributes:
+        world: The road.
+        is_scene: Whether it is a scene of highway-env, whose episodes an audit drives one by one
+            as those of any environment.
+    """
+
+    world: RoadWorld
+    is_scene: bool
+
+    def first_seed(self, seed: int) -> int:
+        """Return the seed by which the episode of a seed begins."""
+        return seed % LARGEST_SEED if self.is_scene else seed
+
+    def as_asked(self, policy: Policy, deterministic: bool = True) -> Policy:
+        """Return a policy for one episode, asked as it was for the evidence."""
+        soft = not deterministic and isinstance(policy, SoftPolicy)
+        return _OneByOne(policy, deterministic) if self.is_scene and not soft else policy
+
+
+def road_of(world: World) -> Road | None:
     """Return the compiled road of a world; None for gridworlds and environments of other code."""
-    if isinstance(world, Intersection):
-        return world
-    if isinstance(world, Environment) and scene_named(world.name) is not None:
-        env = world.env.unwrapped
-        assert isinstance(env, SceneEnv) and isinstance(env.world, SceneWorld)
-        return env.world
-    return None
-
-
-def first_seed(road: Intersection | SceneWorld, seed: int) -> int:
-    """Return the seed by which a road's episode begins; scenes are driven as environments."""
-    return seed % LARGEST_SEED if isinstance(road, SceneWorld) else seed
+    scene = getattr(world, "scene_world", None)
+    if scene is not None:
+        return Road(scene, True)
+    return Road(cast(RoadWorld, world), False) if world.view is not None else None
 
 
 class _OneByOne:
@@ -177,22 +185,13 @@ class _OneByOne:
         return self._actor.decide([*observation], np.ones(1, np.bool_)), state
 
 
-def as_asked(road: Intersection | SceneWorld, policy: Policy, deterministic: bool = True) -> Policy:
-    """Return a policy for one episode, asked as it was for the evidence."""
-    soft = not deterministic and isinstance(policy, SoftPolicy)
-    return policy if soft or isinstance(road, Intersection) else _OneByOne(policy, deterministic)
-
-
-def _on_road(
-    world: Intersection | SceneWorld, policy: Policy, seed: int, deterministic: bool
-) -> ReplayedEpisode:
-    scene = isinstance(world, SceneWorld)
-    batch, seed = world.batch(1, traced=True), first_seed(world, seed)
-    continuous = not scene and world.options.continuous
+def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> ReplayedEpisode:
+    world = road.world
+    batch, continuous = world.batch(1, traced=True), world.action_size > 0
     recorded: list[Scene] = []
     totals, actions, decisions = np.zeros(2), "", 0
-    driver = as_asked(world, policy, deterministic)
-    for step in play(batch, driver, np.array([seed]), deterministic):
+    driver, seeds = road.as_asked(policy, deterministic), np.array([road.first_seed(seed)])
+    for step in play(batch, driver, seeds, deterministic):
         recorded += render.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
         actions += "" if continuous else str(int(step.action[0]))
@@ -200,7 +199,7 @@ def _on_road(
     rate = world.options.simulation_frequency
     every = max(1, rate // PER_SECOND, math.ceil(len(recorded) / MOST_FRAMES))
     chosen = [*recorded[:-1:every], recorded[-1]]
-    tracks = _joined(_poses_of(frame, math.inf if scene else SEEN) for frame in chosen)
+    tracks = _joined(_poses_of(frame, math.inf if road.is_scene else SEEN) for frame in chosen)
     last = chosen[-1].vehicles
     crashed = {int(vehicle["identity"]) for vehicle in last if vehicle["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
@@ -220,17 +219,23 @@ def _poses_of(scene: Scene, within: float) -> dict[int, Pose]:
     }
 
 
-def _in_grid(table: Table, policy: Policy, seed: int, deterministic: bool) -> ReplayedEpisode:
-    simulator = TableSimulator(table, 1, FixedChance(fates(table, [seed])))
-    actor = GridActor(table, policy, "policy", deterministic)
-    states, totals = [], np.zeros(2)
-    for step in simulate(simulator, actor, np.arange(1)):
-        states = states or [int(step.observation[0])]
-        states.append(int(step.made.state[0]))
-        totals += [float(reward[0]) for reward in step.made.rewards]
-    tracks = _joined(_numbered(table, states))
-    trace = Trace(GRID_PER_SECOND, len(states), _tracks(tracks, 0, set()))
-    return ReplayedEpisode(trace, len(states) - 1, RewardPair(*totals.tolist()))
+def _grid_replayer(
+    world: World, policy: Policy, deterministic: bool
+) -> Callable[[int], ReplayedEpisode]:
+    batch = GridBatch(world.table(), 1)  # with the last states, from which none is reached
+
+    def replay(seed: int) -> ReplayedEpisode:
+        actor = actor_of(world, batch, Reference("policy", policy), deterministic)
+        states, totals = [], np.zeros(2)
+        for step in simulate(batch, actor, np.array([seed])):
+            states = states or [int(step.observation[0])]
+            states.append(int(step.made.state[0]))
+            totals += [float(reward[0]) for reward in step.made.rewards]
+        tracks = _joined(_numbered(batch.table, states))
+        trace = Trace(GRID_PER_SECOND, len(states), _tracks(tracks, 0, set()))
+        return ReplayedEpisode(trace, len(states) - 1, RewardPair(*totals.tolist()))
+
+    return replay
 
 
 def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:

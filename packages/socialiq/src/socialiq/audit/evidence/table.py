@@ -116,7 +116,7 @@ def read_table(
         UserError: If it is not exactly as `write_table` writes it.
     """
     try:
-        rows = _rows(content)
+        rows = csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
         head = next(rows, [])
         measured = _measured(by_rule)
         first, names = _names(head, policy, [*attributes, *trivial], measured)
@@ -141,10 +141,6 @@ def read_table(
     if write_table(evidence).encode() != content:
         raise UserError("it is not written as an audit writes it")
     return evidence
-
-
-def _rows(content: bytes) -> Iterator[list[str]]:
-    return csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
 
 
 def _names(

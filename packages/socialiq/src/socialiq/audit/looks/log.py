@@ -93,14 +93,19 @@ class AuditLog:
         return self.entries[-1]["sha256"] if self.entries else self.subject_sha256
 
     @property
+    def commitments(self) -> list[Entry]:
+        """Lines of commitments, in their order."""
+        return [entry for entry in self.entries if entry["kind"] == COMMITMENT]
+
+    @property
     def looks(self) -> int:
         """Number of commitments."""
-        return sum(entry["kind"] == COMMITMENT for entry in self.entries)
+        return len(self.commitments)
 
     def look_of(self, sha256: str) -> int:
         """Return the number of the look of a commitment, 0 if there is no such line."""
-        numbers = (entry["sha256"] for entry in self.entries if entry["kind"] == COMMITMENT)
-        return next((look for look, number in enumerate(numbers, 1) if number == sha256), 0)
+        hashes = [entry["sha256"] for entry in self.commitments]
+        return hashes.index(sha256) + 1 if sha256 in hashes else 0
 
     def following(self, kind: str, commitment: str) -> Entry | None:
         """Return the first line of a kind that belongs to a commitment."""

@@ -157,25 +157,19 @@ def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
 
 def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
     check_spendable(spend(whole_error(plan.profile.confidence), log.looks + 1))
-    _check_unused(log, source)
+    sha256 = source.get("nonce_sha256")
+    if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in log.commitments):
+        # It may be known by now.
+        raise UserError(
+            f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
+        )
     entry = log.append(COMMITMENT, {**plan.fields(), "seed": dict(source)})
     return _look(log, plan, entry)
 
 
 def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
     spent = spend(whole_error(plan.profile.confidence), log.look_of(entry["sha256"]))
-    name = log.path.name
-    return Look(*spent, name, entry["previous"], entry["sha256"], entry["time"])
-
-
-def _check_unused(log: AuditLog, source: Mapping[str, Any]) -> None:
-    """Refuse a nonce that an earlier line names: it may be known by now."""
-    sha256 = source.get("nonce_sha256")
-    commitments = (entry for entry in log.entries if entry["kind"] == COMMITMENT)
-    if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in commitments):
-        raise UserError(
-            f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
-        )
+    return Look(*spent, log.path.name, entry["previous"], entry["sha256"], entry["time"])
 
 
 def of_nonce(sha256: str) -> dict[str, Any]:
@@ -185,7 +179,7 @@ def of_nonce(sha256: str) -> dict[str, Any]:
         UserError: If it is not a hash.
     """
     check_sha256(sha256)
-    return _nonce_origin(sha256)
+    return {"source": "auditor's nonce", "nonce_sha256": sha256}
 
 
 def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
@@ -195,18 +189,10 @@ def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
         origin: As for `open_look`.
     """
     if isinstance(origin, Nonce):
-        return _nonce_origin(origin.sha256)
+        return of_nonce(origin.sha256)
     if isinstance(origin, Round):
-        return _beacon_origin(origin.number)
+        return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": origin.number}
     return {"source": "system entropy"}
-
-
-def _nonce_origin(sha256: str) -> dict[str, Any]:
-    return {"source": "auditor's nonce", "nonce_sha256": sha256}
-
-
-def _beacon_origin(number: int) -> dict[str, Any]:
-    return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": number}
 
 
 def of_beacon(number: int) -> dict[str, Any]:
@@ -221,7 +207,7 @@ def of_beacon(number: int) -> dict[str, Any]:
             f"round {number} of drand {seeds.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
             f"UTC: name one after {seeds.round_after(now())}"
         )
-    return _beacon_origin(number)
+    return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": number}
 
 
 def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | None = None) -> Opened:
@@ -259,8 +245,7 @@ def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | Non
 
 def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
     """Return the open commitment that names a nonce or a round, if it is of this plan."""
-    commitments = (entry for entry in log.entries if entry["kind"] == COMMITMENT)
-    naming = [entry for entry in commitments if entry["seed"] == origin_of(origin)]
+    naming = [entry for entry in log.commitments if entry["seed"] == origin_of(origin)]
     if not naming:
         nonce = isinstance(origin, Nonce)
         option = f"--nonce-sha256 {origin.sha256}" if nonce else f"--beacon-round {origin.number}"
@@ -278,11 +263,6 @@ def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
             f"the commitment in {log.path} was made after round {origin.number} was published: "
             "commit again, to a later round"
         )
-    return _fitting(log, plan, unopened)
-
-
-def _fitting(log: AuditLog, plan: Plan, unopened: list[Entry]) -> Entry:
-    """Return the first commitment of a plan."""
     fields = plan.fields()
     for entry in unopened:
         if all(entry[name] == fields[name] for name in fields):

@@ -11,14 +11,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
+from socialiq.evaluation.simulate import GymSimulator
+from socialiq.worlds import scene_named
 from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
+from socialiq.worlds.highway.gym import SceneEnv
+from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.world import World
 from socialiq.worlds.wrapper import RewardPairWrapper
 
 LARGEST_SEED = 2**31
@@ -30,8 +35,10 @@ _OWN = ("gymnasium", "socialiq")
 
 
 @dataclass(frozen=True)
-class Environment:
+class Environment(World):
     """A Gymnasium environment with a reward pair, and its name in a declaration.
+
+    It shows policies no time, and its episodes are run one by one.
 
     Attributes:
         name: Name as for `worlds.environment.make_environment`.
@@ -42,6 +49,9 @@ class Environment:
     name: str
     options: Mapping[str, Any]
     env: gymnasium.Env[Any, Any]
+
+    shows_time: ClassVar[bool] = False
+    draws_by_seed: ClassVar[bool] = True
 
     @staticmethod
     def of(name: str, options: Mapping[str, Any], allow_code: bool) -> Environment:
@@ -65,8 +75,20 @@ class Environment:
         """Space of one action: numbers from 0, or vectors in [-1, 1]."""
         return self.env.action_space
 
+    def batch(self, size: int, threads: int = 1) -> GymSimulator:  # noqa: ARG002  there is one
+        """Return the environment as a simulator of one episode at a time."""
+        return GymSimulator(self.env, modulus=LARGEST_SEED)
+
+    @property
+    def scene_world(self) -> RoadWorld | None:
+        """The compiled road of a scene of highway-env; None for environments of other code."""
+        env = self.env.unwrapped
+        return env.world if scene_named(self.name) and isinstance(env, SceneEnv) else None
+
     @cached_property
-    def description(self) -> str:
+    def description(  # pyright: ignore[reportIncompatibleMethodOverride]  made once
+        self,
+    ) -> str:
         """Name, options, spaces, time limit, sources and versions as JSON with sorted keys.
 
         Of continuous actions the bounds are included, in the environment's units.
@@ -94,6 +116,11 @@ class Environment:
         giver = paired(self.env)
         objects = [type(self.env.unwrapped)] if giver is None else [giver.pair]
         return {"sources": _sources(objects), "versions": _versions(objects)}
+
+    @property
+    def reward_id(self) -> str:
+        """Name of the reward pair, which the environment's sources define."""
+        return f"environment/{self.name}"
 
     def _parts(self) -> list[Any]:
         """Return the classes and functions whose code is hashed."""

@@ -7,48 +7,42 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
-from socialiq.audit.profile.junction import Junction, is_junction
 from socialiq.errors import UserError, one_of
-from socialiq.policies.interface import Interface
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import NAMED
 from socialiq.worlds.environment import is_environment
-from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.highway.options import ENV_SIGNALS, MOST_SPEEDS, SOCIAL_SIGNALS
+from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import NAMES, default_options, make, refuse_file
-
-World = GridWorld | Intersection | Environment | Junction
+from socialiq.worlds.registry import (
+    INTERSECTIONS,
+    NAMES,
+    default_options,
+    load_world,
+    make,
+    refuse_file,
+)
+from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
 MOST_VEHICLES = 200
 
 MOST_SUB_STEPS = 100  # per second
 
-_GRID_UNITS = {
-    "crossing5": ("ends_on", "social_cost", "arrival"),
-    "crossing7": ("arrival", "full_stop", "yield_zone", "slow_yield"),
-}
+WORLD_SUFFIX = ".safetensors"
 
-_UNITS = (
-    "policy_frequency",  # rewards come with each decision
-    "duration",
-    "target_speeds",  # the fastest is what speeds are relative to
-    "progress_unit",
-    "zone",
-    "counted",
-    "disruption",
-    "crash",
-    "conflict_distance",
-    "speed_threshold",
-    "speed_cap",
-)
+
+def is_world_file(name: str) -> bool:
+    """Whether a world's name is that of a file, which only recorded junctions have.
+
+    The file itself is not needed: a report is verified without it.
+    """
+    return name.endswith(WORLD_SUFFIX)
 
 
 def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
@@ -63,8 +57,9 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
         UserError: If the world or an option is unknown, a value is of the wrong type or size, or
             an environment can't be made.
     """
-    if is_junction(name):
-        return Junction.of(name, options)
+    if is_world_file(name):
+        _check_file(name, options)
+        return load_world(name)
     refuse_file(name)
     if is_environment(name) and name not in NAMED.values():
         check_options(options)
@@ -75,31 +70,29 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
         one_of(f"option of {name}", option, tuple(defaults))
     typed = {option: _typed(option, value, defaults[option]) for option, value in options.items()}
     world = make(name, **typed)
-    if isinstance(world, Intersection):
+    if name in INTERSECTIONS:
         _check_size(world.options)
     return world
 
 
-def interface_of(world: World) -> Interface:
-    """Return the sizes of a world's observations and actions, discrete or continuous."""
-    if isinstance(world, Intersection | Environment):
-        return Interface.of(world)
-    return Interface(world.n_features, world.n_actions)
+def _check_file(name: str, options: Mapping[str, Any]) -> None:
+    """Refuse options of a world from a file, and a file that is missing or holds no world."""
+    if options:
+        raise UserError(
+            f"a recorded junction takes no options, got {', '.join(options)}: "
+            "`socialiq data world` makes another world"
+        )
+    if not Path(name).exists():
+        raise UserError(
+            f"no such file: {name}: the declaration names its world by this path, from the "
+            "current folder"
+        )
+    refuse_file(name)
 
 
 def scenario_sha256(world: World) -> str:
     """Return the SHA-256 of a world's description: its name and every option."""
     return hashlib.sha256(world.description.encode()).hexdigest()
-
-
-def reward_id(world: World) -> str:
-    """Return the name of a world's reward pair; it changes with the formulas.
-
-    The sources of an environment define its pair.
-    """
-    if isinstance(world, Environment):
-        return f"environment/{world.name}"
-    return f"socialiq/{world.name}/1"
 
 
 def reward_specification(world: World) -> dict[str, Any]:
@@ -108,17 +101,7 @@ def reward_specification(world: World) -> dict[str, Any]:
     Two worlds with equal specifications give the same rewards for the same event, whatever their
     traffic. The specification of an environment has the hashes of its code.
     """
-    specification: dict[str, Any] = {"id": reward_id(world)}
-    if isinstance(world, Environment):
-        return specification | world.reward
-    if isinstance(world, Intersection | Junction):
-        weigh = {side: _weights(world.options, names) for side, names in _SIDES.items()}
-        units = {name: getattr(world.options, name) for name in _UNITS}
-        return specification | weigh | {"units": units}
-    units = {name: getattr(world.options, name) for name in _GRID_UNITS[world.name]}
-    units |= {"horizon": world.horizon, "max_speed": world.max_speed}
-    weigh = {"env": dict(world.env_weights), "social": dict(world.social_weights)}
-    return specification | weigh | {"units": units}
+    return {"id": world.reward_id, **world.reward}
 
 
 def reward_sha256(world: World) -> str:
@@ -130,7 +113,7 @@ def reward_sha256(world: World) -> str:
 def identity(world: World) -> dict[str, str]:
     """Return the identity of a world, by field of the declaration."""
     return {
-        "reward.id": reward_id(world),
+        "reward.id": world.reward_id,
         "reward.sha256": reward_sha256(world),
         "scenario.sha256": scenario_sha256(world),
     }
@@ -150,13 +133,6 @@ def check_options(options: Mapping[str, Any]) -> None:
         if not isinstance(value, str | bool | int | float | list):
             raise UserError(f"{option} must be text, true, false, a number or a list of numbers")
         _typed(option, value, (0.0,) if isinstance(value, list) else default)
-
-
-_SIDES = {"env": ENV_SIGNALS, "social": SOCIAL_SIGNALS}
-
-
-def _weights(options: Options, signals: tuple[str, ...]) -> dict[str, float]:
-    return {name: getattr(options, f"{name}_weight") for name in signals}
 
 
 def _typed(option: str, value: Any, default: Any) -> Any:

@@ -9,19 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from socialiq.audit.profile.fields import (
-    BY_PATH,
-    FIELDS,
-    LONGEST_TEXT,
-    MOST_OPTIONS,
-    RULE,
-    SHA256_PATTERN,
-    TABLES,
-    WORLD_PATTERN,
-    visible,
-)
-from socialiq.audit.profile.fields import Field as Declared
-from socialiq.audit.profile.junction import is_junction
+from socialiq.audit.profile import fields
 from socialiq.audit.profile.profile import (
     WRONG_WORLD,
     Floor,
@@ -29,9 +17,9 @@ from socialiq.audit.profile.profile import (
     Profile,
     Reward,
     Scenario,
-    World,
     check_options,
     identity,
+    is_world_file,
     world_of,
 )
 from socialiq.errors import UserError
@@ -39,6 +27,7 @@ from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds.registry import NAMES, refuse_file
 from socialiq.worlds.situation import check_rule
+from socialiq.worlds.world import World
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
 
@@ -106,11 +95,11 @@ class _Reader:
 
     def profile(self, source: bytes) -> Profile:
         self._check_names()
-        values = {field.path: self._value(field) for field in FIELDS}
+        values = {field.path: self._value(field) for field in fields.FIELDS}
         self._check_loss(values)
         self._check_scenario(values)
-        rule = self._rule(values.pop(RULE), values["scenario.world"])
-        tables: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
+        rule = self._rule(values.pop(fields.RULE), values["scenario.world"])
+        tables: dict[str, dict[str, Any]] = {table: {} for table in ("", *fields.TABLES)}
         for path, value in values.items():
             table, _, key = path.rpartition(".")
             tables[table][key] = value
@@ -147,12 +136,14 @@ class _Reader:
 
     def _check_names(self) -> None:
         """Refuse unknown names, on the top level and in tables."""
-        top = [field.path for field in FIELDS if "." not in field.path]
+        top = [field.path for field in fields.FIELDS if "." not in field.path]
         for name, value in self._content.items():
-            if name not in (*top, *TABLES):
-                self._unknown(name, (*top, *TABLES))
-            if name in TABLES:
-                keys = tuple(path.split(".")[1] for path in BY_PATH if path.startswith(f"{name}."))
+            if name not in (*top, *fields.TABLES):
+                self._unknown(name, (*top, *fields.TABLES))
+            if name in fields.TABLES:
+                keys = tuple(
+                    path.split(".")[1] for path in fields.BY_PATH if path.startswith(f"{name}.")
+                )
                 if not isinstance(value, dict):
                     self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
                 for key in value:
@@ -162,7 +153,7 @@ class _Reader:
     def _unknown(self, path: str, names: tuple[str, ...]) -> NoReturn:
         self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(names)}")
 
-    def _value(self, field: Declared) -> Any:
+    def _value(self, field: fields.Field) -> Any:
         table, _, key = field.path.rpartition(".")
         holder = self._content.get(table, {}) if table else self._content
         if key not in holder and not field.required:
@@ -181,7 +172,7 @@ class _Reader:
 
         A report is verified without its world, so that a missing file is none of its errors.
         """
-        if is_junction(world) and not Path(world).exists():
+        if is_world_file(world) and not Path(world).exists():
             return
         try:
             refuse_file(world)
@@ -196,7 +187,7 @@ class _Reader:
             rule = AngleRule.of(content)
             check_rule(rule, world)
         except UserError as error:
-            self.refuse(RULE, _quoted(str(error), quoted=False))
+            self.refuse(fields.RULE, _quoted(str(error), quoted=False))
         return rule
 
     def _check_loss(self, values: Mapping[str, Any]) -> None:
@@ -234,7 +225,7 @@ class _Reader:
                 self.refuse(path, WRONG_WORLD.format(path=path, value=value))
 
 
-def _fits(field: Declared, value: Any) -> bool:
+def _fits(field: fields.Field, value: Any) -> bool:
     if field.kind == "number":
         # A boolean is an int, NaN compares false, and a huge int is compared without conversion.
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -246,14 +237,17 @@ def _fits(field: Declared, value: Any) -> bool:
     if field.kind == "rule":
         return isinstance(value, dict)
     if field.kind == "options":
-        return isinstance(value, dict) and len(value) <= MOST_OPTIONS
+        return isinstance(value, dict) and len(value) <= fields.MOST_OPTIONS
     if not isinstance(value, str):
         return False
     if field.kind == "sha256":
-        return re.fullmatch(SHA256_PATTERN, value) is not None
+        return re.fullmatch(fields.SHA256_PATTERN, value) is not None
     if field.kind == "world":
-        return len(value) <= LONGEST_TEXT and re.fullmatch(WORLD_PATTERN, value) is not None
-    return visible(value)
+        return (
+            len(value) <= fields.LONGEST_TEXT
+            and re.fullmatch(fields.WORLD_PATTERN, value) is not None
+        )
+    return fields.visible(value)
 
 
 def _quoted(value: Any, quoted: bool = True) -> str:
@@ -285,17 +279,6 @@ def line_of(text: str, path: str) -> int:
         The line; of a field that is missing, or hidden in an inline table, the line of the
         innermost table around it, and 1 if that is missing too.
     """
-    lines = _begun(text)
-    keys = path.split(".")
-    for length in range(len(keys), 0, -1):
-        line = lines.get(".".join(keys[:length]))
-        if line:
-            return line
-    return 1
-
-
-def _begun(text: str) -> dict[str, int]:
-    """Return the first line of every table and every field, by path."""
     table, lines = "", {}
     for number, line in enumerate(text.split("\n"), 1):
         header, key = _TABLE.match(line), _KEY.match(line)
@@ -304,7 +287,9 @@ def _begun(text: str) -> dict[str, int]:
             lines.setdefault(table, number)
         elif key:
             lines.setdefault(f"{table}.{_bare_key(key[1])}".lstrip("."), number)
-    return lines
+    keys = path.split(".")
+    above = (".".join(keys[:length]) for length in range(len(keys), 0, -1))
+    return next((lines[name] for name in above if name in lines), 1)
 
 
 def _bare_key(key: str) -> str:

@@ -9,15 +9,12 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import FIELDS, FORMAT, RULE
-from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import Floor, Margin, Profile, World, identity, world_of
+from socialiq.audit.profile.profile import Floor, Margin, Profile, identity, world_of
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.enumerate import episode_range
-from socialiq.worlds.intersection.world import Intersection, env_range, is_unlimited, social_range
+from socialiq.worlds.world import World
 
 _WIDTH = 88
 
@@ -64,7 +61,10 @@ def declare(
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
     """
-    options_as_lists = _without_tuples(options or {})
+    options_as_lists = {
+        name: list(option) if isinstance(option, tuple) else option
+        for name, option in sorted((options or {}).items())
+    }
     built = world_of(world, options_as_lists, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
@@ -120,13 +120,6 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _without_tuples(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: list(option) if isinstance(option, tuple) else option
-        for name, option in sorted(options.items())
-    }
-
-
 _DIGITS = 4  # to which the limit is rounded up, so that a profile shows a short number
 
 
@@ -144,18 +137,8 @@ def possible_loss(world: World, angle: float) -> float | None:
         The difference, rounded up; None where the limits are not known: in an environment, at a
         recorded junction, and where the ego steers along a turn.
     """
-    if isinstance(world, Environment | Junction):
-        return None
-    if isinstance(world, Intersection) and is_unlimited(world.options):
-        return None
-    weights = exact_weights(angle)
-    if isinstance(world, Intersection):
-        sides = env_range(world.options), social_range(world.options)
-        difference = sum(abs(w) * side.width for w, side in zip(weights, sides, strict=True))
-    else:
-        low, high = episode_range(world, weights)
-        difference = high - low
-    return _rounded_up(difference)
+    difference = world.largest_difference(exact_weights(angle))
+    return None if difference is None else _rounded_up(difference)
 
 
 def _rounded_up(value: float) -> float:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from socialiq.audit.evidence.collect import CANDIDATES, stratified
+from socialiq.audit.evidence.collect import stratified
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.looks.look import Look
-from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, is_world_file
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.report.seeds import seeds_of
@@ -29,8 +29,8 @@ from socialiq.audit.report.words import (
 from socialiq.audit.seeds import Draw
 from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import Discrimination
-from socialiq.audit.verdict.shift import Shift, sentence_of
+from socialiq.audit.verdict.results import Results, dependence, results_of
+from socialiq.audit.verdict.shift import Shift, Traffic, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
@@ -61,9 +61,7 @@ class Audited:
         consistency: Answers of the policy to repeated queries; None if it was not asked.
         evidence: Result of `collect_evidence`, with the references that are left out.
         elsewhere: The same in each other traffic.
-        verdict: Result of `judged`.
-        discrimination: Result of `discriminate`.
-        shifts: Result of `shift_of`; None without the check.
+        traffic: Other traffic, or none.
         films: Films by path in the folder: `episodes.path_of`.
         traces: Result of `episodes.traces_of`, or the same as JSON.
         command: Command that repeats the audit.
@@ -82,9 +80,7 @@ class Audited:
     consistency: Consistency | None
     evidence: Evidence
     elsewhere: Sequence[Evidence]
-    verdict: Verdict
-    discrimination: Discrimination
-    shifts: Sequence[Shift] | None
+    traffic: Sequence[Traffic]
     films: Mapping[str, bytes]
     traces: Mapping[str, Sequence[Any]]
     command: str
@@ -104,15 +100,30 @@ class Audited:
 
 
 def content(audited: Audited) -> dict[str, Any]:
-    """Return the report as one JSON object; `report.schema.json` describes it."""
-    profile, verdict = audited.profile, audited.verdict
+    """Judge, and return the report as one JSON object; `report.schema.json` describes it.
+
+    Raises:
+        UserError: If the evidence is of another scenario.
+    """
+    profile, look = audited.profile, audited.look
+    results = results_of(
+        profile,
+        audited.evidence,
+        audited.left_out,
+        audited.drawn.derived("resampling"),
+        audited.traffic,
+        audited.elsewhere,
+        error=None if look is None else look.error,
+        findings=dependence(audited.consistency),
+    )
+    verdict = results.verdict
     evidence = audited.evidence.without(audited.left_out)
     angle, best = profile.angle, verdict.regret.best
     return to_json(
         {
             "format": FORMAT,
             "verdict": _verdict(verdict),
-            "caveats": [caveat._asdict() for caveat in _caveats(audited)],
+            "caveats": [caveat._asdict() for caveat in _caveats(audited, results)],
             "declaration": _declaration(profile),
             "policy": {
                 "record": dict(audited.policy),
@@ -120,20 +131,20 @@ def content(audited: Audited) -> dict[str, Any]:
                 "means": driver_row(evidence.policy, angle),
             },
             "tests": _tests(verdict) | _contexts(audited),
-            "discrimination": audited.discrimination,
+            "discrimination": results.discrimination,
             "consistency": audited.consistency,
             "references": audited.references(left_out=False),
             "trivial": [driver_row(driver, angle) for driver in evidence.trivial],
             "reference_files": list(audited.reference_files),
             "left_out": audited.references(left_out=True),
             "strata": stratified(evidence, angle, best, profile.confidence),
-            "shift": None if audited.shifts is None else _shift(audited.shifts, audited.elsewhere),
+            "shift": _shift(results.shifts, audited.elsewhere),
             "episodes": _shown(selected(evidence, angle), audited.films, audited.traces),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
             "scenario": evidence.scenario,
             "seeds": seeds_of(audited.drawn, evidence.episodes),
-            "look": audited.look,
+            "look": look,
             "hashes": _hashes(audited),
             "versions": versions(),
             "machine": machine(),
@@ -142,18 +153,17 @@ def content(audited: Audited) -> dict[str, Any]:
                 "seconds": audited.seconds,
             },
             "command": audited.command,
-            "claims_of_auditor": claims_of_auditor(audited.policy, audited.drawn, audited.look),
+            "claims_of_auditor": claims_of_auditor(audited.policy, audited.drawn, look),
         }
     )
 
 
-def _caveats(audited: Audited) -> list[Caveat]:
-    profile, regret = audited.profile, audited.verdict.regret
+def _caveats(audited: Audited, results: Results) -> list[Caveat]:
+    profile, regret = audited.profile, results.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
     limited = world in NAMES and profile.rule is None
     possible = possible_loss(profile.world(), profile.angle) if limited else None
-    draw, look, discrimination = audited.drawn, audited.look, audited.discrimination
     traces = [trace for rows in audited.traces.values() for trace in rows]
     # In an environment nothing is run again; a policy that draws its actions may draw others.
     repeated = traces if world in NAMES and audited.deterministic else []
@@ -161,7 +171,7 @@ def _caveats(audited: Audited) -> list[Caveat]:
     return [
         *caveats_of_rule(profile.rule, profile.angle),
         *caveats_of_loss(regret, possible),
-        *caveats(draw, look, audited.policy, discrimination, world),
+        *caveats(audited.drawn, audited.look, audited.policy, results.discrimination, world),
         *caveats_of_replay(equal, len(repeated)),
     ]
 
@@ -192,7 +202,9 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _shift(shifts: Sequence[Shift], elsewhere: Sequence[Evidence]) -> dict[str, Any]:
+def _shift(shifts: Sequence[Shift] | None, elsewhere: Sequence[Evidence]) -> dict[str, Any] | None:
+    if shifts is None:
+        return None
     return {
         "sentence": sentence_of(shifts),
         "otherwise": any(shift.shown for shift in shifts),
@@ -313,6 +325,6 @@ _UNKNOWN = (
 def limits(world: str) -> list[str]:
     """Return the limits that apply in a world of this name."""
     texts = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
-    if is_junction(world):
+    if is_world_file(world):
         return [*_RECORDED, *texts]
     return texts if world in NAMES else [*_UNKNOWN, *texts]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.profile.junction import is_junction
+from socialiq.audit.profile.profile import is_world_file
 from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
@@ -104,7 +104,7 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
     kind = "gridworld" if world in GRIDWORLDS else "environment"
     if world in INTERSECTIONS:
         kind = INTERSECTION if world == INTERSECTION else CONTINUOUS
-    if is_junction(world):
+    if is_world_file(world):
         kind = JUNCTION
     compared = CONFORMANCE if kind == INTERSECTION else None
     beyond = [name for name in scenario["options"] if name not in CONFORMANCE.compared]

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.replay import (
-    ReplayedEpisode,
-    Trace,
-    as_asked,
-    first_seed,
-    replayer,
-    road_of,
-)
+from socialiq.audit.evidence.replay import Road, Trace, replayer, road_of
 from socialiq.audit.evidence.table import kind_of_ending
-from socialiq.audit.profile.profile import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.highway.pictures import render, sheet
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.world import SceneWorld
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import World
 
 _SELECTED = 3
 
@@ -88,15 +79,15 @@ def traces_of(
         or in an environment.
     """
     again = replayer(world, policy, deterministic)
-    return {kind: [_traced(again, row) for row in rows] for kind, rows in chosen.items()}
 
+    def traced(row: Mapping[str, Any]) -> Trace | None:
+        if again is None:
+            return None
+        played = again(int(row["seed"]))
+        same = played.repeats(row["decisions"], RewardPair(row["r_env"], row["r_social"]))
+        return played.trace if same else None
 
-def _traced(again: Callable[[int], ReplayedEpisode] | None, row: Mapping[str, Any]) -> Trace | None:
-    if again is None:
-        return None
-    played = again(int(row["seed"]))
-    same = played.repeats(row["decisions"], RewardPair(row["r_env"], row["r_social"]))
-    return played.trace if same else None
+    return {kind: [traced(row) for row in rows] for kind, rows in chosen.items()}
 
 
 _PER_SECOND = 5  # frames; every sub-step would take three times as long to draw
@@ -112,7 +103,7 @@ def path_of(kind: str, number: int) -> str:
     return f"episodes/{kind}-{number}.gif"
 
 
-def check_filmed(world: World) -> Intersection | SceneWorld:
+def check_filmed(world: World) -> Road:
     """Return the road of a world if films of its episodes can be drawn.
 
     Raises:
@@ -142,15 +133,15 @@ def films_of(
         UserError: If the world is no road of highway-env.
     """
     films, road = {}, check_filmed(world)
-    every = max(1, road.options.simulation_frequency // _PER_SECOND)
-    batch = road.batch(1, traced=True)
+    every = max(1, road.world.options.simulation_frequency // _PER_SECOND)
+    batch = road.world.batch(1, traced=True)
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.gif"
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
-                seed = first_seed(road, int(row["seed"]))
-                played = render.episode_scenes(batch, as_asked(road, policy), seed)
+                seed = road.first_seed(int(row["seed"]))
+                played = render.episode_scenes(batch, road.as_asked(policy), seed)
                 frames = [*played[:-1:every], played[-1]]
-                sheet.save(film, frames, road.view, _PER_SECOND)
+                sheet.save(film, frames, road.world.view, _PER_SECOND)
                 films[path_of(kind, number)] = film.read_bytes()
     return films

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.evidence.collect import CANDIDATES
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.evidence.table import CONTEXTS, write_contexts, write_table
 from socialiq.audit.profile.profile import Profile
@@ -163,7 +163,16 @@ def check_target(folder: Path, replace: bool) -> None:
         UserError: If it has content and may not be replaced, has files that are not of a report,
             or can't be made.
     """
-    if check_output_folder(folder, replace) and (unlisted := _unlisted(folder)):
+    if not check_output_folder(folder, replace):
+        return
+    listed = {MANIFEST, SIGNATURES}
+    if (folder / MANIFEST).is_file():
+        text = (folder / MANIFEST).read_text(errors="replace")
+        listed |= {line.partition("  ")[2] for line in text.splitlines()}
+    files = (path for path in sorted(folder.rglob("*")) if not path.is_dir())
+    names = (path.relative_to(folder).as_posix() for path in files)
+    # A file that the manifest doesn't list may be the user's.
+    if unlisted := next((name for name in names if name not in listed), ""):
         raise UserError(
             f"{folder} holds {unlisted}, which no audit wrote: it is not replaced; name another"
         )
@@ -185,14 +194,3 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
         for name, content in files.items():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             write_atomically(target / name, content)
-
-
-def _unlisted(folder: Path) -> str:
-    """Return a file that the manifest doesn't list, which may be the user's, or ""."""
-    written = {MANIFEST, SIGNATURES}
-    if (folder / MANIFEST).is_file():
-        text = (folder / MANIFEST).read_text(errors="replace")
-        written |= {line.partition("  ")[2] for line in text.splitlines()}
-    files = (path for path in sorted(folder.rglob("*")) if not path.is_dir())
-    names = (path.relative_to(folder).as_posix() for path in files)
-    return next((name for name in names if name not in written), "")

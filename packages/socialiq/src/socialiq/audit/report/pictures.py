@@ -79,15 +79,12 @@ class Scale:
 
 def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, str]]:
     """Return some round numbers between two, with their texts."""
-    step = _round_step((high - low) / about)
+    least = (high - low) / about
+    power = 10.0 ** math.floor(math.log10(least))
+    # The smallest of 1, 2, 5 times a power of ten that is not below the distance asked for.
+    step = power * next(step for step in _STEPS if step * power >= least * (1 - 1e-9))
     numbers = [step * row for row in range(math.ceil(low / step), math.floor(high / step) + 1)]
     return [(number, f"{number + 0.0:g}".replace("-", "−")) for number in numbers]
-
-
-def _round_step(least: float) -> float:
-    """Return the smallest of 1, 2, 5 times a power of ten that is not below a number."""
-    power = 10.0 ** math.floor(math.log10(least))
-    return power * next(step for step in _STEPS if step * power >= least * (1 - 1e-9))
 
 
 def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:

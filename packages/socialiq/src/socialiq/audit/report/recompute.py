@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.collect import CANDIDATES
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
 from socialiq.audit.profile.profile import Profile
@@ -30,7 +30,6 @@ from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.words import ALWAYS, OF_CODE
 from socialiq.audit.resolve_policy import is_itself
 from socialiq.audit.seeds import Commitment, Draw
-from socialiq.audit.verdict.results import dependence, judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import AngleRule
@@ -79,18 +78,6 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
     evidence = evidence_of(files, report, profile, draw)
     rows = [*report["references"], *report["left_out"]]
     left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
-    traffic = _traffic(report, profile)
-    consistency = Consistency.of(report["consistency"])
-    verdict, discrimination, shifts = judged(
-        profile,
-        evidence[0],
-        left_out,
-        draw.derived("resampling"),
-        traffic,
-        evidence[1:],
-        error=None if look is None else look.error,
-        findings=dependence(consistency),
-    )
     return content(
         Audited(
             profile=profile,
@@ -103,10 +90,8 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
             left_out=left_out,
             evidence=evidence[0],
             elsewhere=evidence[1:],
-            verdict=verdict,
-            discrimination=discrimination,
-            consistency=consistency,
-            shifts=shifts,
+            traffic=_traffic(report, profile),
+            consistency=Consistency.of(report["consistency"]),
             films=files,
             # The ways of the vehicles are not in the tables; a rerun drives them again.
             traces={
@@ -153,7 +138,11 @@ def evidence_of(
             )
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
-        _check_seeds(table, draw.derived(purpose), report["seeds"]["episodes"], path)
+        episodes = report["seeds"]["episodes"]
+        if table.episodes != episodes:
+            raise UserError(f"{path} has {table.episodes} episodes, not {episodes}")
+        if table.seeds.tolist() != episode_seeds(draw.derived(purpose), episodes).tolist():
+            raise UserError(f"the seeds in {path} are not those of the audit's seed and commitment")
         tables.append(table)
     if profile.rule is not None:
         tables[0] = _with_contexts(tables[0], files, profile.rule)
@@ -173,14 +162,6 @@ def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRu
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
     policy = dataclasses.replace(evidence.policy, contexts=contexts)
     return dataclasses.replace(evidence, policy=policy)
-
-
-def _check_seeds(evidence: Evidence, seed: int, episodes: int, path: str) -> None:
-    """Check that episodes are those that an audit draws."""
-    if evidence.episodes != episodes:
-        raise UserError(f"{path} has {evidence.episodes} episodes, not {episodes}")
-    if evidence.seeds.tolist() != episode_seeds(seed, episodes).tolist():
-        raise UserError(f"the seeds in {path} are not those of the audit's seed and commitment")
 
 
 def _traffic(report: Mapping[str, Any], profile: Profile) -> Sequence[Traffic]:
@@ -230,16 +211,15 @@ def differences(
             larger, or of 1 if both are smaller. By default numbers must agree to the last digit,
             as they do on the same machine with the same versions.
     """
-    return sorted(_differences(old, new, ignored, relative, "report"), key=_rank)
+
+    def rank(path: str) -> int:
+        ranks = (number for number, above in enumerate(_FIRST) if path.startswith(above))
+        return next(ranks, len(_FIRST))
+
+    return sorted(_differences(old, new, ignored, relative, "report"), key=rank)
 
 
 _FIRST = ("report.verdict", "report.tests.regret", "report.tests.competence", "report.tests")
-
-
-def _rank(path: str) -> int:
-    """Return a number that is smaller for a place that matters more."""
-    ranks = (number for number, above in enumerate(_FIRST) if path.startswith(above))
-    return next(ranks, len(_FIRST))
 
 
 def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: str) -> list[str]:

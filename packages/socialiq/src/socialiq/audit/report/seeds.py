@@ -25,26 +25,24 @@ def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
         drawn: Commitment and seed.
         episodes: Number of episodes.
     """
-    revealed = drawn.revealed
+    revealed, beacon = drawn.revealed, None
+    if isinstance(revealed, Round):
+        beacon = {
+            "chain_sha256": CHAIN,
+            "round": revealed.number,
+            "time": revealed.time.isoformat(),
+            "signature": revealed.signature,
+            "randomness": revealed.randomness,
+        }
     return {
         "seed": drawn.seed,
         "source": drawn.source,
         "worth": worth(drawn),
         "nonce": revealed if isinstance(revealed, Nonce) else None,
-        "beacon": _beacon(revealed) if isinstance(revealed, Round) else None,
+        "beacon": beacon,
         "episodes": episodes,
         "commitment_sha256": drawn.commitment.sha256,
         "order": _ORDER,
-    }
-
-
-def _beacon(beacon: Round) -> dict[str, Any]:
-    return {
-        "chain_sha256": CHAIN,
-        "round": beacon.number,
-        "time": beacon.time.isoformat(),
-        "signature": beacon.signature,
-        "randomness": beacon.randomness,
     }
 
 
@@ -75,12 +73,12 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
         UserError: If the seed is a beacon's, and the library that checks signatures is missing.
     """
     draw, look = opened_of(report)
-    faults = []
+    faults, whole = [], whole_error(report["declaration"]["confidence"])
     if look is not None:
-        spent = spend(whole_error(report["declaration"]["confidence"]), look.number)
+        spent = spend(whole, look.number)
         if look.error != spent.error:
             faults.append(f"{REPORT}: the error of look {look.number} is not its share")
-    if report["verdict"]["error"] != _error_of(report, look):
+    if report["verdict"]["error"] != (whole if look is None else look.error):
         faults.append(f"{REPORT}: the error of the verdict is not that of the look")
     if draw.revealed is not None:
         faults += _of_revealed(draw, look)
@@ -91,10 +89,6 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
     if not faults and to_json(seeds_of(draw, report["seeds"]["episodes"])) != report["seeds"]:
         faults.append(f"{REPORT}: its statements about the seed are not those of its source")
     return faults
-
-
-def _error_of(report: Mapping[str, Any], look: Look | None) -> float:
-    return whole_error(report["declaration"]["confidence"]) if look is None else look.error
 
 
 def _of_revealed(draw: Draw, look: Look | None) -> list[str]:
@@ -108,13 +102,10 @@ def _of_revealed(draw: Draw, look: Look | None) -> list[str]:
     if isinstance(draw.revealed, Round):
         if not draw.revealed.is_genuine():
             faults.append(f"{REPORT}: the beacon did not sign this round")
-        if not _is_before(look.committed, draw.revealed):
+        try:
+            before = datetime.datetime.fromisoformat(look.committed) < draw.revealed.time
+        except ValueError:  # the schema allows a 31 February
+            before = False
+        if not before:
             faults.append(f"{REPORT}: the round was published before the commitment")
     return faults
-
-
-def _is_before(committed: str, published: Round) -> bool:
-    try:
-        return datetime.datetime.fromisoformat(committed) < published.time
-    except ValueError:  # the schema allows a 31 February
-        return False

@@ -13,7 +13,6 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
@@ -181,23 +180,18 @@ def _opened(envelope: bytes) -> tuple[bytes, list[dict[str, str]]]:
         content = json.loads(envelope)
         if content["payloadType"] != PAYLOAD_TYPE:
             raise ValueError("payload type")
-        signatures = [_signature(entry) for entry in content["signatures"]]
+        signatures = [
+            {"keyid": dict(entry).get("keyid", ""), "sig": entry["sig"]}
+            for entry in content["signatures"]
+        ]
+        if not all(isinstance(text, str) for entry in signatures for text in entry.values()):
+            raise ValueError("signature")
         payload = _from_base64(content["payload"])
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UserError(f"{SIGNATURES} is not an envelope of a statement: sign again") from error
     if len(signatures) > MOST_SIGNATURES:
         raise UserError(f"{SIGNATURES} has more than {MOST_SIGNATURES} signatures")
     return payload, signatures
-
-
-def _signature(entry: Any) -> dict[str, str]:
-    fields = {
-        "keyid": entry.get("keyid", "") if isinstance(entry, dict) else None,
-        "sig": entry["sig"],
-    }
-    if not all(isinstance(text, str) for text in fields.values()):
-        raise ValueError("signature")
-    return fields
 
 
 def _from_base64(text: str) -> bytes:

@@ -130,9 +130,7 @@ def _fault(error: Any) -> str:
 
 MOST_FILES = 100
 
-LARGEST_FOLDER = (
-    4 * 1024**3
-)  # bytes; a million episodes of 13 drivers in three kinds of traffic have half
+LARGEST_FOLDER = 4 * 1024**3  # bytes; a million episodes of 13 drivers in 3 traffics have half
 
 
 def content_of(folder: Path) -> dict[str, bytes]:
@@ -194,17 +192,20 @@ def check_folder(folder: Path) -> Findings:
         return Findings(damage)
     # A forger can change hashes too; the files must still be consistent with the report.
     report = parse_report(files[REPORT], folder / REPORT)
-    damage = [*_of_statement(files, report), *_of_profile(files, report)]
+    damage = _of_profile(files, report)
+    if files.get(STATEMENT) != statement(files, report):
+        damage.insert(0, f"{STATEMENT} is not consistent with {REPORT}")
     if damage:
         return Findings(damage)
     try:
         numbers = recomputed_differences(files, report)
     except UserError as error:
         return Findings([str(error)])
-    pages = _other_views(files, report)
+    pages = [name for name, page in views_of(report).items() if files.get(name) != page]
     faults = [f"{page} is not the page of {REPORT}" for page in pages]
     faults += [f"{number} does not follow from the episodes" for number in numbers]
-    if faults and (_is_ours(report) or DECISION in numbers):
+    ours = report["hashes"]["package"] == package_sha256()
+    if faults and (ours or DECISION in numbers):
         return Findings(faults)
     episodes = f"{report['seeds']['episodes']} episodes"
     checked = [f"hashes of {len(files) - 1} files", "statement", "declaration and commitment"]
@@ -248,34 +249,18 @@ def _listed(content: bytes) -> dict[str, str] | None:
         return None
 
 
-def _of_statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    same = files.get(STATEMENT) == statement(files, report)
-    return [] if same else [f"{STATEMENT} is not consistent with {REPORT}"]
-
-
 def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
     """Compare the copied declaration with the one that was committed to."""
     if PROFILE not in files:
         return [f"{PROFILE} is missing"]
     hashes = report["hashes"]
     committed = Commitment(hashes["policy"], hashes["profile"]).sha256
-    declared = parse(files[PROFILE], PROFILE)
-    damage = []
+    declared, damage = parse(files[PROFILE], PROFILE), []
     if declared.sha256 != hashes["profile"]:
         damage.append(f"{PROFILE} is not the declaration of {REPORT}")
     if committed != report["seeds"]["commitment_sha256"]:
         damage.append(f"the commitment in {REPORT} is not that of its hashes")
     return damage or faults_of_seeds(report)
-
-
-def _is_ours(report: Mapping[str, Any]) -> bool:
-    return report["hashes"]["package"] == package_sha256()
-
-
-def _other_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    """Return the pages that are not those that this package makes from the report."""
-    fresh = views_of(report)
-    return [name for name in fresh if files.get(name) != fresh[name]]
 
 
 def _unknown(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
@@ -327,7 +312,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
 def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]:
     """Compare the lines of commitment and seed."""
     entry = next(line for line in log.entries if line["sha256"] == look.entry)
-    seed = log.following(SEED, look.entry)
+    seed, draw = log.following(SEED, look.entry), opened_of(report).drawn
+    origin = {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed)
     claims = {
         "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
         "declaration": (entry["profile_sha256"], report["hashes"]["profile"]),
@@ -335,7 +321,7 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
         "selection of actions": (entry["soft"], not report["policy"]["deterministic"]),
         "time of the commitment": (entry["time"], look.committed),
         "line before it": (entry["previous"], look.before),
-        "source of the seed": (entry["seed"], _origin(report)),
+        "source of the seed": (entry["seed"], origin),
         "seed": (seed and seed["seed"], report["seeds"]["seed"]),
     }
     return [
@@ -343,9 +329,3 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
         for what, (logged, told) in claims.items()
         if logged != told
     ]
-
-
-def _origin(report: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the origin of the seed as the commitment names it."""
-    draw = opened_of(report).drawn
-    return {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed)

@@ -6,16 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.profile import world_of
+from socialiq.audit.profile.profile import is_world_file, world_of
 from socialiq.audit.report import pictures
 from socialiq.audit.report.animations import moving
 from socialiq.audit.report.pictures import angles
 from socialiq.audit.report.words import names_of
 from socialiq.foreign import Markdown, printable, templates
-from socialiq.page.bundle import program
-from socialiq.page.content import core
-from socialiq.page.write import embedded, source_hash
+from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
 
@@ -160,16 +157,11 @@ def others(report: Mapping[str, Any], most: int = 3) -> str:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
         return f"None of {tried['of']} other drivers would pass this declaration."
-    passing: list[str] = [
-        str(names.get(row["name"], row["name"])) for row in tried["drivers"] if _passes(row)
-    ]
+    passed = (row["name"] for row in tried["drivers"] if row["decision"] == "pass")
+    passing = [str(names.get(name, name)) for name in passed]
     remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
     which = f": {'; '.join(passing[:most])}{remaining}" if most else ""
     return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
-
-
-def _passes(row: Mapping[str, Any]) -> bool:
-    return row["decision"] == "pass"
 
 
 def compatible_angles(context: Mapping[str, Any]) -> str:
@@ -280,4 +272,4 @@ def _words(report: Mapping[str, Any]) -> dict[str, Any]:
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:
     """Whether the world reports the event of a criterion; an environment doesn't report fault."""
     world = report["declaration"]["scenario"]["world"]
-    return criterion != "struck" or world in NAMES or is_junction(world)
+    return criterion != "struck" or world in NAMES or is_world_file(world)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.evidence.drive_junction import DRIVER
+from socialiq.audit.evidence.drive import PREFIX, RANDOM
 from socialiq.audit.evidence.outcomes import AS_DECLARED
-from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 from socialiq.audit.looks.look import Look
 from socialiq.audit.seeds import Draw, worth
 from socialiq.audit.verdict.decision import Decision
@@ -17,7 +16,7 @@ from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
 
 OPTIMUM = "optimum_"
-"""Beginning of the names of exact optima (`evidence.drive_grid.exact_optima`)."""
+"""Beginning of the names of exact optima (`evidence.drive.exact_optima`)."""
 
 _SIMPLER = "simpler network, "
 
@@ -31,7 +30,7 @@ _NAMES = {
     "go": "always goes",
     "wait": "always waits",
     "idm": "Intelligent Driver Model: follows the car in front and gives way",
-    DRIVER: "calibrated driver of the recording",
+    "driver": "calibrated driver of the recording",
     "gap_2s": "goes at gaps of 2 s",
     "gap_3s": "goes at gaps of 3 s",
     "gap_4s": "goes at gaps of 4 s",
@@ -62,22 +61,17 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
 
     A driver of the user's keeps its name, even if the package has a driver of that name.
     """
-    rows = [*report["references"], *report["left_out"]]
-    names = {row["name"]: _named(row) if _shipped(row) else row["name"] for row in rows}
-    return names | {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
-
-
-def _named(reference: Mapping[str, Any]) -> str:
-    name, record = plain_name(reference["name"], reference["angles"]), reference["record"]
-    # There is one family with continuous actions, so none is the simpler.
-    one_family = record is not None and "action_size" in record
-    return name.removeprefix(_SIMPLER) if one_family else name
-
-
-def _shipped(reference: Mapping[str, Any]) -> bool:
-    """Whether a reference is the package's own: without a record, or a rule, or of the atlas."""
-    record = reference["record"]
-    return record is None or record["kind"] == "rule" or record["source"].startswith("atlas:")
+    names = {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
+    for row in (*report["references"], *report["left_out"]):
+        name, record = row["name"], row["record"]
+        # The package's own reference has no record, or is a rule, or of the atlas.
+        if record is None or record["kind"] == "rule" or record["source"].startswith("atlas:"):
+            name = plain_name(name, row["angles"])
+            # There is one family with continuous actions, so none is the simpler.
+            one_family = record is not None and "action_size" in record
+            name = name.removeprefix(_SIMPLER) if one_family else name
+        names.setdefault(row["name"], name)
+    return names
 
 
 def _degrees(angle: float) -> str:
@@ -120,8 +114,7 @@ def caveats(
         *_of_margin(discrimination),
         _of_look(look),
         Caveat("seed", worth(draw)),
-        *_of_code(policy),
-        *_of_world(world),
+        *_of_code(policy, world),
     ]
 
 
@@ -220,25 +213,20 @@ def _of_look(look: Look | None) -> Caveat:
     return Caveat("look", text)
 
 
-def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
-    isolation = policy["isolation"]
-    if isolation["kind"] != NONE:
-        return []
-    text = (
-        f"The policy is the owner's code and was not isolated ({isolation['why']}): it could read "
-        "the seed and change the evidence. The evidence is self-attested."
-    )
-    return [Caveat("code", text)]
-
-
-def _of_world(world: str) -> list[Caveat]:
-    if ":" not in world:  # of this package, or registered by an installed one
-        return []
-    text = (
-        "The scenario's code ran in the auditor's process: unless the auditor wrote or read it, "
-        "the evidence is self-attested."
-    )
-    return [Caveat("code", text)]
+def _of_code(policy: Mapping[str, Any], world: str) -> list[Caveat]:
+    """Return caveats of the code of policy and world; without a colon the world is installed."""
+    isolation, texts = policy["isolation"], []
+    if isolation["kind"] == NONE:
+        texts.append(
+            f"The policy is the owner's code and was not isolated ({isolation['why']}): it could "
+            "read the seed and change the evidence. The evidence is self-attested."
+        )
+    if ":" in world:
+        texts.append(
+            "The scenario's code ran in the auditor's process: unless the auditor wrote or read "
+            "it, the evidence is self-attested."
+        )
+    return [Caveat("code", text) for text in texts]
 
 
 ALWAYS = (

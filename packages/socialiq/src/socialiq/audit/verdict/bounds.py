@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.decision import POWER, episodes_needed
+from socialiq.audit.verdict.decision import POWER, episodes_needed, slowest
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import betting
 from socialiq.statistics import intervals as rare
@@ -249,9 +249,9 @@ def needed_with(
     if means.max() > margin:
         best = -rows[means.argmax()]
         return betting.episodes_needed(best, -margin, largest_loss, error, POWER)
-    needs = [betting.episodes_needed(row, margin, largest_loss, error, POWER) for row in rows]
-    counts = [count for count in needs if count is not None]
-    return max(counts) if len(counts) == len(needs) else None
+    return slowest(
+        [betting.episodes_needed(row, margin, largest_loss, error, POWER) for row in rows]
+    )
 
 
 def _without_rounding(

@@ -7,7 +7,7 @@ calibrated angle of a policy is the angle at which reference drivers of known an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -184,19 +184,23 @@ def calibrate(
     estimates = np.array([driver.mean for driver in drivers], np.float64)
     angles = np.degrees(np.arctan2(estimates[:, 1], estimates[:, 0]))
     alphas = np.unwrap(angles[:-1], period=360.0)
-    curve = tuple(
-        CurvePoint(driver.name, angle, alpha)
-        for driver, angle, alpha in zip(
-            drivers, points.angle.tolist(), alphas.tolist(), strict=False
-        )
-    )
+    rows = zip(drivers, points.angle.tolist(), alphas.tolist(), strict=False)
+    curve = tuple(CurvePoint(driver.name, angle, alpha) for driver, angle, alpha in rows)
     monotone = bool((np.diff(alphas) >= -1e-9).all())
+    open_result = Calibration(
+        status="no curve" if identified else "no direction",
+        decision=Decision.INCONCLUSIVE,
+        declared=declared,
+        margin=margin,
+        nearest=None,
+        low=None,
+        high=None,
+        error=error,
+        monotone=monotone,
+        curve=curve,
+    )
     if len(set(points.angle.tolist())) < 2 or not identified:
-        status: Status = "no direction" if not identified else "no curve"
-        undecided = Decision.INCONCLUSIVE
-        return Calibration(
-            status, undecided, declared, margin, None, None, None, error, monotone, curve
-        )
+        return open_result
     middle = float(alphas.min() + alphas.max()) / 2
     centre = np.append(alphas, middle + angle_difference(float(angles[-1]), middle))
     means = resampled_means(np.stack([driver.totals for driver in drivers]), seed, resamples)
@@ -204,22 +208,19 @@ def calibrate(
     resampled = centre + _wrapped(resampled - angles)
     at = preimage(points.angle, centre[None, :-1], centre[-1:])
     inverse = preimage(points.angle, resampled[:, :-1], resampled[:, -1])
+    # An end of the curve may be inside the interval; if all of it is beyond, there is no angle.
+    if bool(inverse.beyond.mean() > 1.0 - error):
+        return replace(open_result, status="beyond the curve")
     low = float(np.quantile(inverse.low, error))
     high = float(np.quantile(inverse.high, 1.0 - error))
-    # An end of the curve may be inside the interval; if all of it is beyond, there is no angle.
-    beyond = bool(inverse.beyond.mean() > 1.0 - error)
     first = declared + 360.0 * round((points.angle.mean() - declared) / 360.0)
-    return Calibration(
-        status="beyond the curve" if beyond else "calibrated",
-        decision=Decision.INCONCLUSIVE if beyond else _tost(low, high, first, margin),
-        declared=declared,
-        margin=margin,
-        nearest=None if beyond else (float(at.low[0]), float(at.high[0])),
-        low=None if beyond else low,
-        high=None if beyond else high,
-        error=error,
-        monotone=monotone,
-        curve=curve,
+    return replace(
+        open_result,
+        status="calibrated",
+        decision=_tost(low, high, first, margin),
+        nearest=(float(at.low[0]), float(at.high[0])),
+        low=low,
+        high=high,
     )
 
 

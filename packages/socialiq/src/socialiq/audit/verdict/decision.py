@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -67,6 +67,12 @@ def episodes_needed(distance: float, deviation: float, error: float) -> int | No
     quantiles = float(norm.isf(error)) + float(norm.ppf(POWER))
     episodes = (quantiles * deviation / distance) ** 2
     return max(1, math.ceil(episodes)) if episodes < 1e12 else None
+
+
+def slowest(needs: Sequence[int | None]) -> int | None:
+    """Return the largest of some numbers of episodes; None if no number is enough for one."""
+    counts = [count for count in needs if count is not None]
+    return max(counts) if len(counts) == len(needs) else None
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.trivial import GO_AND_WAIT
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
@@ -135,7 +135,7 @@ def discriminate(
         )
         if references:
             swapped = replace(evidence, policy=driver, references=references, trivial=())
-            decision = _decision(profile, swapped, level, seed, count)
+            decision = decide(profile, swapped, seed, count, level).decision
             decided.append(OtherDriver(driver.name, trivial, decision))
     passing = [driver for driver in decided if driver.decision is Decision.PASS]
     without_regard = {driver.decision for driver in decided if driver.trivial}
@@ -158,13 +158,7 @@ def finding_of(discrimination: Discrimination) -> list[Finding]:
     return [Finding("margin", text)]
 
 
-def _decision(
-    profile: Profile, evidence: Evidence, error: float, seed: int, resamples: int
-) -> Decision:
-    return decide(profile, evidence, seed, resamples, error).decision
-
-
-class Judged(NamedTuple):
+class Results(NamedTuple):
     """Results of an audit.
 
     Attributes:
@@ -178,7 +172,7 @@ class Judged(NamedTuple):
     shifts: tuple[Shift, ...] | None
 
 
-def judged(
+def results_of(
     profile: Profile,
     evidence: Evidence,
     left_out: Collection[str],
@@ -187,7 +181,7 @@ def judged(
     elsewhere: Sequence[Evidence] = (),
     error: float | None = None,
     findings: Sequence[Finding] = (),
-) -> Judged:
+) -> Results:
     """Judge a policy by its evidence.
 
     Args:
@@ -207,7 +201,7 @@ def judged(
     compared, *there = [drives.without(left_out) for drives in (evidence, *elsewhere)]
     discrimination = discriminate(profile, compared, seed, error=error)
     tested = judge(profile, compared, seed, curve=evidence, error=error)
-    return Judged(
+    return Results(
         verdict=conclude(tested, [*findings, *finding_of(discrimination)]),
         discrimination=discrimination,
         shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,

@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
-from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import Profile, World, scenario_sha256, world_of
+from socialiq.audit.profile.profile import Profile, scenario_sha256, world_of
 from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import decide_on
@@ -24,9 +22,8 @@ from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contrast
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.options import POPULATIONS
-from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import INTERSECTIONS
+from socialiq.worlds.registry import NAMES
+from socialiq.worlds.world import World
 
 MEASURES = ("regret", *CRITERIA)
 
@@ -101,16 +98,8 @@ class Shift:
         return tuple(change for change in self.changes if change.shown)
 
 
-OTHER_TRAFFIC = (*INTERSECTIONS, "crossing7")
-"""Worlds with other traffic."""
-
-
 def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
     """Return the other traffic of the declared world.
-
-    At the intersection: the other population of drivers, and connected lanes switched the other
-    way. In the 7x7 world: twice as many vehicles, or 0.3 a step if that would be the same traffic
-    or more than one a step.
 
     Raises:
         UserError: If the world has no other traffic.
@@ -118,28 +107,13 @@ def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
     declared = profile.scenario
     if profile.rule is not None:
         raise UserError("a declared rule is not tested in other traffic: leave out --shift")
-    world = profile.world() if declared.world in OTHER_TRAFFIC else None
-    if world is None or isinstance(world, Environment | Junction):
+    # Making an environment may run code; it has one traffic only.
+    variants = profile.world().other_traffic() if declared.world in NAMES else {}
+    if not variants:
         raise UserError(f"{declared.world} has one traffic only: leave out --shift")
-    variants: list[tuple[str, dict[str, Any]]] = []
-    if isinstance(world, Intersection):
-        populations = [name for name in POPULATIONS if name != world.options.population]
-        variants = [
-            (f"drivers of population {population}", {"population": population})
-            for population in populations
-        ]
-        connected = not world.options.connected_lanes
-        sight = "who see across connected lanes" if connected else "who see their own lane only"
-        variants.append((f"drivers {sight}", {"connected_lanes": connected}))
-    else:
-        usual = world.options.spawn_probability
-        probability = 2 * usual if 0.0 < usual <= 0.5 else 0.3
-        variants = [
-            (f"vehicles spawning at {probability:g} a step", {"spawn_probability": probability})
-        ]
     return tuple(
         Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
-        for name, changed in variants
+        for name, changed in variants.items()
     )
 
 

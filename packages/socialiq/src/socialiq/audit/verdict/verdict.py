@@ -10,7 +10,13 @@ from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
 from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.decision import Decision, FloorTest, floor_tests, joint_decision
+from socialiq.audit.verdict.decision import (
+    Decision,
+    FloorTest,
+    floor_tests,
+    joint_decision,
+    slowest,
+)
 from socialiq.audit.verdict.regret import (
     CompatibleAngles,
     RegretTest,
@@ -173,6 +179,8 @@ def judge(
     regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
     decisive = decide(profile, evidence, seed, resamples, error, regrets)
     undecided = decisive.decision is Decision.INCONCLUSIVE
+    tests = (decisive.regret, *decisive.competence)
+    open_tests = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
     env, social = evidence.policy.totals.T.copy()
@@ -180,7 +188,7 @@ def judge(
         decision=decisive.decision,
         reason=reason_of(decisive, profile.rule is not None),
         episodes=evidence.episodes,
-        needed=_needed(decisive) if undecided else None,
+        needed=slowest(open_tests) if undecided else None,
         error=error,
         regret=decisive.regret,
         rationalised=compatible_angles(regrets, margin.regret, error, error / 2),
@@ -193,14 +201,6 @@ def judge(
         ),
         competence=decisive.competence,
     )
-
-
-def _needed(decisive: Decisive) -> int | None:
-    """Return the number of episodes for the slowest open test, None if no number is enough."""
-    tests = (decisive.regret, *decisive.competence)
-    needs = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
-    counts = [count for count in needs if count is not None]
-    return max(counts) if len(counts) == len(needs) else None
 
 
 def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
@@ -222,7 +222,9 @@ def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
             f"driver ({_number(regret.margin)} less is allowed), and it keeps the declared "
             "safety floor."
         )
-        return _assumed(regret) + text if regret.bound == "bootstrap" else _capital(text)
+        if regret.bound == "bootstrap":
+            return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
+        return text[0].upper() + text[1:]
     open_tests = [CRITERIA[test.name] for test in competence if test.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
     doubts += [
@@ -233,15 +235,6 @@ def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
         f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
-
-
-def _assumed(regret: RegretTest) -> str:
-    """Return the assumption of a verdict whose declaration has no largest loss."""
-    return f"If no loss is too rare to show in {regret.episodes} episodes, "
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]
 
 
 def _failed(regret: RegretTest, broken: list[FloorTest], where: str) -> str:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from socialiq.page.webassembly.emit import object_file
-from socialiq.page.webassembly.link import linked
+from socialiq.page.webassembly.build import linked, object_file
 from socialiq.page.webassembly.replay import CORE
 
 

@@ -19,9 +19,8 @@ import numpy as np
 import tyro
 
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.webassembly.compare import Equality, compared
-from socialiq.page.webassembly.link import elementary_functions
-from socialiq.page.webassembly.replay import CORE, in_node, native
+from socialiq.page.webassembly.build import elementary_functions
+from socialiq.page.webassembly.replay import CORE, Equality, compared, in_node, native
 from socialiq.storage import packaged_results, write_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy as reference_policy

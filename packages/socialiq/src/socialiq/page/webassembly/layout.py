@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.page.webassembly.arguments import ARGUMENTS
 from socialiq.types import Ending
 from socialiq.worlds.highway import state
 from socialiq.worlds.highway.core import geometry
@@ -72,3 +71,13 @@ def _record(kind: np.dtype) -> dict[str, Any]:
 def _lane(lane: np.void) -> dict[str, Any]:
     names = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
     return {name: lane[name].item() for name in names}
+
+
+ARGUMENTS = {
+    "commands": np.dtype(np.int8),
+    "entropy": np.dtype(np.uint64),
+    "seeded": np.dtype(np.bool_),
+    "actions": np.dtype(np.int64),
+    "settings": SETTINGS,
+}
+"""Name and type of each, up to the numbers of rows; there is one record of settings for all."""

@@ -23,7 +23,7 @@ export function neededBy({ ego_first: first, required_deceleration: own, other_r
 export class Traffic {
   /**
    * @param {object} parts `{ colours, complain }` of the page.
-   * @param {object} shown Data of `socialiq.view.recording`.
+   * @param {object} shown Data of `socialiq_recordings.view`.
    */
   constructor(parts, shown) {
     Object.assign(this, parts, { shown, loaded: new Map() });

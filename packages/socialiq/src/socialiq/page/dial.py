@@ -1,0 +1,155 @@
+"""Dial that the page turns: the shipped one with its study's curve, or a user's own, measured."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.evaluation.dial import rollout_dial
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.view import OneHot, View
+from socialiq.reading import read_bytes
+from socialiq.storage import open_csv, packaged_results
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+STUDY = "intersection-dial-clock"
+"""Folder of the results with the page's dial: the dials that observe the time."""
+
+FAMILY = "iterated"
+"""Dials improved by policy iteration."""
+
+SEED = 60
+"""Training seed of the dial that is stored beside the tables: the study's first."""
+
+EPISODES = 500
+"""Episodes at each angle of a user's dial, seeds 1 ff."""
+
+_EVERY = 5  # degrees between the points of its curve
+_MOST = 16_000_000  # bytes of its file
+
+
+class Point(NamedTuple):
+    """A point of a trade-off curve.
+
+    Attributes:
+        asked: Angle in degrees.
+        env: Mean own progress of an episode with its 95 % interval: mean, low, high.
+        social: The same of the effect on others.
+    """
+
+    asked: float
+    env: tuple[float, float, float]
+    social: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PageDial:
+    """A dial with what the page shows of it.
+
+    Attributes:
+        file: Bytes of its file.
+        low: Smallest whole angle that the page turns to, in degrees.
+        high: Largest one.
+        curve: Its trade-off curve, by angle.
+        source: Sentences on where the dial and its curve come from, plain text.
+    """
+
+    file: bytes
+    low: int
+    high: int
+    curve: tuple[Point, ...]
+    source: str
+
+
+def shipped_dial() -> PageDial:
+    """Return the dial of the committed study.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    folder = packaged_results() / STUDY
+    with open_csv(folder / "policies.csv") as text:
+        rows = [row for row in csv.DictReader(text) if row["family"] == FAMILY]
+    rows = [row for row in rows if int(row["seed"]) == SEED]
+    points = [
+        Point(float(row["asked"]), _read(row, "r_env"), _read(row, "r_social")) for row in rows
+    ]
+    source = (
+        f"The dial observes the time and was improved by policy iteration: {STUDY}, family "
+        f"{FAMILY}, training seed {SEED}. Its curve has 2,000 episodes at each angle. The study "
+        "intersection-dial makes both again, with the options in the documentation."
+    )
+    file = (folder / f"{FAMILY}.safetensors").read_bytes()
+    return PageDial(file, 0, 90, tuple(sorted(points)), source)
+
+
+def _read(row: dict[str, str], name: str) -> tuple[float, float, float]:
+    return _interval(float(row[name]), float(row[f"{name}_sd"]), int(row["episodes"]))
+
+
+def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:
+    """Return a mean with its 95 % interval, by the normal distribution."""
+    half = NormalDist().inv_cdf(0.975) * deviation / math.sqrt(episodes)
+    return mean, mean - half, mean + half
+
+
+def own_dial(path: Path) -> PageDial:
+    """Return a user's dial of the intersection, with a curve that is measured here.
+
+    Args:
+        path: Dial file that fits the intersection (`cli.drivers.refuse_misfit`).
+
+    Raises:
+        UserError: If it can't be read, is no dial, has a view that the page lacks, or no whole
+            angle from 0 to 90 degrees.
+    """
+    dial = DialPolicy.load(path)
+    if isinstance(dial.turned.view, OneHot):
+        raise UserError(
+            f"{path} reads features one-hot, as in a gridworld: train it at the intersection"
+        )
+    if isinstance(dial.turned.view, View) and dial.turned.view.choice.ahead:
+        raise UserError(f"{path} has the view set_ahead, which the page lacks: train it with set")
+    low, high = math.ceil(max(dial.low, 0.0)), math.floor(min(dial.high, 90.0))
+    if low > high:
+        raise UserError(
+            f"{path} has the angles {dial.low:g} to {dial.high:g} degrees, and the page turns from "
+            "0 to 90: train it in that range"
+        )
+    source = (
+        f"The dial is {path.name}, SHA-256 {dial.turned.sha256}. Its curve was measured when this "
+        f"page was written: {EPISODES} episodes at each angle, seeds 1 to {EPISODES}."
+    )
+    return PageDial(read_bytes(path, _MOST), low, high, measured(dial, low, high), source)
+
+
+def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) -> tuple[Point, ...]:
+    """Return a dial's trade-off curve by episodes of the intersection, greedy.
+
+    Args:
+        dial: The dial.
+        low: First angle, whole degrees.
+        high: Last angle; between them are the multiples of five degrees.
+        episodes: Episodes at each angle, seeds 1 ff.; at least two.
+    """
+    inner = range(-(-low // _EVERY) * _EVERY, high + 1, _EVERY)
+    angles = [float(angle) for angle in sorted({low, *inner, high})]
+    batch = Batch(Options(), min(episodes, 500))
+    driven = rollout_dial(dial, batch, angles, np.arange(1, episodes + 1))
+    return tuple(
+        Point(angle, *(_interval(*pair, episodes) for pair in _moments(totals)))
+        for angle, totals in zip(angles, driven.totals, strict=True)
+    )
+
+
+def _moments(totals: np.ndarray) -> list[tuple[float, float]]:
+    """Return mean and standard deviation of own progress and of the effect on others."""
+    return list(zip(totals.mean(axis=0).tolist(), totals.std(axis=0, ddof=1).tolist(), strict=True))

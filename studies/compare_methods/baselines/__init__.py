@@ -1,0 +1,1 @@
+"""Methods that others have published, written from their papers."""

@@ -1,0 +1,184 @@
+"""Declared studies: settings, trainings, tables and figures of a STUDY.toml, without a training."""
+
+import dataclasses
+import tomllib
+from types import SimpleNamespace
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.settings import assignments, changed
+from socialiq_lab import registry
+from socialiq_lab.declared import config_class, declared_study, resolved, variants
+from socialiq_lab.figures import KINDS, draw
+from socialiq_lab.results import Results
+from socialiq_lab.tables import derived, paired_table, where
+
+DECLARATION = """
+title = "A study"
+world = "crossing5"
+
+[config]
+seeds = [0, 1]
+strengths = [0.5, 2.0]
+kinds = ["running", "to_go"]
+comparisons = true
+
+[defaults]
+rows = "policies"
+static = { updates = 5 }
+
+[[train]]
+stage = "baseline, {kinds.0}"
+data = { trajectories = 2 }
+
+[[train]]
+each = { kind = "$kinds" }
+stage = "{kind}"
+static = { target_kind = "$kind" }
+runs = { strength = "$strengths" }
+
+[[train]]
+if = "$comparisons"
+stage = "clones"
+"""
+
+
+@pytest.fixture(name="content")
+def parsed_declaration():
+    return tomllib.loads(DECLARATION)
+
+
+@pytest.fixture(name="config")
+def default_config(content):
+    return config_class("a-study", content)()
+
+
+def test_settings_have_the_types_of_their_defaults(config):
+    types = {field.name: field.type for field in dataclasses.fields(config)}
+    assert types["seeds"] == tuple[int, ...] and types["strengths"] == tuple[float, ...]
+    new = changed(config, assignments(["strengths=1,3", "comparisons=false", "kinds=['a, b']"]))
+    assert new.strengths == (1.0, 3.0) and new.comparisons is False and new.kinds == ("a, b",)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["updates=3"], "there is no setting updates: choose one of seeds, strengths, kinds"),
+        (["seeds"], "--set takes KEY=VALUE"),
+        (["seeds=1,x"], "seeds must be an integer, got 'x'"),
+        (["comparisons=2"], "choose one of true, false"),
+        (["seeds.0=2"], "seeds has no settings of its own"),
+    ],
+)
+def test_wrong_settings_are_refused_with_the_valid_ones(config, words, line):
+    with pytest.raises(UserError, match=line):
+        changed(config, assignments(words))
+
+
+@pytest.mark.parametrize("value", ["[]", "[1, 'a']", "{ a = 1 }", "1979-05-27"])
+def test_settings_without_a_plain_type_are_refused(value):
+    with pytest.raises(UserError, match="must be a"):
+        config_class("a-study", tomllib.loads(f"[config]\nsetting = {value}"))
+
+
+def test_a_declaration_without_settings_is_refused():
+    with pytest.raises(UserError, match="has no table config"):
+        declared_study("a-study", {"title": "A study"})
+
+
+def test_each_train_is_multiplied_out_over_the_defaults(content, config):
+    trainings = variants(content, config)
+    assert [training["stage"] for training in trainings] == [
+        "baseline, running",
+        "running",
+        "to_go",
+        "clones",
+    ]
+    assert trainings[1]["static"] == {"updates": 5, "target_kind": "running"}
+    assert trainings[2]["runs"] == {"strength": (0.5, 2.0)}
+    fewer = variants(content, dataclasses.replace(config, comparisons=False))
+    assert [training["stage"] for training in fewer] == [t["stage"] for t in trainings[:-1]]
+
+
+def test_a_reference_to_no_setting_is_refused(config):
+    assert resolved(["$seeds.1", {"a": "$comparisons"}, 2], config) == [1, {"a": True}, 2]
+    with pytest.raises(UserError, match="updates is no setting"):
+        resolved("$updates", config)
+
+
+ROWS = [
+    {"method": method, "strength": strength, "seed": seed, "score": base + strength + 0.1 * seed}
+    for method, base in (("ours", 1.0), ("theirs", 0.0))
+    for strength in (1.0, 2.0)
+    for seed in (0, 1, 2)
+]
+
+
+def test_rows_are_selected_and_averaged():
+    assert len(where(ROWS, {"method": "ours", "strength": [1.0, 2.0]})) == 6
+    means = derived({"from": "rows", "mean": ["method", "strength"]}, {"rows": ROWS}, None)
+    assert means[0]["method"] == "ours" and means[0]["score"] == pytest.approx(2.1)
+    with pytest.raises(UserError, match="unknown table 'others': choose one of rows"):
+        derived({"from": "others"}, {"rows": ROWS}, None)
+
+
+def test_groups_are_compared_with_a_reference_by_seed():
+    tests = paired_table(ROWS, "method", "theirs", ["score"], within=["strength"])
+    assert [(row["strength"], row["method"], row["metric"]) for row in tests] == [
+        (1.0, "ours", "score"),
+        (2.0, "ours", "score"),
+    ]
+    assert all(abs(row["mean"]) == pytest.approx(1.0) for row in tests)
+    assert all(row["p_holm"] >= row["p"] for row in tests)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "heatmap"])
+def test_a_figure_has_a_panel_for_each_value_and_a_line_for_each_group(kind):
+    results = Results("a-study", {}, {"rows": ROWS}, {}, {})
+    specification = {"table": "rows", "x": "seed", "y": "score", "kind": kind}
+    specification |= {"panels": "strength", "lines": "method"}
+    picture = draw(specification, results)
+    assert picture is not None and len(picture.axes) == 2
+    assert picture.axes[0].get_title() == "strength 1"
+    _, labels = picture.axes[0].get_legend_handles_labels()
+    assert labels == ["ours", "theirs"]
+
+
+def test_a_heat_map_has_a_colour_for_each_pair():
+    results = Results("a-study", {}, {"rows": ROWS}, {}, {})
+    specification = {"table": "rows", "x": "seed", "by": "strength", "y": "score"}
+    picture = draw(specification | {"kind": "heatmap", "where": {"method": "ours"}}, results)
+    assert picture is not None
+    assert picture.axes[0].images[0].get_array().shape == (2, 3)
+
+
+def test_parts_of_a_name_become_columns_and_a_figure_without_rows_is_left_out():
+    rows = [
+        {"policy": f"learners/{angle}/{seed}", "r": 1.0} for angle in (0, 45) for seed in (1, 2)
+    ]
+    results = Results("a-study", {}, {"rows": [*rows, {"policy": "drivers/go", "r": 0.0}]}, {}, {})
+    specification = {"table": "rows", "x": "angle", "y": "r", "kind": "band"}
+    specification |= {"split": {"policy": "stage/angle/seed"}}
+    picture = draw(specification | {"where": {"stage": "learners"}}, results)
+    assert picture is not None
+    assert picture.axes[0].lines[0].get_xdata().tolist() == [0.0, 45.0]
+    assert draw(specification | {"where": {"stage": "experts"}}, results) is None
+    with pytest.raises(UserError, match="unknown kind of figure 'pie'"):
+        draw({**specification, "kind": "pie", "where": {"stage": "learners"}}, results)
+
+
+def test_every_study_has_a_title_a_tiny_preset_that_fits_and_references_that_resolve():
+    for name in registry.STUDIES:
+        study, content = registry.study_and_declaration(name)
+        assert study.name == name
+        assert len(content["title"]) <= 80 and not content["title"].endswith(".")
+        changed(study.Config(), content.get("tiny", {}))
+        settings = SimpleNamespace(**dataclasses.asdict(study.Config()))
+        for table in ("table", "figure", "view"):
+            assert all(resolved(entry, settings) for entry in content.get(table, ()))
+
+
+def test_a_study_that_has_retired_names_its_page():
+    with pytest.raises(UserError, match="has retired: docs/studies/history"):
+        registry.find("roads")

@@ -1,0 +1,47 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from studies.compare_methods.baselines.online import (
+    LSIQ,
+    LSIQConfig,
+    LSIQHyperparameters,
+    absorbing_reward,
+)
+
+from socialiq.learners.iq_learn.objective import Batches
+from socialiq.learners.state import stack
+from socialiq.types import Ending
+
+
+@pytest.mark.parametrize("c", [0.5, 2.0])
+def test_chi2_on_the_mixture_is_least_squares(c: float) -> None:
+    """-E_E[r] + E_π[r] + c/2 (E_E[r²] + E_π[r²]), completed to squares around ±1/c."""
+    rng = np.random.default_rng(0)
+    expert, own = rng.normal(size=(2, 50))
+    objective = own.mean() - expert.mean() + c / 2 * ((expert**2).mean() + (own**2).mean())
+    squares = c / 2 * (((expert - 1 / c) ** 2).mean() + ((own + 1 / c) ** 2).mean())
+    assert objective == pytest.approx(squares - 1 / c)
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_the_loss_by_hand(constant, rows_of, fixed: bool) -> None:
+    """c = 0.5, γ = 0.5: rewards ±2, values within ±4, so V(s') = ln(e^9 + e^9) is cut to 4.
+
+    The expert's row goes on and the learner's ends, alone, so that the state after it has the
+    reward -2 and the value -4.
+    """
+    network, slow = constant(1.0, 3.0), constant(9.0, 9.0)
+    batches = Batches(rows_of([1], [0.0], ending=0), rows_of([0], [0.0]), None)
+    learner = LSIQ(LSIQConfig(prior="none", fixed_target=fixed), (1, 2))
+    run = stack([LSIQHyperparameters(regularisation=0.5, discount=0.5)])[0]
+    _, terms = learner.loss(network, slow, batches, run)
+    assert terms["expert"] == pytest.approx((3 - 4) ** 2 / 2)  # 2 + 0.5 4, and 2 / 0.5
+    assert terms["own"] == pytest.approx((1 - (-2 + 0.5 * -4)) ** 2 / 2)
+
+
+def test_the_absorbing_state_has_the_mean_reward_of_those_that_end_there() -> None:
+    """Three demonstrations and one own transition end: 2 (3 - 1) / 4."""
+    ended, goes_on = int(Ending.ARRIVAL), int(Ending.NONE)
+    expert = jnp.array([ended, ended, ended, goes_on])
+    assert absorbing_reward(expert, jnp.array([ended, goes_on]), 2.0) == pytest.approx(1.0)
+    assert absorbing_reward(jnp.array([goes_on]), jnp.array([goes_on]), 2.0) == 0.0
