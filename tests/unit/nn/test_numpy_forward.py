@@ -24,7 +24,7 @@ ROWS = 10_000
 ONE_HOT = ((0, 3),) * FEATURES
 
 LIGHT = (
-    *("policies.load", "evaluation.rollout", "audit.conduct", "view.open", "page.content"),
+    *("policies.load", "evaluation.rollout", "audit.conduct", "view.open", "page.write"),
     *("cli.main", "cli.audit", "cli.collect", "cli.data", "cli.dial", "cli.evaluate", "cli.export"),
 )
 """Modules of acting, evaluating and exporting."""
