@@ -23,7 +23,10 @@ FEATURES = 4 * ROW
 ROWS = 10_000
 ONE_HOT = ((0, 3),) * FEATURES
 
-LIGHT = ("policies.load", "audit.conduct", "view.open", "page.write", "cli.export", "cli.collect")
+LIGHT = (
+    *("policies.load", "evaluation.rollout", "audit.conduct", "view.open", "page.content"),
+    *("cli.main", "cli.audit", "cli.collect", "cli.data", "cli.dial", "cli.evaluate", "cli.export"),
+)
 """Modules of acting, evaluating and exporting."""
 
 
