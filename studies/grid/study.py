@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.plotting.style import COLORS, MARKS, Mark, figure, plain, ring
+from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.declared import State
@@ -211,33 +211,3 @@ def ring_figure(results: Results) -> dict[str, Figure]:
     seeds = entries["baseline"]["seeds"]
     title = f"7x7: empirical angle, greedy, {seeds} seeds (open marks: thesis)"
     return {"fig_6_2_ring": ring(marks, title)}
-
-
-def tradeoff_figure(results: Results) -> dict[str, Figure]:
-    """Draw the rewards of the trained policies and the exact optima."""
-    picture = figure(6.8, 5.2)
-    axes = picture.add_subplot()
-    plain(axes)
-    best = results.tables["attainable"]
-    optima = [[row[name] for row in best] for name in ("optimum_r_env", "optimum_r_social")]
-    axes.plot(*optima, ".-", color="#bbbbbb", label="optima for 0° to 90°, exact", zorder=1)
-    for name, color in COLORS.items():
-        for readout, face in (("greedy", color), ("soft", "white")):
-            entry = results.summary["policies"][f"{name}_{readout}"]
-            axes.plot(
-                [entry["r_env"]],
-                [entry["r_social"]],
-                linestyle="none",
-                marker=MARKS[name],
-                markersize=13 if name == "baseline" else 9,
-                markerfacecolor=face,
-                markeredgecolor=color,
-                label=f"{name}, {readout}",
-            )
-    axes.axhline(0, color="#999999", linewidth=0.8)
-    axes.axvline(0, color="#999999", linewidth=0.8)
-    axes.set_xlabel("mean total r_env (own progress)")
-    axes.set_ylabel("mean total r_social (effect on others)")
-    axes.legend(frameon=False, fontsize=8, loc="upper right")
-    axes.set_title("7x7: one mixed data set, four policies, and the exact front", fontsize=10)
-    return {"tradeoff": picture}
