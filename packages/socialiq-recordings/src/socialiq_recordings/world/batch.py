@@ -289,8 +289,3 @@ class JunctionBatch:
             self._settings,
             self.world.config.slack,
         )
-
-
-def JunctionSimulator(batch: JunctionBatch) -> JunctionBatch:  # noqa: N802  ends with the audit's next change
-    """Return the batch, which is a simulator."""
-    return batch

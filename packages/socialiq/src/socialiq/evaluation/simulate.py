@@ -16,8 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy, RewardPair, is_unit_box
-from socialiq.worlds.world import Actor as Actor  # the audit imports it from here
-from socialiq.worlds.world import Simulator
+from socialiq.worlds.world import Actor, Simulator
 
 SOFT = 4172  # makes draws of soft policies independent of other draws from the same seed
 UNIFORM = 6011  # likewise, of uniform actions
@@ -195,28 +194,22 @@ class SoftActor(_Drawing):
         simulator: What it drives.
     """
 
-    def __init__(
-        self, policy: SoftPolicy, simulator: Simulator | int | None = None, size: int = 1
-    ) -> None:
-        size = simulator if isinstance(simulator, int) else getattr(simulator, "size", size)
-        super().__init__(size, SOFT)
-        self._policy = policy
-        self._simulator = None if isinstance(simulator, int) else simulator
-        self._uniform = np.zeros((size, BLOCK))
-        self._used = np.full(size, BLOCK)
+    def __init__(self, policy: SoftPolicy, simulator: Simulator) -> None:
+        super().__init__(simulator.size, SOFT)
+        self._policy, self._simulator = policy, simulator
+        self._uniform = np.zeros((simulator.size, BLOCK))
+        self._used = np.full(simulator.size, BLOCK)
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
         """Open the stream of each episode."""
         super().begin(rows, seeds)
         self._used[rows] = BLOCK
 
-    def decide(self, observation: Any, running: np.ndarray) -> Int64[np.ndarray, " row"]:
+    def decide(self, observation: Any, running: np.ndarray) -> Int64[np.ndarray, " row"]:  # noqa: ARG002
         """Draw an action for each row."""
         for row in np.flatnonzero(running & (self._used == BLOCK)).tolist():
             self._uniform[row], self._used[row] = self._streams[row].random(BLOCK), 0
-        if self._simulator is not None:
-            observation = self._simulator.seen_by(self._policy)
-        inputs = np.asarray(observation)
+        inputs = np.asarray(self._simulator.seen_by(self._policy))
         cumulative = self._policy.probabilities(inputs).cumsum(axis=1)
         column = np.minimum(self._used, BLOCK - 1)
         draws = self._uniform[np.arange(len(column)), column][:, None]

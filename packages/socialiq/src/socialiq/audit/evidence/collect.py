@@ -19,7 +19,7 @@ from socialiq.audit.evidence.drive import (
 from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Reference, events_of
 from socialiq.audit.profile.environment import Environment
 from socialiq.errors import UserError
-from socialiq.evaluation.conflicts import CONFLICT_SECONDS
+from socialiq.evaluation.episodes import CONFLICT_SECONDS
 from socialiq.statistics.comparisons import Difference, paired_difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.types import Policy

@@ -20,13 +20,7 @@ def _made(options: dict[str, Any]) -> Intersection:
 
 
 class IntersectionEnv(RoadEnv):
-    """Intersection with the Gymnasium interface.
-
-    The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
-    (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
-    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided`,
-    `classical` (the ego's own reward and its neighbours' mean, thesis A.1) and `off_road`. Where
-    leaving the road ends an episode, its ending is `other`.
+    """Intersection with the Gymnasium interface; `RoadEnv` says what `info` has.
 
     Args:
         angle: Social angle α in degrees of the scalar reward R(α).
@@ -57,11 +51,7 @@ class IntersectionEnv(RoadEnv):
 
 
 class IntersectionVectorEnv(RoadVectorEnv):
-    """Many episodes with Gymnasium's vector interface, on several threads.
-
-    `info` has the quantities of `IntersectionEnv` as arrays, `ending` and `contact` as the numbers
-    of `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
-    reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
+    """Many episodes with Gymnasium's vector interface, on several threads (`RoadVectorEnv`).
 
     Args:
         num_envs: Number of episodes.
