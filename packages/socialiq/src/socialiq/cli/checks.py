@@ -29,18 +29,18 @@ def check_words(words: Sequence[str]) -> None:
     Raises:
         UserError: If there is one.
     """
-    for place, word in enumerate(words):
+    for position, word in enumerate(words):
         option, sign, value = word.partition("=")
         if not word:
-            of = f" of {one_line(words[place - 1], 80)}" if place else ""
+            of = f" of {one_line(words[position - 1], 80)}" if position else ""
             raise UserError(f"an empty word{of}: give a value, or leave the option out")
         if sign and not value and option.startswith("--"):
             raise UserError(f"{one_line(option, 80)} is empty: give a value, or leave it out")
         if "\0" in word:
             raise UserError(f"'{one_line(word, 80)}' has a zero byte: no name or text has one")
         if not _is_text(word):
-            shown = one_line(word.encode("utf-8", "replace"), 80)
-            raise UserError(f"'{shown}' is not UTF-8 text: rename the file, or type it again")
+            text = one_line(word.encode("utf-8", "replace"), 80)
+            raise UserError(f"'{text}' is not UTF-8 text: rename the file, or type it again")
 
 
 def _is_text(word: str) -> bool:
@@ -94,7 +94,7 @@ def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
     Raises:
         UserError: If one differs from its default.
     """
-    defaults = {one.name: one.default for one in dataclasses.fields(command)}
+    defaults = {field.name: field.default for field in dataclasses.fields(command)}
     for name in names:
         if getattr(command, name) != defaults[name]:
             raise UserError(f"--{name.replace('_', '-')} is of {owner}: add that, or leave it out")
@@ -105,15 +105,15 @@ def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
 
     None stands for the missing value of a list that is not empty by default.
     """
-    for one in dataclasses.fields(options):
-        value = getattr(options, one.name)
+    for field in dataclasses.fields(options):
+        value = getattr(options, field.name)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             yield from _values(value)
-        if value == () and isinstance(one.default, tuple) and one.default:
-            yield one.name, None
+        if value == () and isinstance(field.default, tuple) and field.default:
+            yield field.name, None
         for number in value if isinstance(value, tuple | list) else (value,):
             if isinstance(number, int | float) and not isinstance(number, bool):
-                yield one.name, number
+                yield field.name, number
 
 
 def _shown(value: int) -> str:

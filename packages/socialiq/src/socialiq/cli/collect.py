@@ -114,13 +114,13 @@ class Collect(Printing):
         if self.mixture == "equal_transitions":
             return mixture.equal_transitions(pools, self.transitions, self.seed)
         if self.mixture == "weighted":
-            given = self.weights or (1.0,) * len(pools)
-            if len(given) != len(pools):
+            shares = self.weights or (1.0,) * len(pools)
+            if len(shares) != len(pools):
                 raise UserError(
-                    f"weights are {len(given)} numbers where the modes are {', '.join(pools)}: "
+                    f"weights are {len(shares)} numbers where the modes are {', '.join(pools)}: "
                     "give each mode one"
                 )
-            weights = dict(zip(pools, given, strict=True))
+            weights = dict(zip(pools, shares, strict=True))
             return mixture.weighted(pools, weights, self.episodes, self.seed)
         return mixture.contaminated(
             pools, self.base, self.contaminant, self.share, self.episodes, self.seed
@@ -143,8 +143,8 @@ class Collect(Printing):
         if self.clock and self.world not in CONTINUOUS:
             raise UserError("an environment's observations are its own: leave out --clock")
         modes: dict[str, str] = {}
-        for given in self.driver:
-            mode, spec = _mode_of(given)
+        for words in self.driver:
+            mode, spec = _mode_of(words)
             if mode in modes:
                 raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
             modes[mode] = spec
@@ -156,8 +156,8 @@ class Collect(Printing):
         size = action_size(env)
         pools = {}
         for mode, spec in modes.items():
-            more: dict[str, Any] = {"action_size": size, "allow_code": self.allow_code}
-            with load_policy(spec, *sizes(env), **more) as loaded:
+            interface: dict[str, Any] = {"action_size": size, "allow_code": self.allow_code}
+            with load_policy(spec, *sizes(env), **interface) as loaded:
                 record = loaded.record
                 source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
                 pools[mode] = rollout_env(
@@ -176,15 +176,15 @@ class Collect(Printing):
         with driver as loaded:
             record = loaded.record
             source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
-            made = rollout.record(batch, loaded.policy, seeds, mode, source).transitions
-        return made.with_clock() if self.clock else made
+            episodes = rollout.record(batch, loaded.policy, seeds, mode, source).transitions
+        return episodes.with_clock() if self.clock else episodes
 
 
 def _mode_of(given: str) -> tuple[str, str]:
     """Return the name of a mode and its driver; by default the driver's own name."""
-    named = _NAMED.fullmatch(given)
-    if named:
-        return named[1], named[2]
+    match = _NAMED.fullmatch(given)
+    if match:
+        return match[1], match[2]
     if given.startswith(("python:", "process:")):
         return one_line(given.rpartition(":")[2]), given
     return one_line(Path(given).stem), given

@@ -52,8 +52,8 @@ _OWN = {
 
 def _installed() -> dict[str, str]:
     """Return every installed command; other distributions name theirs by an entry point."""
-    others = sorted(entry_points(group="socialiq.commands"), key=lambda entry: entry.name)
-    return _OWN | {name: place for entry in others for name, place in entry.load().items()}
+    distributions = sorted(entry_points(group="socialiq.commands"), key=lambda entry: entry.name)
+    return _OWN | {name: target for entry in distributions for name, target in entry.load().items()}
 
 
 COMMANDS = _installed()
@@ -145,19 +145,19 @@ def every_command() -> Any:
             group, _, last = name.rpartition(" ")
             if group == first:
                 kind = command_class(name)
-                if any(one.startswith(f"{name} ") for one in COMMANDS):
-                    below, named = (
+                if any(longer.startswith(f"{name} ") for longer in COMMANDS):
+                    below, namespace = (
                         [("below", together(name) | None, None)],
                         {"__doc__": kind.__doc__},
                     )
                     kind = dataclasses.make_dataclass(
-                        kind.__name__, below, bases=(kind,), namespace=named, frozen=True
+                        kind.__name__, below, bases=(kind,), namespace=namespace, frozen=True
                     )
                 member = Annotated[kind, tyro.conf.subcommand(last)]
                 union = member if union is None else union | member
         return union
 
-    whole = together("")
+    commands = together("")
     for group in GROUPS:
-        whole = whole | Annotated[together(group), tyro.conf.subcommand(group)]
-    return whole
+        commands = commands | Annotated[together(group), tyro.conf.subcommand(group)]
+    return commands

@@ -70,14 +70,14 @@ class Conformance(Printing):
             options = ContinuousOptions(actions=self.actions, **traffic)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
             return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
-        found = self.compare(options)
+        deviations = self.compare(options)
         if self.json:
-            print(json.dumps(found))  # to the last bit, unlike other commands, which round
+            print(json.dumps(deviations))  # to the last bit, unlike other commands, which round
         else:
-            rows = [{"compared": name, "value": str(value)} for name, value in found.items()]
+            rows = [{"compared": name, "value": str(value)} for name, value in deviations.items()]
             print_table(rows)
         forgiven = set(_COUNTS) | (_DEVIATIONS if self.default_numpy else set())
-        return int(any(value > 0 for name, value in found.items() if name not in forgiven))
+        return int(any(value > 0 for name, value in deviations.items() if name not in forgiven))
 
     def _check_scene(self) -> None:
         """Refuse the intersection's options for another road.
@@ -101,7 +101,7 @@ class Conformance(Printing):
         command += ["--driver", self.driver] if self.driver else []
         flags = {"--connected": self.connected, "--json": self.json}
         flags["--offroad-terminal"] = self.offroad_terminal
-        return command + [flag for flag, wanted in flags.items() if wanted]
+        return command + [flag for flag, is_set in flags.items() if is_set]
 
     def compare(self, options: Options) -> dict[str, float]:
         """Return totals and largest deviations over the episodes."""

@@ -155,13 +155,18 @@ class ToMinari(Printing):
         check_angle(self.angle)
         table = files.load(self.file, continuous=True)
         name = self.id or id_of(self.out)
-        place = write_minari(table, self.out, dataset_id=name, angle=self.angle)
+        folder = write_minari(table, self.out, dataset_id=name, angle=self.angle)
         sha256 = files.sha256_of(table)
-        found = {"folder": str(place), "id": name, "episodes": table.n_episodes, "sha256": sha256}
+        written = {
+            "folder": str(folder),
+            "id": name,
+            "episodes": table.n_episodes,
+            "sha256": sha256,
+        }
         if self.json:
-            print_json(found)
+            print_json(written)
         else:
-            print_table([{k: v for k, v in found.items() if k != "sha256"}])
+            print_table([{k: v for k, v in written.items() if k != "sha256"}])
         return 0
 
 

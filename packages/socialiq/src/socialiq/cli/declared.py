@@ -152,14 +152,14 @@ def _assigned(module: str, name: str) -> ast.expr | None:
 
 def _defined(module: str, name: str) -> tuple[str, str]:
     """Return the module that a name is imported from and its name there, or the module itself."""
-    first, _, rest = name.partition(".")
+    first, _, attribute = name.partition(".")
     tree = _source(module)
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)] if tree else []
     for node in imports:
         for alias in node.names:
             if first == (alias.asname or alias.name):
                 origin = str(node.module)
-                return (f"{origin}.{alias.name}", rest) if rest else (origin, alias.name)
+                return (f"{origin}.{alias.name}", attribute) if attribute else (origin, alias.name)
     return module, name
 
 

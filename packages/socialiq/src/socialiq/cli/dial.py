@@ -86,13 +86,13 @@ class Dial(Printing):
     def discrete(self) -> tuple[list[Row], Row]:
         """Return rows and summary of a dial of discrete actions; write the calibrated one."""
         if kind_of(self.policy) == ActorDial.KIND:
-            known = ", ".join(CONTINUOUS)
-            raise UserError(f"{self.policy} has continuous actions: choose one of {known}")
+            worlds = ", ".join(CONTINUOUS)
+            raise UserError(f"{self.policy} has continuous actions: choose one of {worlds}")
         dial = DialPolicy.load(self.policy)
         measure = self.rolled if self.world not in GRIDWORLDS else self.exact
-        rows, summary, found = measure(dial)
+        rows, summary, evaluated = measure(dial)
         if self.calibrated:
-            calibrated(dial, found).save(self.calibrated, replace=False)
+            calibrated(dial, evaluated).save(self.calibrated, replace=False)
         return rows, summary
 
     @property
@@ -102,21 +102,23 @@ class Dial(Printing):
 
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
-        part = gridworld_of(self.world, dial).reachable_part()
-        found, best = sweep(dial, part, self.readout), Optimum(part)
-        regrets = found.regrets(best.attainable)
+        states = gridworld_of(self.world, dial).reachable_part()
+        evaluated, best = sweep(dial, states, self.readout), Optimum(states)
+        regrets = evaluated.regrets(best.attainable)
         rows = [
-            _queried(angle, metrics) | {"regret": float(regret)} | _mixed(found, angle, best)
-            for angle, metrics, regret in zip(found.angles, found.metrics, regrets, strict=True)
-            if (angle - found.angles[0]) % self.every == 0
+            _queried(angle, metrics) | {"regret": float(regret)} | _mixed(evaluated, angle, best)
+            for angle, metrics, regret in zip(
+                evaluated.angles, evaluated.metrics, regrets, strict=True
+            )
+            if (angle - evaluated.angles[0]) % self.every == 0
         ]
         means = {
             f"mean_regret_every_{degrees}": float(
-                regrets[(np.array(found.angles) - found.angles[0]) % degrees == 0].mean()
+                regrets[(np.array(evaluated.angles) - evaluated.angles[0]) % degrees == 0].mean()
             )
             for degrees in dict.fromkeys((self.every, 1))
         }
-        return rows, means | _backward(found), found
+        return rows, means | _backward(evaluated), evaluated
 
     def rolled(self, dial: DialPolicy | ActorDial) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation on a road, driven at every row's angle."""
@@ -126,17 +128,19 @@ class Dial(Printing):
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = world.batch(min(max(self.episodes, 1), 512))
-        found = rollout_dial(dial, batch, angles, seeds, self.readout)
+        evaluated = rollout_dial(dial, batch, angles, seeds, self.readout)
         steered = self.world in CONTINUOUS  # elsewhere the ego follows its lane
         rows = [
-            _queried(angle, one)
-            | {"arrival": one.arrival, "collision": one.collision}
+            _queried(angle, metrics)
+            | {"arrival": metrics.arrival, "collision": metrics.collision}
             | ({"off_road": left} if steered else {})
-            | _mixed_by_episodes(found, angle, self.seed)
-            for angle, one, left in zip(angles, found.sweep.metrics, found.off_road, strict=True)
+            | _mixed_by_episodes(evaluated, angle, self.seed)
+            for angle, metrics, left in zip(
+                angles, evaluated.sweep.metrics, evaluated.off_road, strict=True
+            )
         ]
-        summary = {"episodes": self.episodes, "seed": self.seed} | _backward(found.sweep)
-        return rows, summary, found.sweep
+        summary = {"episodes": self.episodes, "seed": self.seed} | _backward(evaluated.sweep)
+        return rows, summary, evaluated.sweep
 
 
 def _queried(angle: float, metrics: Metrics) -> Row:
@@ -159,16 +163,16 @@ def _mixed(found: Sweep, angle: float, best: Optimum) -> Row:
     """Return the exact mixture at a behavioural angle; empty if there is none."""
     names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
     try:
-        one = setting(found.points, angle)
+        mixed = setting(found.points, angle)
     except UserError:
         return dict.fromkeys(names, "")
     values = (
-        found.angles[one.first],
-        found.angles[one.second],
-        one.share,
-        angle_difference(angle_of(*mixture(found.points, one)), angle),
-        one.radius,
-        one.radius / best.attainable.radius(angle),
+        found.angles[mixed.first],
+        found.angles[mixed.second],
+        mixed.share,
+        angle_difference(angle_of(*mixture(found.points, mixed)), angle),
+        mixed.radius,
+        mixed.radius / best.attainable.radius(angle),
     )
     return dict(zip(names, values, strict=True))
 
@@ -181,10 +185,10 @@ def _mixed_by_episodes(found: DialRollouts, angle: float, seed: int) -> Row:
     names = ("mix_first", "mix_second", "mix_share", "radius")
     names += ("mix_angle", "mix_angle_low", "mix_angle_high")
     try:
-        one, shown = found.mixture(angle, seed)
+        mixed, measured = found.mixture(angle, seed)
     except UserError:
         return dict.fromkeys(names, "")
     angles = found.sweep.angles
-    values = (angles[one.first], angles[one.second], one.share, one.radius)
-    values += (shown.angle, shown.low, shown.high)
+    values = (angles[mixed.first], angles[mixed.second], mixed.share, mixed.radius)
+    values += (measured.angle, measured.low, measured.high)
     return dict(zip(names, values, strict=True))

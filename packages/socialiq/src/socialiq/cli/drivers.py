@@ -73,13 +73,13 @@ def continuous_driver_of(
     """
     if name in policies.NAMES:
         return rule_of(name, world, seed)
-    shipped, known = name.removeprefix("atlas:"), atlas.names(atlas.CONTINUOUS_STUDIES)
-    if shipped != name or shipped in known:
+    shipped, names = name.removeprefix("atlas:"), atlas.names(atlas.CONTINUOUS_STUDIES)
+    if shipped != name or shipped in names:
         name = str(atlas.path_for(shipped, world.options))
     elif ":" not in name and not Path(name).exists():
-        one_of("driver", name, (*policies.NAMES, *known, "a policy file"))
-    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
-    return load_policy(name, world.n_features, 0, action_size=width(world.options), **more)
+        one_of("driver", name, (*policies.NAMES, *names, "a policy file"))
+    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
+    return load_policy(name, world.n_features, 0, action_size=width(world.options), **settings)
 
 
 def driver_on(
@@ -105,10 +105,10 @@ def driver_on(
         return driver_of(name, seed, world.options)
     if not path.exists():
         raise UserError(f"no such file: {one_line(name)}: name a policy file")
-    given: dict[str, Any] = {"angle": angle or 0.0, "clock": True}
+    settings: dict[str, Any] = {"angle": angle or 0.0, "clock": True}
     size = Interface.of(world)
     return load_policy(
-        name, size.n_features, size.n_actions, action_size=size.action_size, **given
+        name, size.n_features, size.n_actions, action_size=size.action_size, **settings
     ).policy
 
 
@@ -123,10 +123,10 @@ def refuse_misfit(
         UserError: If the numbers of features or actions differ.
     """
     if isinstance(policy, ActorDial):
-        shown = Interface.of(world)
-        wanted = Interface(policy.n_features, 0, policy.action_size)
-        if not fits(policy, world) or wanted.action_size != shown.action_size:
-            wanted.check(name, shown)
+        observed = Interface.of(world)
+        taken = Interface(policy.n_features, 0, policy.action_size)
+        if not fits(policy, world) or taken.action_size != observed.action_size:
+            taken.check(name, observed)
         return
     if not (fits(policy, world) and policy.n_actions == world.n_actions):
         raise UserError(

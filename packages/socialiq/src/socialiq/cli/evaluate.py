@@ -120,12 +120,12 @@ class Evaluate(Printing):
         elif len(rows) == 1:
             print_table([{"quantity": name, "value": value} for name, value in rows[0].items()])
         else:
-            named = [
+            table = [
                 {"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)
             ]
-            shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
-            shown = (*shown, "length")
-            print_table([{key: row[key] for key in shown if key in row} for row in named])
+            columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
+            columns = (*columns, "length")
+            print_table([{key: row[key] for key in columns if key in row} for row in table])
             pooled = self.pooled(rows)
             why = pooled.pop("angle_not_pooled", "")
             print_table([{"pooled": name, "value": value} for name, value in pooled.items()])
@@ -137,7 +137,7 @@ class Evaluate(Printing):
         """Estimate from episodes; nothing is rolled out, so options of rollouts are refused."""
         from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
 
-        given = [
+        options = [
             name
             for name, value in (
                 ("--episodes", self.episodes),
@@ -145,8 +145,8 @@ class Evaluate(Printing):
             )
             if value
         ]
-        if given:
-            raise UserError(f"--data rolls nothing out: leave out {', '.join(given)}")
+        if options:
+            raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
         check_seed(self.seed)
         evaluate_data(
             [str(path) for path in self.policies],
@@ -232,18 +232,18 @@ class Evaluate(Printing):
 
         def measure(policy: ValuePolicy) -> dict[str, Any]:
             table = gridworld_of(self.world, policy)
-            part = table.reachable_part()
+            states = table.reachable_part()
             if self.episodes:
-                whole = action_table(policy, table, readout)
-                rollout = rollout_table(table, whole, self.episodes, self.seed)
-                metrics, found = rollout.metrics(), self.sampled(rollout)
+                actions = action_table(policy, table, readout)
+                rollout = rollout_table(table, actions, self.episodes, self.seed)
+                metrics, row = rollout.metrics(), self.sampled(rollout)
             else:
-                chances = action_table(policy, part, readout)
-                metrics = evaluate_exactly(part, chances)
-                found = {"method": "exact", **metrics._asdict()}
-                found |= {} if rule is None else _at_rule(part, chances, rule)
+                chances = action_table(policy, states, readout)
+                metrics = evaluate_exactly(states, chances)
+                row = {"method": "exact", **metrics._asdict()}
+                row |= {} if rule is None else _at_rule(states, chances, rule)
             regret = optimum.regret(metrics, self.angle)
-            return {**found, "readout": readout, "target_angle": self.angle, "regret": regret}
+            return {**row, "readout": readout, "target_angle": self.angle, "regret": regret}
 
         return measure
 
@@ -262,15 +262,15 @@ class Evaluate(Printing):
         In parts environment and policy must keep nothing from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
-        whole = _EnvironmentPart(
+        episodes = _EnvironmentPart(
             self.world, policy, self.angle, self.allow_code, self.soft, np.array(self._seeds)
         )
         if not self.processes:
-            return _play_in_environment(whole)
+            return _play_in_environment(episodes)
         if self.soft:
             raise parts.draws_in_order(policy)
         blocks = parts.blocks_of(self._seeds, self.processes)
-        split = [whole._replace(seeds=block) for block in blocks]
+        split = [episodes._replace(seeds=block) for block in blocks]
         with Display() as display:
             report = display.stage("episodes")
             played = parts.in_parts(_play_in_environment, split, self.processes, report)
@@ -298,8 +298,8 @@ def _at_rule(part: Table, chances: np.ndarray, rule: AngleRule) -> dict[str, Any
     """Return the decision loss at a rule of the angle, the whole and in each context."""
     lost = evaluate_by_rule(part, chances, rule).loss
     by_context = dict(zip(rule.contexts, lost.tolist(), strict=True))
-    found = {"decision_loss": float(lost.sum())}
-    return found | {f"decision_loss where {name}": value for name, value in by_context.items()}
+    row = {"decision_loss": float(lost.sum())}
+    return row | {f"decision_loss where {name}": value for name, value in by_context.items()}
 
 
 class _RoadPart(NamedTuple):
@@ -353,8 +353,8 @@ def driven_in(
     """
     env = make_environment(world, allow_code=allow_code, continuous=True)
     shows_time = world in (*SCENE_IDS, *SCENE_IDS.values(), *ROADS)
-    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": shows_time}
-    with load_policy(driver, *sizes(env), action_size=action_size(env), **more) as loaded:
+    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": shows_time}
+    with load_policy(driver, *sizes(env), action_size=action_size(env), **settings) as loaded:
         if loaded.record.interface.n_features > sizes(env)[0]:
             env = make_environment(world, {"clock": True}, continuous=True)
         yield env, loaded

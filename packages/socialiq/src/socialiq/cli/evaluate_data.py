@@ -43,20 +43,20 @@ def evaluate_data(
     """
     logged = Logged.of(files.load(data))
     evaluator = Evaluator(logged, resamples=200, seed=seed)
-    found = {
+    estimates = {
         spec: list(_rows(evaluator, spec, soft=soft, allow_code=allow_code)) for spec in policies
     }
     warnings = [
-        f"{spec}{where}: {line}" for spec, rows in found.items() for where, line in _lines(rows)
+        f"{spec}{where}: {line}" for spec, rows in estimates.items() for where, line in _lines(rows)
     ]
     if json:
         described = {"data": str(data), "episodes": logged.data.n_episodes, "seed": seed}
-        results = [{"policy": spec, "angles": rows} for spec, rows in found.items()]
+        results = [{"policy": spec, "angles": rows} for spec, rows in estimates.items()]
         print_json(described | {"policies": results})
     else:
-        for spec, rows in found.items():
-            shown = [{name: row[name] for name in row if name != "warning"} for row in rows]
-            print_table(shown, f"{spec}: J(α) from {logged.data.n_episodes} episodes of {data}")
+        for spec, rows in estimates.items():
+            columns = [{name: row[name] for name in row if name != "warning"} for row in rows]
+            print_table(columns, f"{spec}: J(α) from {logged.data.n_episodes} episodes of {data}")
         for line in warnings:
             say(line)
 
@@ -71,12 +71,12 @@ def _rows(evaluator: Evaluator, spec: str, *, soft: bool, allow_code: bool) -> I
         angles = tuple(angle for angle in ANGLES if dial.low <= angle <= dial.high)
         if not angles:
             raise UserError(f"{spec} has none of {ANGLES}: `socialiq turn` it to one angle first")
-    found: OffPolicy | None = None
+    estimate: OffPolicy | None = None
     for angle in angles:
-        if found is None or turned:
+        if estimate is None or turned:
             with _loaded(spec, data.n_features, data.n_actions, angle, allow_code) as policy:
-                found = evaluator.evaluate(chances_of(policy, data.n_actions, soft=soft))
-        yield _row(found, angle)
+                estimate = evaluator.evaluate(chances_of(policy, data.n_actions, soft=soft))
+        yield _row(estimate, angle)
 
 
 @contextmanager
@@ -108,7 +108,7 @@ def chances_of(policy: Policy, n_actions: int, *, soft: bool) -> Chances:
         )
 
     def chosen(observations: np.ndarray) -> np.ndarray:
-        actions = [int(np.ravel(policy.predict(one)[0])[0]) for one in observations]
+        actions = [int(np.ravel(policy.predict(row)[0])[0]) for row in observations]
         return np.eye(n_actions)[actions]
 
     return chosen

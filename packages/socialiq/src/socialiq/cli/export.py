@@ -62,9 +62,9 @@ class Export(Printing):
         policy, training = self.read()
         content = self.made(policy, training)
         write_atomically(self.out, content, replace=False)
-        found = {"out": str(self.out), "format": self.format, "bytes": len(content)}
-        found |= {"sha256": hashlib.sha256(content).hexdigest()}
-        return _print_written(found, self.json)
+        written = {"out": str(self.out), "format": self.format, "bytes": len(content)}
+        written |= {"sha256": hashlib.sha256(content).hexdigest()}
+        return _print_written(written, self.json)
 
     def read(self) -> tuple[Exported, dict[str, Any]]:
         """Return the policy, and further records of its training."""
@@ -110,8 +110,8 @@ class Export(Printing):
         name = Path(self.policy).stem if self.angle is None else f"{Path(self.policy).stem} at "
         name = name if self.angle is None else f"{name}{self.angle:g} degrees"
         if self.format == "bom":
-            own = Path(self.policy) if self.angle is None else None  # a dial's file holds many
-            sha256 = sha256_of_file(own) if own is not None and own.is_file() else ""
+            file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
+            sha256 = sha256_of_file(file) if file is not None and file.is_file() else ""
             return card_materials(
                 policy, name, file_sha256=sha256, training=training, evaluation=evaluation
             )
@@ -122,12 +122,12 @@ class Export(Printing):
 
 
 def _object(path: Path) -> dict[str, Any]:
-    found = read_json(path)
-    if not isinstance(found, dict):
+    content = read_json(path)
+    if not isinstance(content, dict):
         raise UserError(
             f"{path} is not a JSON object: write it with socialiq evaluate POLICY --json"
         )
-    return found
+    return content
 
 
 def _run_of(path: Path, policy: Exported) -> dict[str, Any]:
@@ -135,10 +135,10 @@ def _run_of(path: Path, policy: Exported) -> dict[str, Any]:
     record = path.parent / "run.json"
     if not record.is_file():
         return {}
-    found = _object(record)
-    listed = found.get("policies")
-    hashes = [one.get("sha256") for one in listed or () if isinstance(one, dict)]
-    return {**found, "made_by": "socialiq train"} if policy.sha256 in hashes else {}
+    content = _object(record)
+    listed = content.get("policies")
+    hashes = [entry.get("sha256") for entry in listed or () if isinstance(entry, dict)]
+    return {**content, "made_by": "socialiq train"} if policy.sha256 in hashes else {}
 
 
 @dataclass(frozen=True)
@@ -208,8 +208,8 @@ class Ensemble(Printing):
         refuse_existing(self.out)
         policy = EnsemblePolicy.of([load_values(path) for path in self.policies])
         sha256 = policy.save(self.out, replace=False)
-        found = {"out": str(self.out), "members": len(policy.members), "sha256": sha256}
-        return _print_written(found, self.json)
+        written = {"out": str(self.out), "members": len(policy.members), "sha256": sha256}
+        return _print_written(written, self.json)
 
 
 def _print_written(found: Row, as_json: bool) -> int:

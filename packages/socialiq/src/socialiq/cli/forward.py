@@ -23,15 +23,15 @@ def forwarded(words: Sequence[str], learners: Sequence[str]) -> list[str]:
         words: The command line after the program's name.
         learners: Learners of `train`.
     """
-    first, rest = words[0], list(words[1:])
+    first, options = words[0], list(words[1:])
     if first == "improve-dial":
-        new = ["train", "improve-dial", *rest]
+        new = ["train", "improve-dial", *options]
     elif first == "train-dial":
-        new = ["train", *_dial(rest)]
-    elif first == "compare" and rest and not rest[0].startswith("-"):
-        new = ["reproduce", f"compare-{rest[0]}", *rest[1:]]
-    elif first == "train" and rest and _is_bare(rest, learners):
-        new = ["train", *_learner(rest)]
+        new = ["train", *_dial(options)]
+    elif first == "compare" and options and not options[0].startswith("-"):
+        new = ["reproduce", f"compare-{options[0]}", *options[1:]]
+    elif first == "train" and options and _is_bare(options, learners):
+        new = ["train", *_learner(options)]
     else:
         return list(words)
     sys.stderr.write(f"socialiq: these words are now: socialiq {' '.join(new[:4])} ...\n")
@@ -46,34 +46,34 @@ def _is_bare(rest: Sequence[str], learners: Sequence[str]) -> bool:
     return word.startswith("--") or "." in word or "/" in word or Path(word).exists()
 
 
-def _learner(rest: list[str]) -> list[str]:
+def _learner(options: list[str]) -> list[str]:
     """Return the words with the learner of --learner first."""
-    learner, rest = _without(rest, "--learner")
+    learner, options = _without(options, "--learner")
     if ":" in learner:
-        return ["own", learner, *rest]
-    return [learner or "iq-learn", *rest]
+        return ["own", learner, *options]
+    return [learner or "iq-learn", *options]
 
 
-def _dial(rest: list[str]) -> list[str]:
+def _dial(options: list[str]) -> list[str]:
     """Return the words of `train-dial` with the file first and the world as an option."""
-    data, rest = _without(rest, "--data")
-    world = [] if not rest or rest[0].startswith("-") else ["--world", rest.pop(0)]
+    data, options = _without(options, "--data")
+    world = [] if not options or options[0].startswith("-") else ["--world", options.pop(0)]
     file, learner = ([data] if data else []), "dial"
-    if any(OFFLINE in word for word in rest):
+    if any(OFFLINE in word for word in options):
         learner = "offline-dial"
-    practised, rest = _without(rest, "--practice")
+    practised, options = _without(options, "--practice")
     if practised:
         learner = "practised-dial"
         new = {"--practice-episodes": "--episodes", "--practice-seed": "--first-seed"}
-        rest = ["--rounds", practised, *(new.get(word, word) for word in rest)]
-    return [learner, *file, *world, *rest]
+        options = ["--rounds", practised, *(new.get(word, word) for word in options)]
+    return [learner, *file, *world, *options]
 
 
 def _without(words: list[str], option: str) -> tuple[str, list[str]]:
     """Return the value of an option, "" if it is not given, and the words without it."""
-    for place, word in enumerate(words):
+    for position, word in enumerate(words):
         if word.startswith(f"{option}="):
-            return word.partition("=")[2], [*words[:place], *words[place + 1 :]]
-        if word == option and place + 1 < len(words):
-            return words[place + 1], [*words[:place], *words[place + 2 :]]
+            return word.partition("=")[2], [*words[:position], *words[position + 1 :]]
+        if word == option and position + 1 < len(words):
+            return words[position + 1], [*words[:position], *words[position + 2 :]]
     return "", words

@@ -120,8 +120,8 @@ def _print_json(command: Any, name: str) -> None:
 
 def _command(name: str, words: list[str]) -> Any:
     """Parse a command's options; a mistyped one is refused before anything else is imported."""
-    program, known = f"socialiq {name}", options_of(name)
-    unknown = None if known is None else unknown_option(program, words, known)
+    program, names = f"socialiq {name}", options_of(name)
+    unknown = None if names is None else unknown_option(program, words, names)
     if unknown:
         raise unknown
     return _options_of(command_class(name), program, words)
@@ -144,8 +144,8 @@ def _options_of(kind: Any, program: str, words: list[str], description: str | No
         if not stop.code:
             raise
     leading = list(itertools.takewhile(lambda word: not word.startswith("-"), words))
-    known = option_names(lambda: parsed([*leading, "--help"]))
-    raise unknown_option(program, words, known) or UserError(one_line(complaint.getvalue()))
+    names = option_names(lambda: parsed([*leading, "--help"]))
+    raise unknown_option(program, words, names) or UserError(one_line(complaint.getvalue()))
 
 
 def one_line(boxed: str) -> str:

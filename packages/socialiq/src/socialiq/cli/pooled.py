@@ -35,8 +35,8 @@ def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dic
     if len(set(targets)) == 1 and targets[0] is not None:
         return means | {"angle": angle_of(means["r_env"], means["r_social"])}
     means.pop("angle", None)
-    known = sorted({one for one in targets if one is not None})
-    why = f"the policies were trained for {', '.join(f'{one:g}' for one in known)} degrees"
+    angles = sorted({target for target in targets if target is not None})
+    why = f"the policies were trained for {', '.join(f'{target:g}' for target in angles)} degrees"
     if None in targets:
         why = "it is not known whether the policies were trained for one angle"
     return means | {"angle_not_pooled": why}

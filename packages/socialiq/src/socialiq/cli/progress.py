@@ -72,27 +72,27 @@ class Display:
 
     def _texts(self, name: str, report: Report) -> dict[str, str]:
         """Return the texts beside the bar, no longer together than the terminal is wide."""
-        shown = {
+        texts = {
             "count": f"{report.done}/{report.total}" if self._wide else "",
             "rate": rate_of(report, self._wide),
             "left": remaining(report.seconds_left),
         }
-        taken = min(len(name), self._stage) + self._bar + sum(map(len, shown.values())) + 5
-        return {**shown, "losses": fitted(losses(report), self.progress.console.width - taken)}
+        taken = min(len(name), self._stage) + self._bar + sum(map(len, texts.values())) + 5
+        return {**texts, "losses": fitted(losses(report), self.progress.console.width - taken)}
 
 
 def plain_line(name: str, report: Report) -> str:
     """Return a stage's progress as a line of a log."""
     left = remaining(report.seconds_left)
-    parts = [f"{report.done}/{report.total}", rate_of(report), left, " ".join(losses(report))]
-    return f"{name}: {', '.join(part for part in parts if part)}"
+    texts = [f"{report.done}/{report.total}", rate_of(report), left, " ".join(losses(report))]
+    return f"{name}: {', '.join(text for text in texts if text)}"
 
 
 def fitted(parts: Sequence[str], room: int) -> str:
     """Return as many of the first parts, separated by blanks, as there is room for."""
     text = ""
-    for part in parts:
-        longer = f"{text} {part}".strip()
+    for word in parts:
+        longer = f"{text} {word}".strip()
         if len(longer) > room:
             break
         text = longer
@@ -120,15 +120,15 @@ def remaining(seconds: float) -> str:
 
 def losses(report: Report) -> list[str]:
     """Return named loss terms, max |Q|, and α̂ with the least and greatest value of the runs."""
-    shown = {name: value for name, value in report.terms.items() if name != "max_q"}
-    parts = [f"{name} {value:.3g}" for name, value in shown.items()]
+    terms = {name: value for name, value in report.terms.items() if name != "max_q"}
+    texts = [f"{name} {value:.3g}" for name, value in terms.items()]
     if "max_q" in report.terms:
-        parts.append(f"max|Q| {report.terms['max_q']:.3g}")
+        texts.append(f"max|Q| {report.terms['max_q']:.3g}")
     if "greedy_angle" in report.monitored:
         angles = report.monitored["greedy_angle"]
         low, high = np.min(angles), np.max(angles)
-        parts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
-    return parts
+        texts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
+    return texts
 
 
 def rate_of(report: Report, with_unit: bool = True) -> str:

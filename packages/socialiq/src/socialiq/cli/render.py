@@ -64,10 +64,10 @@ class Render:
             raise UserError(f"{self.world} has no --driver: use --angle")
         table = tabulate(make_grid(self.world))
         if self.angle is None:
-            drawn = picture(table.world, table.world.start[0][0])
+            figure = picture(table.world, table.world.start[0][0])
         else:
-            drawn = filmstrip(table.world, _episode(table, self.angle, self.seed))
-        write_atomically(self.out, png({"picture": drawn})["picture"])
+            figure = filmstrip(table.world, _episode(table, self.angle, self.seed))
+        write_atomically(self.out, png({"picture": figure})["picture"])
         return 0
 
     def road(self, world: Intersection | SceneWorld) -> None:
@@ -81,16 +81,16 @@ class Render:
             if self.angle is not None:
                 raise UserError(f"{self.world} has no --angle of its own: add --driver, a dial")
             batch.reset([self.seed])
-            drawn = sheet.picture(render.present_scene(batch), world.view)
-            write_atomically(self.out, png({"picture": drawn})["picture"])
+            figure = sheet.picture(render.present_scene(batch), world.view)
+            write_atomically(self.out, png({"picture": figure})["picture"])
             return
         driver = driver_on(world, self.driver, self.angle, self.seed)
         episode = render.episode_scenes(batch, driver, self.seed)
         if self.out.suffix in FILMS:
             sheet.save(self.out, episode, world.view, world.options.simulation_frequency)
             return
-        drawn = render.filmstrip(episode[:: world.options.frames], world.view)
-        write_atomically(self.out, png({"picture": drawn})["picture"])
+        figure = render.filmstrip(episode[:: world.options.frames], world.view)
+        write_atomically(self.out, png({"picture": figure})["picture"])
 
 
 def _episode(table: Table, angle: float, seed: int) -> list[list[int]]:

@@ -39,15 +39,15 @@ class Solve(Printing):
         """Solve, evaluate exactly, print."""
         angle = check_angle(self.angle)
         table = tabulate(make_grid(self.world))
-        part = table.reachable_part()
+        reachable = table.reachable_part()
         if self.stationary:
-            whole = expert_policy(table, angle, "stochastic")
-            metrics = evaluate_exactly(part, whole[table.mdp.reachable()])
+            policy = expert_policy(table, angle, "stochastic")
+            metrics = evaluate_exactly(reachable, policy[table.mdp.reachable()])
         else:
-            reward = score(weights(angle), part.mdp.rewards)
-            best = horizon_optimum(part.mdp, reward, table.world.horizon)
-            metrics = evaluate_exactly(part, best.probabilities(part.mdp.n_actions))
-        found = {
+            reward = score(weights(angle), reachable.mdp.rewards)
+            best = horizon_optimum(reachable.mdp, reward, table.world.horizon)
+            metrics = evaluate_exactly(reachable, best.probabilities(reachable.mdp.n_actions))
+        result = {
             "world": self.world,
             "angle": angle,
             "stationary": self.stationary,
@@ -59,12 +59,12 @@ class Solve(Printing):
             "collision": metrics.collision,
             "timeout": metrics.timeout,
             "states": table.mdp.n_states,
-            "reachable_states": part.mdp.n_states,
+            "reachable_states": reachable.mdp.n_states,
         }
         if self.json:
-            print_json(found)
+            print_json(result)
         else:
-            print_table([{"quantity": name, "value": value} for name, value in found.items()])
+            print_table([{"quantity": name, "value": value} for name, value in result.items()])
         return 0
 
 
@@ -133,31 +133,31 @@ class PredictLambda(Printing):
 
     def run(self) -> int:
         """Compute the lines and print their crossings."""
-        part = tabulate(make_grid(self.world)).reachable_part()
+        reachable = tabulate(make_grid(self.world)).reachable_part()
         setting = Setting(self.angle, self.target_kind, self.mixture, self.measure)
-        problem = problem_of(part, setting)
+        problem = problem_of(reachable, setting)
         norm = target_norm(problem)
-        names = [feature.name for feature in part.world.features]
+        names = [feature.name for feature in reachable.world.features]
         rows: list[Row] = []
-        for one in predictions(part, lines_of(problem, self.next_value)):
-            state = part.states[one.flip.state]
+        for prediction in predictions(reachable, lines_of(problem, self.next_value)):
+            state = reachable.states[prediction.flip.state]
             pairs = zip(names, state, strict=True)
             rows.append(
                 {
-                    "lambda": one.flip.strength,
-                    "in_units": one.flip.strength * norm,
-                    "exact": int(one.exact),
+                    "lambda": prediction.flip.strength,
+                    "in_units": prediction.flip.strength * norm,
+                    "exact": int(prediction.exact),
                     "state": " ".join(f"{name}={value}" for name, value in pairs),
-                    "from": part.world.actions[one.flip.before],
-                    "to": part.world.actions[one.flip.after],
-                    "angle_before": one.before.angle,
-                    "angle_after": one.after.angle,
+                    "from": reachable.world.actions[prediction.flip.before],
+                    "to": reachable.world.actions[prediction.flip.after],
+                    "angle_before": prediction.before.angle,
+                    "angle_after": prediction.after.angle,
                 }
             )
         if self.json:
             first = rows[0]["lambda"] if rows else None
-            found = {"world": self.world, "next_value": self.next_value} | setting._asdict()
-            print_json(found | {"first_flip": first, "target_norm": norm, "flips": rows})
+            result = {"world": self.world, "next_value": self.next_value} | setting._asdict()
+            print_json(result | {"first_flip": first, "target_norm": norm, "flips": rows})
             return 0
         print(f"norm of the target without shaping: {norm:.4g} (in_units = lambda times it)")
         if rows:

@@ -56,14 +56,14 @@ def unknown_command(words: Sequence[str]) -> UserError:
         for name in {words[0], " ".join(words[:2])} & {*names}:
             return UserError(f"socialiq {name} needs {distribution}: pip install {distribution}")
     group = f"{words[0]} " if words[0] in GROUPS else ""
-    known = [name.removeprefix(group) for name in COMMANDS if name.startswith(group)]
+    names = [name.removeprefix(group) for name in COMMANDS if name.startswith(group)]
     page = f"socialiq {group}--help lists the commands"
     if len(words) == 1 and group:
-        return UserError(f"name a command of {words[0]}: {', '.join(known)}")
+        return UserError(f"name a command of {words[0]}: {', '.join(names)}")
     word = words[1] if group else words[0]
     firsts = [] if group else list(GROUPS)
-    near = difflib.get_close_matches(word, [*known, *firsts], 1) or difflib.get_close_matches(
-        " ".join(words[:2]), known, 1, 0.8
+    near = difflib.get_close_matches(word, [*names, *firsts], 1) or difflib.get_close_matches(
+        " ".join(words[:2]), names, 1, 0.8
     )
     hint = f"did you mean '{group}{near[0]}'? {page}" if near else page
     return UserError(f"unknown command '{group}{word}': {hint}")

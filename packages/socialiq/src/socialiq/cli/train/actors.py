@@ -153,17 +153,17 @@ class Task:
         if not self.preset:
             static, numbers = learner.StaticConfig(), learner.Hyperparameters()
         elif self.preset not in PRESETS:
-            known = ", ".join(PRESETS)
+            names = ", ".join(PRESETS)
             raise UserError(
-                f"no preset '{self.preset}' of continuous actions: choose {known}, or leave "
+                f"no preset '{self.preset}' of continuous actions: choose {names}, or leave "
                 "--preset out"
             )
         elif name not in PRESETS[self.preset]:
-            known = " and ".join(PRESETS[self.preset])
-            raise UserError(f"preset {self.preset} is of {known}, not of {name}: leave it out")
+            names = " and ".join(PRESETS[self.preset])
+            raise UserError(f"preset {self.preset} is of {names}, not of {name}: leave it out")
         elif self.world and self.world not in CONTINUOUS:
-            known = ", ".join(CONTINUOUS)
-            raise UserError(f"preset {self.preset} is not for {self.world}: choose {known}")
+            names = ", ".join(CONTINUOUS)
+            raise UserError(f"preset {self.preset} is not for {self.world}: choose {names}")
         else:
             static, numbers = PRESETS[self.preset][name]
         return static, numbers
@@ -210,10 +210,10 @@ class Task:
             )
         refuse_file(self.world)
         if self.world in CONTINUOUS:
-            more = _at_intersection(self.world, static, runs, data)
-            check_fit(learner, static, runs, datasets, None, more["sizes"], True)
+            acting = _at_intersection(self.world, static, runs, data)
+            check_fit(learner, static, runs, datasets, None, acting["sizes"], True)
             return lambda callbacks: train(
-                learner, static, runs, datasets, callbacks=callbacks, **more
+                learner, static, runs, datasets, callbacks=callbacks, **acting
             )
         interface = (data.n_features, data.action_size) if data is not None else None
         make = continuous_maker(self.world, interface, self.allow_code)
@@ -222,12 +222,14 @@ class Task:
         first = make()
         shape = (sizes(first)[0], action_size(first))
         check_fit(learner, static, runs, datasets, None, shape, True)
-        more = {
+        acting = {
             "sizes": shape,
             "chunk": static.updates_per_round,
             "before_chunk": acting_in(make, static, runs),
         }
-        return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)
+        return lambda callbacks: train(
+            learner, static, runs, datasets, callbacks=callbacks, **acting
+        )
 
 
 def _at_intersection(

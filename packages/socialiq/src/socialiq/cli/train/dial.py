@@ -157,14 +157,14 @@ class Dial(Printing):
         Raises:
             UserError: If it is unknown, or of another world.
         """
-        known = {**PRESETS, ON_ROADS: INTERSECTION}
+        presets = {**PRESETS, ON_ROADS: INTERSECTION}
         road = self.world in ROADS
         name = self.preset or (ON_ROADS if road else "online")
-        one_of("preset", name, tuple(known))
+        one_of("preset", name, tuple(presets))
         if (name == ON_ROADS) != road:
-            names = ", ".join(preset for preset in known if (preset == ON_ROADS) == road)
+            names = ", ".join(preset for preset in presets if (preset == ON_ROADS) == road)
             raise UserError(f"preset '{name}' is not for {self.world}: choose {names}")
-        return name, known[name]
+        return name, presets[name]
 
     def _demonstrations(self, preset: str, needed: bool) -> list[Demonstrations]:
         """Return the data of a run that learns from data.
@@ -293,9 +293,9 @@ class ImproveDial(Printing):
         check_seeds(self.seed)
         start, scenario = DialPolicy.load(self.dial), Options()
         clock = road_training.observes_time(start, scenario)
-        given = {} if self.updates is None else {"updates": self.updates}
+        settings = {} if self.updates is None else {"updates": self.updates}
         structure, numbers = self.options.apply(
-            (road_training.ITERATION, road_training.ITERATION_NUMBERS), given
+            (road_training.ITERATION, road_training.ITERATION_NUMBERS), settings
         )
         static = iteration.with_network_of(structure, start)
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]

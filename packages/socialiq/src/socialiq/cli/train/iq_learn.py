@@ -91,11 +91,11 @@ class IQLearn(Printing):
             task = actors.Task(self.out, self.world, self.allow_code, self.preset, self.data)
             return task.run("iq-learn", data, self, self._named(()))
         self.scaling.refuse()
-        own = self._own_code()
+        functions = self._own_code()
         one_of("preset", self.preset or "grid", tuple(PRESETS))
-        given = self._named(own) | self.size.given()
-        static, numbers = self.options.apply(PRESETS[self.preset or "grid"], given)
-        return _trained(self, data, static, self.grid.runs(numbers), own, self.world)
+        settings = self._named(functions) | self.size.given()
+        static, numbers = self.options.apply(PRESETS[self.preset or "grid"], settings)
+        return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
 
     def _named(self, own: Any) -> dict[str, Any]:
         """Return the named settings that were given, without those that are code."""
@@ -112,17 +112,15 @@ class IQLearn(Printing):
         """
         places = {"loss": self.loss}
         for name in ("prior", "divergence"):
-            place = getattr(self, name) or ""
-            places[name] = place if ":" in place or place.endswith(".py") else ""
-        own: dict[str, Any] = {
-            name: load(place, f"--{name}", self.allow_code)
-            for name, place in places.items()
-            if place
+            file = getattr(self, name) or ""
+            places[name] = file if ":" in file or file.endswith(".py") else ""
+        functions: dict[str, Any] = {
+            name: load(file, f"--{name}", self.allow_code) for name, file in places.items() if file
         }
         for name, check in (("prior", checked_prior), ("divergence", checked_divergence)):
-            if name in own:
-                own[name] = check(own[name])
-        return own
+            if name in functions:
+                functions[name] = check(functions[name])
+        return functions
 
     def _refuse_own_code(self) -> None:
         """Refuse a loss, prior or divergence of the user's own with continuous actions."""

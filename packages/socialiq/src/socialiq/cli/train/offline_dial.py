@@ -60,8 +60,8 @@ class OfflineDial(Printing):
         one_of("preset", self.preset, tuple(PRESETS))
         data = files.load(self.data)
         preset = PRESETS[self.preset]
-        given = encoding_of(self.world, data) | self.size.given()
-        static, numbers = self.options.apply((preset.structure, preset.numbers), given)
+        settings = encoding_of(self.world, data) | self.size.given()
+        static, numbers = self.options.apply((preset.structure, preset.numbers), settings)
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
         with whole_folder(self.out) as folder:
