@@ -47,7 +47,7 @@ def test_what_the_data_cannot_support_is_one_line(capsys, data, policy):
     ("more", "line"),
     [
         (["--episodes", "5"], "--data rolls nothing out: leave out --episodes"),
-        (["--processes", "2"], "leave out --processes or --cluster"),
+        (["--processes", "2"], "leave out --processes"),
     ],
 )
 def test_options_of_rollouts_are_refused(capsys, data, policy, more, line):
