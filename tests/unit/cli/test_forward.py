@@ -20,7 +20,7 @@ LEARNERS = ("iq-learn", "dial", "cql")
         ("train-dial merge --preset=online", "train dial --world merge --preset=online"),
         (
             "train-dial w.safetensors --data d --preset offline-regularised --out x",
-            "train offline-dial d --world w.safetensors --preset offline-regularised --out x",
+            "train offline-dial d --world w.safetensors --out x",
         ),
         (
             "train-dial w.safetensors --data d --practice 5 --practice-episodes 9",

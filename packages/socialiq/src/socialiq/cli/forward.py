@@ -60,7 +60,7 @@ def _dial(options: list[str]) -> list[str]:
     world = [] if not options or options[0].startswith("-") else ["--world", options.pop(0)]
     file, learner = ([data] if data else []), "dial"
     if any(OFFLINE in word for word in options):
-        learner = "offline-dial"
+        learner, options = "offline-dial", _without(options, "--preset")[1]
     practised, options = _without(options, "--practice")
     if practised:
         learner = "practised-dial"

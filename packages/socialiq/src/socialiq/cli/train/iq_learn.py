@@ -14,7 +14,14 @@ import tyro
 
 from socialiq.cli.output import Printing
 from socialiq.cli.train import actors
-from socialiq.cli.train.options import GridOptions, RunOptions, ScalingOptions, SizeOptions, label
+from socialiq.cli.train.options import (
+    GridOptions,
+    PlainGridOptions,
+    RunOptions,
+    ScalingOptions,
+    SizeOptions,
+    label,
+)
 from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -148,7 +155,7 @@ class Cloning(Printing):
     _: KW_ONLY
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
-    grid: Grid = field(default_factory=GridOptions)
+    grid: tyro.conf.OmitArgPrefixes[PlainGridOptions] = field(default_factory=PlainGridOptions)
     size: Size = field(default_factory=SizeOptions)
     scaling: Scaling = field(default_factory=ScalingOptions)
     options: Run = field(default_factory=RunOptions)

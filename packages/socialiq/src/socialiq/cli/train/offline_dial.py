@@ -17,7 +17,7 @@ from socialiq.cli.train.options import SetOptions, SizeOptions
 from socialiq.cli.train.run_folder import CHUNK, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import PRESETS
@@ -30,6 +30,9 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import open_world
+
+PRESET = "offline-regularised"
+"""Settings to begin with."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,6 @@ class OfflineDial(Printing):
     of `socialiq data world`."""
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
-    preset: str = "offline-regularised"
-    """Settings to begin with."""
     seed: tuple[int, ...] = (0,)
     """Training seeds, a dial each."""
     size: tyro.conf.OmitArgPrefixes[SizeOptions] = field(default_factory=SizeOptions)
@@ -57,9 +58,8 @@ class OfflineDial(Printing):
     def run(self) -> int:
         """Train a dial for each seed, write the folder, print what came out."""
         check_seeds(self.seed)
-        one_of("preset", self.preset, tuple(PRESETS))
         data = files.load(self.data)
-        preset = PRESETS[self.preset]
+        preset = PRESETS[PRESET]
         settings = encoding_of(self.world, data) | self.size.given()
         static, numbers = self.options.apply((preset.structure, preset.numbers), settings)
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
@@ -89,7 +89,7 @@ class OfflineDial(Printing):
         record = {
             "structure": dataclasses.asdict(static),
             "numbers": [dataclasses.asdict(numbers) for numbers in runs],
-            "preset": self.preset,
+            "preset": PRESET,
             "world": self.world,
             "data": described_file(self.data),
             "practice": self.practised(),

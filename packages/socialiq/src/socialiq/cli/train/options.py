@@ -25,15 +25,13 @@ GRID = ("angle", "strength", "seed")
 
 
 @dataclass(frozen=True)
-class GridOptions:
+class PlainGridOptions:
     """A run for each combination."""
 
     angle: tuple[float, ...] = (0.0,)
     """Target angles in degrees."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
-    strength: tuple[float, ...] = ()
-    """λ; by default the preset's."""
 
     def runs(self, base: Any) -> list[Any]:
         """Return hyperparameters for each angle, strength and seed.
@@ -43,13 +41,21 @@ class GridOptions:
         """
         check_seeds(self.seed)
         for name in GRID:
-            if not hasattr(base, name) and getattr(self, name) not in ((), (0.0,), (0,)):
+            if not hasattr(base, name) and getattr(self, name, ()) not in ((), (0.0,), (0,)):
                 raise UserError(f"this learner has no '{name}': leave --{name} out")
-        names = [name for name in GRID if hasattr(base, name) and getattr(self, name)]
+        names = [name for name in GRID if hasattr(base, name) and getattr(self, name, ())]
         return [
             dataclasses.replace(base, **dict(zip(names, values, strict=True)))
             for values in itertools.product(*(getattr(self, name) for name in names))
         ]
+
+
+@dataclass(frozen=True)
+class GridOptions(PlainGridOptions):
+    """A run for each combination."""
+
+    strength: tuple[float, ...] = ()
+    """λ; by default the preset's."""
 
 
 @dataclass(frozen=True)
