@@ -40,8 +40,7 @@ from socialiq_lab.intersection.demonstration_sets import (
     atlas_demonstrations,
     mixture_of,
 )
-from socialiq_lab.intersection.driving import BATCH
-from socialiq_lab.intersection.episodes import EpisodesRun
+from socialiq_lab.intersection.driving import BATCH, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import as_csv, from_csv
 from studies.compare_methods.methods import BY_NAME

@@ -34,7 +34,7 @@ from socialiq_lab.comparison_runs import (
     runs_of,
     setting_name,
 )
-from socialiq_lab.intersection.episodes import FIRST_EPISODE
+from socialiq_lab.intersection.driving import FIRST_EPISODE
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.results import Results, as_csv, from_csv
 from socialiq_lab.study import Context, Findings, Study, View

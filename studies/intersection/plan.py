@@ -25,8 +25,7 @@ from socialiq_lab.intersection.demonstration_sets import (
     Recording,
     record_demonstrations,
 )
-from socialiq_lab.intersection.driving import HIGHWAY_EPISODES, Evaluation, evaluate
-from socialiq_lab.intersection.episodes import EPISODES
+from socialiq_lab.intersection.driving import EPISODES, HIGHWAY_EPISODES, Evaluation, evaluate
 from socialiq_lab.intersection.experts import (
     EXPERT_STEPS,
     evaluations,

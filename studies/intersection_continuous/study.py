@@ -20,10 +20,9 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import figure, finish
 from socialiq.types import Row
-from socialiq_lab.intersection.episodes import load_episodes
+from socialiq_lab.intersection.driving import load_episodes
 from socialiq_lab.intersection.experts import atlas_entries
-from socialiq_lab.intersection.known import value_at
-from socialiq_lab.intersection.rows import times
+from socialiq_lab.intersection.rows import times, value_at
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View

@@ -35,9 +35,8 @@ from socialiq_lab.intersection.demonstration_sets import (
     mixture_of,
     record_experts,
 )
-from socialiq_lab.intersection.driving import BATCH
-from socialiq_lab.intersection.episodes import EpisodesRun, save_episodes
-from socialiq_lab.intersection.fitting import fit
+from socialiq_lab.intersection.driving import BATCH, EpisodesRun, save_episodes
+from socialiq_lab.intersection.training import fit
 from socialiq_lab.jobs import Job, ProgressCallback
 from studies.intersection_continuous.config import Config
 

@@ -24,6 +24,7 @@ from socialiq_lab.intersection.demonstration_sets import (
     atlas_demonstrations,
 )
 from socialiq_lab.intersection.driving import (
+    EPISODES,
     DialCalibration,
     DialEvaluation,
     PlannedEvaluation,
@@ -33,13 +34,13 @@ from socialiq_lab.intersection.driving import (
     evaluate_planned,
     evaluate_seeing,
 )
-from socialiq_lab.intersection.episodes import EPISODES
-from socialiq_lab.intersection.policy_iteration import DialIterationRun, train_dial_by_iteration
 from socialiq_lab.intersection.training import (
     DIAL_NUMBERS,
     DIAL_STRUCTURE,
+    DialIterationRun,
     MixtureDialRun,
     train_dial,
+    train_dial_by_iteration,
 )
 from socialiq_lab.jobs import Job
 

@@ -23,12 +23,12 @@ from socialiq_lab.intersection.demonstration_sets import (
     atlas_demonstrations,
 )
 from socialiq_lab.intersection.driving import (
+    LAST,
     DialEvaluation,
     Evaluation,
     evaluate,
     evaluate_dial,
 )
-from socialiq_lab.intersection.episodes import LAST
 from socialiq_lab.intersection.offline_training import (
     AtlasMember,
     CloneRuns,

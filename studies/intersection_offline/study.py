@@ -19,7 +19,7 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.plotting.style import band, figure, finish
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
-from socialiq_lab.intersection.episodes import angle_file, load_episodes
+from socialiq_lab.intersection.driving import angle_file, load_episodes
 from socialiq_lab.intersection.offline_training import run_file
 from socialiq_lab.intersection.rows import times
 from socialiq_lab.results import Results

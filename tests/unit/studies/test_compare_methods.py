@@ -27,7 +27,7 @@ from socialiq_lab.intersection.demonstration_sets import (
     RECORDED_EPISODES,
     atlas_demonstrations,
 )
-from socialiq_lab.intersection.episodes import EpisodesRun
+from socialiq_lab.intersection.driving import EpisodesRun
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.study import run
 

@@ -15,7 +15,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq_lab import results as store
-from socialiq_lab.intersection.known import known_policies, value_at
+from socialiq_lab.intersection.rows import known_policies, value_at
 from socialiq_lab.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq_lab.study import run
 

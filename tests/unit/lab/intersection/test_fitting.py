@@ -8,8 +8,8 @@ import pytest
 
 from socialiq.evaluation.road_training import CHUNK, Checks
 from socialiq.learners.state import History
-from socialiq_lab.intersection.episodes import CURVE
-from socialiq_lab.intersection.fitting import CHECKPOINT, fit
+from socialiq_lab.intersection.driving import CURVE
+from socialiq_lab.intersection.training import CHECKPOINT, fit
 from socialiq_lab.results import from_csv
 
 

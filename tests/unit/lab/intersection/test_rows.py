@@ -9,8 +9,7 @@ from socialiq.storage import write_json
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq_lab.intersection.driving import Evaluation
-from socialiq_lab.intersection.episodes import load_episodes, save_episodes
+from socialiq_lab.intersection.driving import Evaluation, load_episodes, save_episodes
 from socialiq_lab.intersection.rows import evaluated, policy_rows, times
 from socialiq_lab.jobs import RECORD, Job
 

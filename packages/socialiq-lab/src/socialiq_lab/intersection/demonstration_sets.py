@@ -17,8 +17,7 @@ from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab.intersection.driving import BATCH
-from socialiq_lab.intersection.episodes import BEST, EpisodesRun
+from socialiq_lab.intersection.driving import BATCH, BEST, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
 
 DEMONSTRATIONS = "demonstrations/experts"
@@ -83,9 +82,9 @@ def record_experts(
     for number, (mode, policy) in enumerate(experts.items()):
         source = {"world": Intersection(config.options).description, "expert": policy.provenance}
         seeds = config.seeds + number * config.episodes
-        made = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
-        files.save(folder / f"{mode}.safetensors", made.transitions)
-        classical = {"own": made.classical.env, "others": made.classical.social}
+        recorded = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
+        files.save(folder / f"{mode}.safetensors", recorded.transitions)
+        classical = {"own": recorded.classical.env, "others": recorded.classical.social}
         save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
         on_progress((number + 1) / len(experts))
 

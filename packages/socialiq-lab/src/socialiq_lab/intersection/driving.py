@@ -6,27 +6,82 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from socialiq.evaluation.branching import with_oracle_lookahead
 from socialiq.evaluation.dial import Sweep, calibrated
-from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import load_values
-from socialiq.storage import write_atomically
-from socialiq.types import Policy, Row
+from socialiq.storage import load_arrays, save_arrays, write_atomically
+from socialiq.types import Policy, RewardPair, Row
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
-from socialiq_lab.intersection.episodes import (
-    BEST,
-    DIAL,
-    LAST,
-    EpisodesRun,
-    angle_file,
-    save_episodes,
-)
+from socialiq.worlds.intersection.options import Options
 from socialiq_lab.jobs import ProgressCallback
 from socialiq_lab.results import as_csv
+
+BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"
+"""Files of a training job: the best network by checks, the last one, a dial."""
+CURVE = "curve.csv"
+"""File of a training job's learning curve."""
+EPISODES, FIRST_EPISODE = 2000, 20_000_000
+"""Evaluation episodes of a policy, and the seed of the first, the same for all policies."""
+_PAIRS = ("totals", "classical")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodesRun:
+    """Episodes on seeds that all policies share."""
+
+    episodes: int = EPISODES
+    first_seed: int = FIRST_EPISODE
+    options: Options = field(default_factory=Options)
+
+    @property
+    def seeds(self) -> np.ndarray:
+        """Seed of each episode."""
+        return np.arange(self.first_seed, self.first_seed + self.episodes)
+
+
+def angle_file(angle: float) -> str:
+    """Return the name of the file that belongs to an angle in degrees."""
+    return f"{angle:g}.safetensors"
+
+
+def save_episodes(path: Path, episodes: Episodes) -> str:
+    """Write the outcomes of episodes to one file.
+
+    Returns:
+        The content's SHA-256.
+
+    Raises:
+        UserError: If the file can't be written.
+    """
+    fields = episodes._asdict()
+    header = {"signal_names": list(fields.pop("signal_names"))}
+    arrays = {}
+    for name in _PAIRS:
+        pair = fields.pop(name)
+        arrays |= {f"{name}_env": pair.env, f"{name}_social": pair.social}
+    return save_arrays(path, "episodes", 1, arrays | fields, header)
+
+
+def load_episodes(path: Path) -> Episodes:
+    """Read the outcomes of episodes.
+
+    Raises:
+        UserError: If the file is missing, damaged, or holds something else.
+    """
+    arrays, header = load_arrays(path, "episodes", 1)
+    fields: dict[str, Any] = {**arrays, "signal_names": tuple(header["signal_names"])}
+    for name in _PAIRS:
+        fields[name] = RewardPair(fields.pop(f"{name}_env"), fields.pop(f"{name}_social"))
+    return Episodes(**fields)
+
 
 BATCH = 512  # episodes side by side in evaluation
 PLANNED_BATCH = 128  # the same, where each has many imagined ones
@@ -128,8 +183,8 @@ def evaluate_calibrated(
     A policy of the one is a policy of the other, and both drive the same episodes. The inputs are
     the dial, and the evaluation of the dial that it was made of.
     """
-    made, driven = inputs.values()
-    dial = DialPolicy.load(made / DIAL)
+    calibrated_dial, driven = inputs.values()
+    dial = DialPolicy.load(calibrated_dial / DIAL)
     for angle in config.angles:
         shutil.copy(driven / angle_file(dial.setting(angle)), folder / angle_file(angle))
     on_progress(1.0)

@@ -17,6 +17,8 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq_lab.intersection.driving import (
+    BEST,
+    LAST,
     Evaluation,
     HighwayRun,
     LookaheadRun,
@@ -24,7 +26,6 @@ from socialiq_lab.intersection.driving import (
     drive_with_lookahead,
     evaluate,
 )
-from socialiq_lab.intersection.episodes import BEST, LAST
 from socialiq_lab.intersection.training import ExpertRun, train_expert, train_learner
 from socialiq_lab.jobs import RECORD, Job
 
@@ -116,11 +117,11 @@ def atlas_entries(
         work: Folder of the jobs.
         greedy: Metrics of each policy, by name in the atlas.
     """
-    found: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     entries: dict[str, Any] = {}
     for name, (job, policy) in sources.items():
         source, file = work / job / policy, f"{name}.safetensors"
-        found[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
+        contents[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
         record = read_json(work / job / RECORD)
         load = ActorPolicy.load if kind_of(source) == ActorPolicy.KIND else load_values
         entries[name] = {
@@ -134,4 +135,4 @@ def atlas_entries(
         }
     manifest = {"kind": "atlas", "version": 1, "world": world, "policies": entries}
     text = json.dumps(rounded(manifest), indent=2) + "\n"
-    return found | {f"{atlas.FOLDER}/{atlas.MANIFEST}": text.encode()}
+    return contents | {f"{atlas.FOLDER}/{atlas.MANIFEST}": text.encode()}

@@ -28,7 +28,7 @@ from socialiq.learners.offline.train import STAGES, train_together
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
-from socialiq_lab.intersection.episodes import DIAL, LAST
+from socialiq_lab.intersection.driving import DIAL, LAST
 from socialiq_lab.jobs import ProgressCallback
 
 
@@ -126,8 +126,8 @@ def train_clones(
 def _of_the_nearest(data: Demonstrations, angle: float) -> Demonstrations:
     """Return the episodes of the demonstrator whose angle is nearest."""
     nearest = min(MODES, key=lambda mode: abs(MODES[mode] - angle))
-    wanted = data.mode_names.index(nearest)
-    return data.select(np.flatnonzero(np.asarray(data.episode_modes) == wanted))
+    number = data.mode_names.index(nearest)
+    return data.select(np.flatnonzero(np.asarray(data.episode_modes) == number))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,11 @@ from pathlib import Path
 
 from socialiq.evaluation.episode_rows import OUTCOMES, REWARDS, policy_row
 from socialiq.evaluation.episodes import Episodes
-from socialiq.storage import read_json
+from socialiq.social.angle import exact_weights
+from socialiq.storage import packaged_results, read_json
 from socialiq.types import Row
-from socialiq_lab.intersection.episodes import CURVE, load_episodes
+from socialiq_lab import results as store
+from socialiq_lab.intersection.driving import CURVE, EPISODES, load_episodes
 from socialiq_lab.jobs import RECORD, Job
 from socialiq_lab.results import from_csv
 
@@ -80,8 +82,8 @@ def connected(jobs: Sequence[Job], work: Path) -> list[Row]:
                 episodes = load_episodes(folder / "greedy.safetensors")
                 row = policy_row(trained, "greedy", episodes)
                 label = {"member": job.name.removeprefix("connected/"), "connected": name}
-                kept = (*_RATES, "ego_struck", "ego_was_struck", *REWARDS)
-                rows.append(label | {key: row[key] for key in kept})
+                names = (*_RATES, "ego_struck", "ego_was_struck", *REWARDS)
+                rows.append(label | {key: row[key] for key in names})
     return rows
 
 
@@ -99,3 +101,44 @@ def highway(jobs: Sequence[Job], work: Path) -> list[Row]:
                 | {name: max(row[name] for row in compared) for name in worst}
             )
     return rows
+
+
+_STUDIES = ("intersection", "intersection-networks", "intersection-ahead", "intersection-dial")
+_ELSEWHERE = ("varied_drivers", "connected_lanes")
+"""Parts of the names of policies that were driven in other scenarios."""
+_TOTALS = ("r_env", "r_social")
+_FORESIGHT = "foresight"
+"""First part of the names of those that see the true future, and so are no policies."""
+
+
+def known_policies() -> list[Row]:
+    """Return study, policy, r_env and r_social of every policy on the 2,000 common episodes.
+
+    Experts, learners, rules, rollout policies, dials and agents; not those that see the true
+    future, and not those of other scenarios.
+
+    Raises:
+        UserError: If the results did not come with the package.
+    """
+    found: list[Row] = []
+    for study in _STUDIES:
+        for row in store.load(packaged_results() / study).tables["policies"]:
+            labels = _name(row).split("/")
+            here = labels[0] != _FORESIGHT and not set(_ELSEWHERE) & set(labels)
+            if here and row["episodes"] == EPISODES:
+                told = {"policy": _name(row), "readout": row.get("readout", "greedy")}
+                found.append({"study": study, **told} | {name: row[name] for name in _TOTALS})
+    return found
+
+
+def _name(row: Row) -> str:
+    """Return a policy's name; a dial's or an agent's has its family, seed and angle."""
+    if "policy" in row:
+        return row["policy"]
+    return f"{row['family']}/{row['seed']}/{row['asked']:g}"
+
+
+def value_at(row: Row, angle: float) -> float:
+    """Return J(α) of a policy's mean totals (Eq 4.3)."""
+    direction = exact_weights(angle)
+    return direction.env * row["r_env"] + direction.social * row["r_social"]

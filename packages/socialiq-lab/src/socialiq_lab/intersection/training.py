@@ -1,7 +1,7 @@
 """Training jobs of the intersection: experts, learners and dials; each fills a folder.
 
 A job is called in a process of its own, so everything that it depends on is in its configuration,
-of which its fingerprint is made (`experiments.jobs`).
+of which its fingerprint is made (`socialiq_lab.jobs`).
 """
 
 from __future__ import annotations
@@ -18,29 +18,84 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.road_training import (
+    CHUNK,
     MEASURES,
     STEPS_PER_UPDATE,
     Checks,
+    Monitor,
     dial_collector,
+    dial_labeller,
+    observes_time,
     sizes_of,
     soft_collector,
     source_of,
 )
 from socialiq.learners import dqn
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
+from socialiq.learners.kernel import Trained
+from socialiq.learners.policy_iteration import dial as dial_iteration
+from socialiq.learners.policy_iteration import train as one_angle
+from socialiq.learners.state import History
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import write_atomically
+from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
-from socialiq_lab.intersection.episodes import BEST, DIAL, LAST
-from socialiq_lab.intersection.fitting import fit
+from socialiq_lab.intersection.driving import BEST, CURVE, DIAL, LAST
 from socialiq_lab.jobs import ProgressCallback
+from socialiq_lab.results import as_csv
+
+CHECKPOINT = "checkpoint.safetensors"
+
+
+def fit(
+    train: Callable[..., Trained],
+    folder: Path,
+    on_progress: ProgressCallback,
+    files: Sequence[str],
+    monitor: Monitor | None = None,
+) -> None:
+    """Train, from the checkpoint of an interrupted try if there is one, and write the outcome.
+
+    Args:
+        train: Trains, given `callbacks` and `chunk`.
+        folder: Folder to fill.
+        on_progress: Called with the share that is done.
+        files: Name of the file of each run's policy.
+        monitor: Measures for the learning curve; none is written without it.
+    """
+    checkpoint = folder / CHECKPOINT
+    callbacks = Callbacks(
+        lambda report: on_progress(report.done / report.total),
+        monitor,
+        checkpoint,
+        checkpoint.is_file(),
+    )
+    trained = train(callbacks=callbacks, chunk=CHUNK)
+    for run, file in enumerate(files):
+        trained.policy(run).save(folder / file)
+    if monitor is not None:
+        write_atomically(folder / CURVE, as_csv(curve_rows(trained.history)))
+    checkpoint.unlink(missing_ok=True)
+
+
+def curve_rows(history: History) -> list[Row]:
+    """Return the checked points of the first run: updates, loss terms, measured values."""
+    arrays = {name: history.array(name)[:, 0] for name in history.values}
+    return [
+        {"updates": updates} | {name: rounded(float(array[i])) for name, array in arrays.items()}
+        for i, updates in enumerate(history.updates)
+        if np.isfinite(arrays["total"][i])
+    ]
 
 
 @dataclass(frozen=True)
@@ -62,10 +117,10 @@ def train_expert(
 
     def measure(state: Any, done: int) -> dict[str, float]:
         policy = dqn.policy_of(structure, numbers, network_of(state.network, 0))
-        found = config.checks.measured(config.options, policy, numbers.angle)
-        made = {"updates": done, "total": found["total"], "episodes": config.checks.episodes}
-        _keep_best(policy, made, folder / BEST)
-        return found
+        measures = config.checks.measured(config.options, policy, numbers.angle)
+        check = {"updates": done, "total": measures["total"], "episodes": config.checks.episodes}
+        _keep_best(policy, check, folder / BEST)
+        return measures
 
     source = source_of(config.options, config.environments, structure.steps_per_update)
     train = partial(dqn.train, structure, [numbers], [source], sizes_of(config.options))
@@ -208,3 +263,50 @@ def fit_dial(
     )
     monitor = config.checks.monitor(structure.updates, measure, "total")
     fit(train, folder, on_progress, [DIAL], monitor)
+
+
+@dataclass(frozen=True)
+class DialIterationRun:
+    """One run of direct policy iteration of a dial, which begins with the job's input."""
+
+    structure: dial_iteration.DialIterationConfig
+    numbers: one_angle.IterationHyperparameters
+    environments: int = 256
+    options: Options = field(default_factory=Options)
+    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
+    check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
+    """Angles of a check, in degrees."""
+
+
+def train_dial_by_iteration(
+    config: DialIterationRun,
+    folder: Path,
+    inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
+    (begun,) = inputs.values()
+    start = DialPolicy.load(begun / DIAL)
+    clock = observes_time(start, config.options)
+    structure, numbers = dial_iteration.with_network_of(config.structure, start), config.numbers
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        network = network_of(state.target_network, 0)
+        policy = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
+        values = [
+            config.checks.measured(config.options, policy.at(angle), angle)["total"]
+            for angle in config.check_angles
+        ]
+        return {"total": float(np.mean(values))}
+
+    labeller = dial_labeller(structure, config.options, config.environments, clock)
+    fitting = partial(
+        dial_iteration.train,
+        structure,
+        [numbers],
+        [labeller],
+        sizes_of(config.options, clock),
+        start=start,
+    )
+    monitor = config.checks.monitor(structure.updates, measure, "total")
+    fit(fitting, folder, on_progress, [DIAL], monitor)

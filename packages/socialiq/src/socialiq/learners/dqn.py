@@ -19,7 +19,7 @@ from socialiq.learners.collect import Act, Behaviour, Collector, Source
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count
-from socialiq.learners.state import HyperparameterArrays, TrainState, linear
+from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
@@ -154,13 +154,20 @@ class DQN(Learner):
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Array, Terms]:
         """The temporal-difference loss."""
-        loss, max_q = _loss(network, target_network, batch, hyperparameters, self.static)
-        return loss, {"loss": loss, "max_q": max_q}
-
-    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
-        """Return the rate of an update: it falls linearly."""
-        numbers = hyperparameters
-        return linear(numbers.learning_rate, numbers.final_learning_rate, done, self.static.updates)
+        static = self.static
+        fast = jax.vmap(network)(batch.next_observation) if static.double else None
+        steady = jax.vmap(target_network)(batch.next_observation)
+        value = next_value(steady, steady if fast is None else fast, static.double)
+        target = bootstrapped_target(
+            score(hyperparameters.weights, batch.target),
+            value,
+            batch.ending,
+            hyperparameters.discount,
+            static.through_timeouts,
+        )
+        q = jax.vmap(network)(batch.observation)
+        loss = td_loss(q, batch.action, jax.lax.stop_gradient(target), static.loss)
+        return loss, {"loss": loss, "max_q": jnp.max(jnp.abs(q))}
 
     def policy(
         self,
@@ -226,26 +233,3 @@ def acting(static: DQNConfig, hyperparameters: Sequence[DQNHyperparameters]) -> 
         return act
 
     return behaviour
-
-
-def _loss(
-    network: QNetwork,
-    target_network: QNetwork,
-    batch: Batch,
-    hyperparameters: HyperparameterArrays,
-    static: DQNConfig,
-) -> tuple[Array, Array]:
-    fast = jax.vmap(network)(batch.next_observation) if static.double else None
-    steady = jax.vmap(target_network)(batch.next_observation)
-    value = next_value(steady, steady if fast is None else fast, static.double)
-    target = jax.lax.stop_gradient(
-        bootstrapped_target(
-            score(hyperparameters.weights, batch.target),
-            value,
-            batch.ending,
-            hyperparameters.discount,
-            static.through_timeouts,
-        )
-    )
-    q = jax.vmap(network)(batch.observation)
-    return td_loss(q, batch.action, target, static.loss), jnp.max(jnp.abs(q))

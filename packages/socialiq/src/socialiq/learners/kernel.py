@@ -23,7 +23,14 @@ from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.settings import LearnerConfig, LearnerHyperparameters
-from socialiq.learners.state import History, HyperparameterArrays, TrainState, stack
+from socialiq.learners.state import (
+    History,
+    HyperparameterArrays,
+    TrainState,
+    cosine,
+    linear,
+    stack,
+)
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Transitions
@@ -143,10 +150,17 @@ class Learner(eqx.Module):
         return QNetwork.initialise(key, *shape, scale=getattr(static, "input_scale", 1.0))
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Any:
-        """Return the learning rate after so many updates: constant, or by the `schedule`.
+        """Return the learning rate after so many updates.
 
-        A subclass may return one for each part of its network (`TrainState.step`).
+        It falls as a cosine to the share `final_rate` of a run that has one, linearly to the
+        `final_learning_rate`, or else it is constant or falls to 0 by the `schedule`. A subclass
+        may return a rate for each part of its network (`TrainState.step`).
         """
+        numbers, updates = hyperparameters, self.static.updates
+        if hasattr(numbers, "final_rate"):
+            return cosine(numbers.learning_rate, numbers.final_rate, done, updates)
+        if hasattr(numbers, "final_learning_rate"):
+            return linear(numbers.learning_rate, numbers.final_learning_rate, done, updates)
         if getattr(self.static, "schedule", "constant") == "constant":
             return hyperparameters.learning_rate
         return hyperparameters.learning_rate * (1.0 - done / self.static.updates)

@@ -274,3 +274,27 @@ def check_seeds(seeds: Sequence[int]) -> None:
         check_seed(seed)
     if len({*seeds}) < len(seeds):
         raise UserError("a seed is named twice: name each once")
+
+
+def check_runs(runs: Sequence[Any], sets: int | None, online: bool, acts: bool) -> None:
+    """Refuse runs without their data or their world, before any work is done.
+
+    Args:
+        runs: Hyperparameters of each run.
+        sets: Number of sets of demonstrations; None for a learner without.
+        online: Whether the learner acts.
+        acts: Whether there is a world, or experience from one.
+
+    Raises:
+        UserError: The line says what is missing, or is there without use.
+    """
+    if not runs:
+        raise UserError("no runs: pass at least one set of hyperparameters")
+    if sets == 0:
+        raise UserError("no demonstrations: pass at least one set")
+    if sets is not None and max(run.dataset for run in runs) >= sets:
+        raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
+    if online and not acts:
+        raise UserError("online training needs a world: name one, or train offline")
+    if acts and not online:
+        raise UserError("offline training takes no world: drop it, or train online")

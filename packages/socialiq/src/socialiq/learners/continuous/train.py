@@ -20,6 +20,7 @@ from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.iq_learn.objective import OURS, UserFunctions
 from socialiq.learners.kernel import Learner, Trained
+from socialiq.learners.settings import check_runs
 from socialiq.nn.q_network import encoding
 from socialiq.types import ContinuousSimulator, Transitions
 
@@ -115,22 +116,11 @@ def check_fit(
     Raises:
         UserError: The line says what doesn't fit.
     """
-    if not hyperparameters:
-        raise UserError("no runs: pass at least one set of hyperparameters")
-    if learner.shown != bool(datasets):
-        raise UserError(
-            "no demonstrations: pass at least one set"
-            if learner.shown
-            else f"{learner.name} learns from no demonstrations: leave them out"
-        )
-    if learner.shown and max(run.dataset for run in hyperparameters) >= len(datasets):
-        raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
-    if getattr(static, "online", learner.online) != (simulator is not None or collects):
-        raise UserError(
-            "offline training takes no world: drop it, or train online"
-            if simulator is not None or collects
-            else "online training needs a world: name one, or train offline"
-        )
+    if datasets and not learner.shown:
+        raise UserError(f"{learner.name} learns from no demonstrations: leave them out")
+    online = getattr(static, "online", learner.online)
+    sets = len(datasets) if learner.shown else None
+    check_runs(hyperparameters, sets, online, simulator is not None or collects)
     if static.dial and any(run.angle for run in hyperparameters):
         raise UserError("a dial is trained for all angles from low to high: leave the angle out")
     shapes = [(data.observation.shape[1], _size(data)) for data in datasets]

@@ -139,20 +139,10 @@ def check_fit(
     Raises:
         UserError: The line says what doesn't fit.
     """
-    if not hyperparameters:
-        raise UserError("no runs: pass at least one set of hyperparameters")
-    if static.demonstrations and not datasets:
+    if static.demonstrations and not datasets and hyperparameters:
         raise UserError("no demonstrations: pass at least one set, or train without them")
-    sets = len(datasets) // max(len(static.demonstrators), 1)
-    if static.demonstrations and max(run.dataset for run in hyperparameters) >= sets:
-        raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
-    acts = simulator is not None or collects
-    if static.online != acts:
-        raise UserError(
-            "online training needs a world: name one, or train offline"
-            if static.online
-            else "offline training takes no world: drop it, or train online"
-        )
+    sets = len(datasets) // max(len(static.demonstrators), 1) if static.demonstrations else None
+    settings.check_runs(hyperparameters, sets, static.online, simulator is not None or collects)
     shapes = {(data.observation.shape[1], data.n_actions) for data in datasets}
     shapes |= {(simulator.n_features, simulator.n_actions)} if simulator is not None else set()
     shapes |= {sizes} if sizes else set()

@@ -23,7 +23,7 @@ from socialiq.learners.dial.rows import Rows, draw_rows, empty_ring
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, cosine
+from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import QNetwork, network_of
@@ -111,11 +111,6 @@ class Dial(Learner):
     ) -> tuple[Float[Array, ""], Terms]:
         """The dial's objective; only Q has use for a target network."""
         return objective(network, target_network.values, batch, hyperparameters, self.static)
-
-    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
-        """Return the rate after so many updates: it falls as a cosine to a share at the end."""
-        numbers = hyperparameters
-        return cosine(numbers.learning_rate, numbers.final_rate, done, self.static.updates)
 
     def update(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry

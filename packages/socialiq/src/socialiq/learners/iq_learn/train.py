@@ -21,6 +21,7 @@ from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparamet
 from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
 from socialiq.learners.kernel import Learner, Terms, Trained, described
+from socialiq.learners.settings import check_runs
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import DuelingNetwork
 from socialiq.types import Ending, Simulator, Transitions
@@ -262,19 +263,11 @@ def check_fit(
     Raises:
         UserError: The line says what doesn't fit.
     """
-    if not hyperparameters:
-        raise UserError("no runs: pass at least one set of hyperparameters")
-    if not datasets:
-        raise UserError("no demonstrations: pass at least one set")
-    if max(run.dataset for run in hyperparameters) >= len(datasets):
-        raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
-    if static.online and simulator is None and not collects:
-        raise UserError("online training needs a world: name one, or train offline")
+    acts = simulator is not None or collects
+    check_runs(hyperparameters, len(datasets), static.online, acts)
     if static.prior != "none":
         for data in datasets:  # raises where returns aren't known
             data.returns(static.target_kind, static.social_discount)
-    if not static.online and (simulator is not None or collects):
-        raise UserError("offline training takes no world: drop it, or train online")
     if simulator is not None:
         of_world = (simulator.n_features, simulator.n_actions)
         of_data = (datasets[0].observation.shape[1], datasets[0].n_actions)

@@ -26,7 +26,7 @@ from socialiq.learners.offline.objective import (
     dial_loss,
     price,
 )
-from socialiq.learners.state import HyperparameterArrays, TrainState, cosine
+from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import QNetwork, network_of
@@ -75,11 +75,6 @@ class Stage(Learner):
         directions = draw_directions(for_angles, static.batch_size, static.drawn)
         rows = jax.tree.map(lambda column: column[chosen], self.rows)
         return (rows, directions), key
-
-    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
-        """Return the rate after so many updates: it falls as a cosine to a share at the end."""
-        numbers = hyperparameters
-        return cosine(numbers.learning_rate, numbers.final_rate, done, self.static.updates)
 
 
 class Behaviour(Stage):

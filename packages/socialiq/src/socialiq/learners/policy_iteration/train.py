@@ -29,7 +29,7 @@ from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count, Positive, Share
-from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, linear
+from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import PresentRows, View
@@ -210,11 +210,6 @@ class PolicyIteration(Learner):
         ending = -gain - hyperparameters.entropy * entropy
         loss = jnp.where(batch.progress < hyperparameters.regression, error, ending)
         return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
-
-    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
-        """Return the rate of an update: it falls linearly."""
-        numbers = hyperparameters
-        return linear(numbers.learning_rate, numbers.final_learning_rate, done, self.static.updates)
 
     def greedy(self, network: Any) -> Act:
         """Return the greedy actions of a network."""
