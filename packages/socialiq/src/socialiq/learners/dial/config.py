@@ -142,6 +142,8 @@ def check_fit(
     if static.demonstrations and not datasets and hyperparameters:
         raise UserError("no demonstrations: pass at least one set, or train without them")
     sets = len(datasets) // max(len(static.demonstrators), 1) if static.demonstrations else None
+    if datasets and sets == 0:
+        raise UserError("a run names a set of demonstrations beyond the 0 given")
     settings.check_runs(hyperparameters, sets, static.online, simulator is not None or collects)
     shapes = {(data.observation.shape[1], data.n_actions) for data in datasets}
     shapes |= {(simulator.n_features, simulator.n_actions)} if simulator is not None else set()
