@@ -12,7 +12,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "scale.md").read_text()
 
 def test_its_commands_parse():
     found = re.findall(r"^\$ socialiq (.*)$", PAGE, re.MULTILINE)
-    assert len(found) == 7
+    assert len(found) == 6
     for words in found:
         assert parse(shlex.split(words)) is not None
 
