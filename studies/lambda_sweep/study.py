@@ -1,4 +1,4 @@
-"""When runs of the λ sweep adapt: the updates until their angle is near the optimum's (Fig D.1)."""
+"""Adaptation in the λ sweep: updates until a run's angle stays near the optimum's (Fig D.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every table is that of `digest.json`; `python -m tests.digest --make` writes it anew."""
+"""Every table is that of `digest.json`; `python -m tests.digest --make` writes it again."""
 
 import pytest
 from tests.digest.digest import Item, computed, differences

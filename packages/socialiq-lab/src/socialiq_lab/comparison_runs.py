@@ -240,7 +240,7 @@ def in_programs(
     """Train the runs of each static config in one program; return policies in the runs' order."""
     policies: dict[int, Any] = {}
     for static in dict.fromkeys(static for static, _ in settings):
-        places = [indexs for indexs, (own_static, _) in enumerate(settings) if own_static == static]
+        places = [index for index, (own_static, _) in enumerate(settings) if own_static == static]
         trained = train(static, [settings[place_value][1] for place_value in places])
         policies |= {run: trained.policy(number) for number, run in enumerate(places)}
     return [policies[index] for index in range(len(settings))]

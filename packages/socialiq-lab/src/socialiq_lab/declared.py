@@ -50,7 +50,7 @@ class Learned(NamedTuple):
 
 @dataclasses.dataclass
 class State:
-    """What a declared study has computed so far; argument of its functions in `study.py`.
+    """Results of a declared study so far; argument of its functions in `study.py`.
 
     Attributes:
         config: Configuration of the study.

@@ -187,7 +187,7 @@ class SavedNetwork(Saved):
         return arrays, header
 
     _empty_view: ClassVar[dict[str, None]] = {}
-    """What the header has in the place of a view that there is not."""
+    """Text of the header where a policy has no view."""
 
     @classmethod
     def checked(
