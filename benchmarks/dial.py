@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from studies.compare_priors.study import dial_settings
-from studies.dial.config import KEY_ANGLES
+from studies.dial.evaluate import KEY_ANGLES
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep

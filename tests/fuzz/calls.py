@@ -108,7 +108,7 @@ SETTINGS = (
 WRITTEN = ("out", "work", "tensorboard", "log")
 """Options of paths that are written, not read."""
 
-WRITTEN_BY = (("data world", "demonstrations"), ("data world", "report"))
+WRITTEN_BY = (("data world", "demonstrations"), ("data world", "report"), ("dial", "calibrated"))
 """The same of single commands; others read what they name so."""
 
 CODE = ("learner", "loss", "prior", "divergence", "driver", "policy", "reference", "policies")

@@ -93,6 +93,7 @@ def check_grid(tables, summary):
         for row in tables["policies"]
         if (row["method"], row["mixture"]) == ("reward_regularized", "equal_trajectories")
         and (row["target_angle"], row["readout"]) == (45.0, "greedy")
+        and (row["target_kind"], row["strength"]) == ("running", 2.0)
     ]
     assert len(mine) == 2
     assert summary["policies"]["prosocial_greedy"]["regret"] == pytest.approx(

@@ -193,6 +193,8 @@ def _bars(
 
 def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -> None:
     """Draw a column as colour over two others, `x` and `by`; white where there is no row."""
+    if not rows:
+        return
     across, down = sorted(_values(rows, layer["x"])), sorted(_values(rows, layer["by"]))
     picture = np.full((len(down), len(across)), np.nan)
     for row in rows:

@@ -85,6 +85,8 @@ class ValuePolicy(Saved):
         """
         numbers = numbers_of(observation)
         batch = numbers if numbers.ndim == 2 else np.atleast_2d(numbers)
+        if batch.ndim > 2:
+            checked_batch(batch, self.n_features)
         if deterministic:
             actions = self.q_values(batch).argmax(axis=1)
         else:

@@ -8,7 +8,7 @@ a `View`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 from socialiq.audit.resolve_policy import Trust
@@ -20,7 +20,7 @@ from socialiq.view import View
 from socialiq.view.audit import audit_view
 from socialiq.view.demonstrations import demonstrations_view
 from socialiq.view.policy import policy_view
-from socialiq.worlds.registry import loaded
+from socialiq.worlds.registry import installed, loaded
 
 FIRST_ANGLE = 45.0
 """Angle of a dial at the start, degrees."""
@@ -74,7 +74,7 @@ def _readers(path: Path) -> Callable[[Path], View] | None:
     if kind == DEMONSTRATIONS:
         return demonstrations_view
     readers = {name: EntryPoint(name, _OF_RECORDINGS, GROUP) for name in _RECORDINGS}
-    readers |= {entry.name: entry for entry in entry_points(group=GROUP)}
+    readers |= installed(GROUP)
     reader = readers.get(kind) or readers.get(suffix)
     return None if reader is None else loaded(reader, one_line(str(path)))
 

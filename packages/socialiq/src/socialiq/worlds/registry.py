@@ -40,8 +40,13 @@ _FILES = (".safetensors", ".xml", ".csv")
 @cache
 def _loaders() -> dict[str, EntryPoint]:
     """Return what reads a world from a file, by the kind of the file."""
-    sisters = {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)}
-    return sisters | {entry.name: entry for entry in entry_points(group=GROUP)}
+    return {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)} | installed(GROUP)
+
+
+def installed(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name, those of a backport of importlib too."""
+    entries = entry_points(group=group)
+    return {entry.name: EntryPoint(entry.name, entry.value, group) for entry in entries}
 
 
 def is_world_file(name: str) -> bool:
