@@ -100,6 +100,11 @@ def _number(text: str) -> float | str:
         return text
 
 
+def _text(value: Any) -> str:
+    """Return a value of a column as a word of a legend."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
     """Return the distinct values of a column in order of appearance; [None] without a column."""
     return list(dict.fromkeys(row[name] for row in rows)) if name else [None]
@@ -136,8 +141,11 @@ def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) 
         series = where(rows, chosen)
         if not series:
             continue
-        words = [str(word) for word in (name, style) if word is not None]
-        look = {"color": layer.get("color", color), "label": ", ".join(words) or layer.get("label")}
+        words = [_text(word) for word in (name, style) if word is not None]
+        label = " ".join(filter(None, (layer.get("label"), ", ".join(words))))
+        look = {"color": layer.get("color", color), "label": label or None}
+        if kind == "points" and number:
+            look["markerfacecolor"] = "none"
         _series(axes, layer, series, y, kind, look, STYLES[number % 4], _MARKS[position % 8])
 
 
