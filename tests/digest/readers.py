@@ -69,12 +69,17 @@ def converted(words: tuple[str, ...], folder: Path) -> Hashes:
 
 ITEMS = [
     *(
-        Item(f"reader/{name}", functools.partial(imported, words), quick=True)
+        Item(f"reader/{name}", functools.partial(imported, words), ("shapely",), quick=True)
         for name, words in RECORDINGS.items()
     ),
-    Item("reader/commonroad-example", imported_example),
+    Item("reader/commonroad-example", imported_example, ("shapely",)),
     *(
-        Item(f"reader/steps-{name}", functools.partial(converted, words), needs, quick=True)
+        Item(
+            f"reader/steps-{name}",
+            functools.partial(converted, words),
+            ("shapely", *needs),
+            quick=True,
+        )
         for name, (words, needs) in STEPS.items()
     ),
 ]

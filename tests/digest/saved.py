@@ -100,8 +100,8 @@ def foreign(name: str, _folder: Path) -> Hashes:
 
 
 ITEMS = [
-    Item("saved/content", contents, quick=True),
-    Item("saved/samples", predictions, quick=True),
+    Item("saved/content", contents, ("shapely",), quick=True),
+    Item("saved/samples", predictions, ("shapely",), quick=True),
     Item("saved/committed", committed, quick=True),
     Item("saved/actors", actors, quick=True),
     Item("saved/sb3", functools.partial(foreign, "dqn_intersection.zip")),
