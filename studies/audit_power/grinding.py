@@ -15,8 +15,7 @@ import numpy as np
 from socialiq.audit.looks.look import spend
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, draw, reveal
 from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.decision import Decision, regret_test
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.intervals import wilson

@@ -15,8 +15,7 @@ from studies.audit_power.power import (
 )
 
 from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.decision import Decision, regret_test
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 
 

@@ -5,8 +5,7 @@ from socialiq.audit.looks.look import Look
 from socialiq.audit.report.words import caveats, caveats_of_loss, caveats_of_replay
 from socialiq.audit.seeds import Commitment, Draw, Nonce, draw, reveal
 from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.decision import Decision, regret_test
 from socialiq.audit.verdict.results import Discrimination, OtherDriver
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)

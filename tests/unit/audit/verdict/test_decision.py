@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from socialiq.audit.verdict.decision import Decision, decide, episodes_needed, joint_decision
+from socialiq.audit.verdict.bounds import episodes_needed
+from socialiq.audit.verdict.decision import Decision, decide, joint_decision
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import compatible_angles, regret_test
+from socialiq.audit.verdict.decision import Decision, compatible_angles, regret_test
 from socialiq.types import RewardPair
 
 

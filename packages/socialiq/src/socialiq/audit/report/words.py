@@ -9,8 +9,7 @@ from socialiq.audit.evidence.drive import PREFIX, RANDOM
 from socialiq.audit.evidence.outcomes import AS_DECLARED
 from socialiq.audit.looks.look import Look
 from socialiq.audit.seeds import Draw, worth
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import RegretTest
+from socialiq.audit.verdict.decision import Decision, RegretTest
 from socialiq.audit.verdict.results import Discrimination
 from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule

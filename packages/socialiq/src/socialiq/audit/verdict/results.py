@@ -21,12 +21,7 @@ from socialiq.worlds.registry import INTERSECTIONS
 
 
 class Finding(NamedTuple):
-    """A reason why a policy can't pass, whatever the tests say.
-
-    Attributes:
-        about: Subject.
-        text: One or two sentences.
-    """
+    """A reason why a policy can't pass, whatever the tests say: its subject, and a text."""
 
     about: str
     text: str
@@ -37,10 +32,6 @@ def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
 
     A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
     episodes would not decide.
-
-    Args:
-        verdict: Result of `judge`.
-        findings: Findings of the audit.
     """
     if verdict.decision is Decision.FAIL or not findings:
         return verdict
@@ -49,12 +40,9 @@ def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
 
 
 def dependence(consistency: Consistency | None) -> list[Finding]:
-    """Return on what a policy's answers depend besides the observation, or nothing.
+    """Return on what a policy's answers depend besides the observation; nothing if it wasn't asked.
 
     How it drove in the episodes is then no evidence about how it drives elsewhere.
-
-    Args:
-        consistency: Answers to repeated queries; None if the policy was not asked.
     """
     influences = consistency.dependences if consistency else []
     if not influences:
@@ -75,11 +63,7 @@ def dependence(consistency: Consistency | None) -> list[Finding]:
 class OtherDriver:
     """Decision on another driver, had it been the policy of this declaration.
 
-    Attributes:
-        name: Name of the driver.
-        trivial: Whether it acts without regard to what it observes: one action always, or random
-            ones.
-        decision: Decision by the same tests with the same margin, floor and error.
+    A trivial one acts without regard to what it observes: one action always, or random ones.
     """
 
     name: str
@@ -111,17 +95,10 @@ def discriminate(
     resamples: int = 2000,
     error: float | None = None,
 ) -> Discrimination:
-    """Judge every other driver by the declaration of the policy.
+    """Judge every other driver by the declaration of the policy; arguments are those of `judge`.
 
     Each is compared with the other references, as the policy is. Drivers that are the policy itself
     are left out of the evidence (`Evidence.without`).
-
-    Args:
-        profile: The declaration.
-        evidence: Evidence of the verdict.
-        seed: Seed of the resampling.
-        resamples: Smallest number of resamples, as for `judge`.
-        error: Error of the tests; None for 1 - confidence.
     """
     level = whole_error(profile.confidence) if error is None else error
     count = enough_resamples(level, resamples)

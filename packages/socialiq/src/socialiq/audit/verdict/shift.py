@@ -15,9 +15,8 @@ import numpy as np
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
 from socialiq.audit.profile.profile import Profile, scenario_sha256, world_of
-from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.verdict import decide_on
+from socialiq.audit.verdict.verdict import decide, whole_error
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contrast
@@ -139,14 +138,11 @@ def shift_of(
         seed: Seed of the resampling.
         resamples: Number of resamples.
     """
-    error = round(1.0 - profile.confidence, 9)
+    error = whole_error(profile.confidence)
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
-    margin, floor = profile.margin.regret, profile.competence
-    largest = profile.margin.largest_loss
     shifts = []
     for variant, evidence in zip(traffic, there, strict=True):
-        regrets = Regrets(evidence, seed, resamples, largest)
-        decisive = decide_on(evidence, regrets, profile.angle, margin, floor, error)
+        decisive = decide(profile, evidence, seed, resamples, error)
         shifts.append(
             Shift(
                 variant.name,
@@ -164,13 +160,9 @@ def shift_of(
 def changes(
     declared: Evidence, there: Evidence, angle: float, confidence: float
 ) -> tuple[Change, ...]:
-    """Return the change of every measure between two kinds of traffic.
+    """Return the change of every measure from the declared traffic to another.
 
-    Args:
-        declared: Evidence in the declared traffic.
-        there: Evidence in the other.
-        angle: Declared angle in degrees.
-        confidence: Confidence of each interval.
+    The angle is the declared one in degrees, the confidence that of each interval.
     """
     old, new = _regrets(declared, angle), _regrets(there, angle)
     rows = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
@@ -187,26 +179,23 @@ def changes(
 
 def sentence_of(shifts: Sequence[Shift]) -> str:
     """Return the result of the shift check in plain words."""
-    changed = [f"{shift.name}: {_changes_text(shift)}" for shift in shifts if shift.shown]
+    changed = []
+    for shift in shifts:
+        texts = []
+        for change in shift.shown:
+            if change.measure == "regret":
+                way = "more" if change.change > 0 else "less"
+                texts.append(f"regret is {abs(change.change):.3g} {way}")
+            else:
+                way = "more often" if change.change > 0 else "less often"
+                points = 100 * abs(change.change)
+                texts.append(f"it {CRITERIA[change.measure]} {way}, by {points:.3g} points")
+        changed += [f"{shift.name}: {', '.join(texts)}"] if texts else []
     same = ", ".join(shift.name for shift in shifts if not shift.shown)
     if not changed:
         return f"In other traffic ({same}) its driving does not change significantly."
     unchanged = f" No significant change: {same}." if same else ""
     return f"In other traffic it drives differently. With {'; with '.join(changed)}.{unchanged}"
-
-
-def _changes_text(shift: Shift) -> str:
-    texts = []
-    for change in shift.shown:
-        if change.measure == "regret":
-            way = "more" if change.change > 0 else "less"
-            texts.append(f"regret is {abs(change.change):.3g} {way}")
-        else:
-            way = "more often" if change.change > 0 else "less often"
-            texts.append(
-                f"it {CRITERIA[change.measure]} {way}, by {100 * abs(change.change):.3g} points"
-            )
-    return ", ".join(texts)
 
 
 def _change(

@@ -5,22 +5,20 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
-from socialiq.audit.verdict.bounds import Regrets
+from socialiq.audit.verdict.bounds import Regrets, slowest
 from socialiq.audit.verdict.calibration import Calibration, calibrate
 from socialiq.audit.verdict.decision import (
+    CompatibleAngles,
     Decision,
     FloorTest,
-    floor_tests,
-    joint_decision,
-    slowest,
-)
-from socialiq.audit.verdict.regret import (
-    CompatibleAngles,
     RegretTest,
     compatible_angles,
+    floor_tests,
+    joint_decision,
     regret_test,
 )
 from socialiq.errors import UserError
@@ -60,43 +58,12 @@ class Verdict:
     competence: tuple[FloorTest, ...]
 
 
-@dataclass(frozen=True)
-class Decisive:
-    """Deciding parts of an audit: both tests, and their joint decision."""
+class Decisive(NamedTuple):
+    """Deciding tests of an audit, and their joint decision."""
 
     decision: Decision
     regret: RegretTest
     competence: tuple[FloorTest, ...]
-
-
-def decide_on(
-    evidence: Evidence,
-    regrets: Regrets,
-    angle: float,
-    margin: float,
-    floor: Floor,
-    error: float,
-) -> Decisive:
-    """Test regret and safety floor, and join them.
-
-    A pass needs the regret test and all four criteria of the floor to pass, each at the full
-    error: if any of them is truly broken, the chance that its test passes bounds the chance of a
-    wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
-    so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
-    wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
-    those of shares do, and those of regret with a declared largest loss. Without one they are by
-    bootstrap-t, which is approximate (the study `audit-power` measures how much).
-
-    Args:
-        evidence: Policy and references.
-        regrets: Regrets of the evidence.
-        angle: Declared angle in degrees.
-        margin: Margin of regret, reward per episode.
-        floor: Declared safety floor.
-        error: Largest chance of a wrong pass, and of a wrong fail.
-    """
-    regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
-    return join_tests(regret, evidence.policy, floor, error)
 
 
 def decide(
@@ -107,7 +74,15 @@ def decide(
     error: float,
     regrets: Regrets | None = None,
 ) -> Decisive:
-    """Test a driver by a declaration: of its regret at an angle, or of its loss at a rule.
+    """Test a driver's regret at the declared angle, or its loss at a declared rule, and its floor.
+
+    A pass needs the regret test and all four criteria of the floor to pass, each at the full
+    error: if any of them is truly broken, the chance that its test passes bounds the chance of a
+    wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
+    so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
+    wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
+    those of shares do, and those of regret with a declared largest loss. Without one they are by
+    bootstrap-t, which is approximate (the study `audit-power` measures how much).
 
     Args:
         profile: The declaration.
@@ -117,16 +92,17 @@ def decide(
         error: Largest chance of a wrong pass, and of a wrong fail.
         regrets: Regrets of the evidence, if they are known.
     """
-    margin, floor, angle = profile.margin, profile.competence, profile.angle
+    margin, angle = profile.margin, profile.angle
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    decisive = decide_on(evidence, regrets, angle, margin.regret, floor, error)
-    return replace(decisive, regret=replace(decisive.regret, angle=profile.angle))
+    regret = regret_test(regrets, evidence, angle, margin.regret, error, error / 2)
+    regret = replace(regret, angle=profile.angle)
+    return join_tests(regret, evidence.policy, profile.competence, error)
 
 
 def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
-    """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
+    """Join the regret test, made at its share of the error, with the floor's (`decide`)."""
     competence = floor_tests(policy, floor, error, error / 2)
     decision = joint_decision(test.decision for test in (regret, *competence))
     return Decisive(decision, regret, competence)
@@ -156,7 +132,7 @@ def judge(
 ) -> Verdict:
     """Test a policy's evidence against its declaration.
 
-    A wrong pass and a wrong fail each have a chance of at most the error (`decide_on`). α̂ and its
+    A wrong pass and a wrong fail each have a chance of at most the error (`decide`). α̂ and its
     calibration do not decide, so their errors add nothing.
 
     Args:
@@ -183,18 +159,19 @@ def judge(
     open_tests = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
-    env, social = evidence.policy.totals.T.copy()
+    estimate = None
+    if identified:
+        env, social = evidence.policy.totals.T.copy()
+        estimate = estimate_angle(env, social, seed, profile.confidence, resamples)
     return Verdict(
         decision=decisive.decision,
-        reason=reason_of(decisive, profile.rule is not None),
+        reason=_reason(decisive, profile.rule is not None),
         episodes=evidence.episodes,
         needed=slowest(open_tests) if undecided else None,
         error=error,
         regret=decisive.regret,
         rationalised=compatible_angles(regrets, margin.regret, error, error / 2),
-        alpha_hat=estimate_angle(env, social, seed, profile.confidence, resamples)
-        if identified
-        else None,
+        alpha_hat=estimate,
         identifiability=ellipse,
         calibration=calibrate(
             curve or evidence, angle, margin.degrees, identified, seed, error, resamples
@@ -203,13 +180,8 @@ def judge(
     )
 
 
-def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
-    """Return the reason why a policy passed, failed, or neither, in one sentence.
-
-    Args:
-        decisive: Tests and decision.
-        by_rule: Whether a rule of the angle is declared.
-    """
+def _reason(decisive: Decisive, by_rule: bool) -> str:
+    """Return the reason why a policy passed, failed, or neither, in one sentence."""
     regret, competence = decisive.regret, decisive.competence
     where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
