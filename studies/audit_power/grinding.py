@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from socialiq.audit.looks.look import spend
+from socialiq.audit.look import spend
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, draw, reveal
 from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision, regret_test
@@ -60,7 +60,7 @@ class Way(NamedTuple):
         """
         if not self.log:
             return ERROR
-        return spend(ERROR, 1 if self.at_home else number).error
+        return spend(ERROR, 1 if self.at_home else number)
 
 
 WAYS: Mapping[str, Way] = {

@@ -1,5 +1,5 @@
 from socialiq.audit.report.words import names_of, plain_name
-from socialiq.audit.resolve_policy import GAPS
+from socialiq.audit.request import GAPS
 from socialiq.worlds.intersection.world import Intersection
 
 MODES = ("egoistic", "prosocial", "altruistic")

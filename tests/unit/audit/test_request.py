@@ -3,8 +3,7 @@
 import dataclasses
 from pathlib import Path
 
-from socialiq.audit.request import Request, command_of
-from socialiq.audit.resolve_policy import Trust
+from socialiq.audit.request import Request, Trust, command_of
 from socialiq.policies.process import GIB, Limits
 
 

@@ -1,15 +1,13 @@
 """Policies of an audit: names, files, families, and the policy's own twin."""
 
+import contextlib
+
 import jax
 import numpy as np
 import pytest
 
-from socialiq.audit import resolve_policy as resolve
-from socialiq.audit.resolve_policy import (
-    Trust,
-    resolve_policy,
-    resolve_references,
-)
+from socialiq.audit import request
+from socialiq.audit.request import Trust, resolve_policy, resolve_references
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
@@ -32,12 +30,17 @@ def dial(folder, features=CROSSING.n_features, high=90.0):
     return path
 
 
+def references_of(*arguments):
+    with contextlib.ExitStack() as closing:
+        return resolve_references(*arguments, closing)
+
+
 def named(references):
     return [one.name for one in references]
 
 
 def test_the_junction_has_gap_rules_and_experts():
-    found, records, itself, _ = resolve_references(JUNCTION, [], OTHER, Trust())
+    found, records, itself = references_of(JUNCTION, [], OTHER, Trust())
     gaps, modes = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
     experts = [f"{family}_{mode}" for family in ("expert", "set") for mode in modes]
     assert named(found) == gaps + experts
@@ -48,7 +51,7 @@ def test_the_junction_has_gap_rules_and_experts():
 def test_an_expert_of_the_atlas_knows_its_twin():
     one = resolve_policy("atlas:expert_egoistic", JUNCTION, 0.0, Trust())
     assert one.record.source == "atlas:expert_egoistic"
-    itself = resolve_references(JUNCTION, [], one.record, Trust()).itself
+    itself = references_of(JUNCTION, [], one.record, Trust()).itself
     assert itself == ["expert_egoistic"]
 
 
@@ -64,15 +67,15 @@ def test_the_atlas_has_entries_for_each_kind_of_actions():
 def test_a_rule_knows_its_twin():
     waits = resolve_policy("wait", JUNCTION, 90.0, Trust()).record
     assert waits.kind == "rule"
-    assert resolve_references(JUNCTION, [], waits, Trust()).itself == ["wait"]
+    assert references_of(JUNCTION, [], waits, Trust()).itself == ["wait"]
     gap = resolve_policy("gap_3s", JUNCTION, 90.0, Trust()).record
-    assert resolve_references(JUNCTION, [], gap, Trust()).itself == ["gap_3s"]
+    assert references_of(JUNCTION, [], gap, Trust()).itself == ["gap_3s"]
 
 
 @pytest.mark.parametrize("clock", [0, 1])
 def test_a_dial_is_a_family_of_references(tmp_path, clock):
     path = dial(tmp_path, CROSSING.n_features + clock, high=60.0)
-    found, records, *_ = resolve_references(CROSSING, [path], OTHER, Trust())
+    found, records, _ = references_of(CROSSING, [path], OTHER, Trust())
     assert [one.angle for one in found] == [0.0, 15.0, 30.0, 45.0, 60.0]
     assert named(found)[1] == "dial at 15"
     assert len({record["sha256"] for record in records.values()}) == 5
@@ -105,7 +108,7 @@ def test_references_are_files(tmp_path):
     from pathlib import Path
 
     with pytest.raises(UserError, match="a reference is a policy's file"):
-        resolve_references(CROSSING, [Path("process:touch x")], OTHER, Trust())
+        references_of(CROSSING, [Path("process:touch x")], OTHER, Trust())
 
 
 CODE = """
@@ -117,11 +120,12 @@ def never(observations):
 def test_references_in_python_end_when_they_are_closed(tmp_path):
     (tmp_path / "theirs.py").write_text(CODE)
     specs = [f"python:{tmp_path / 'theirs.py'}:never"]
-    found = resolve_references(CROSSING, specs, OTHER, Trust(allow_code=True))
-    seen = np.zeros((1, CROSSING.n_features), np.float32)
-    assert named(found.drivers) == ["never"]
-    assert found.drivers[0].policy.predict(seen)[0].tolist() == [0]
-    found.close()
+    with contextlib.ExitStack() as closing:
+        trust = Trust(allow_code=True)
+        found = resolve_references(CROSSING, specs, OTHER, trust, closing)
+        seen = np.zeros((1, CROSSING.n_features), np.float32)
+        assert named(found.drivers) == ["never"]
+        assert found.drivers[0].policy.predict(seen)[0].tolist() == [0]
     with pytest.raises(UserError, match="was ended"):
         found.drivers[0].policy.predict(seen)
 
@@ -134,10 +138,10 @@ def test_references_end_if_a_later_one_is_refused(tmp_path, monkeypatch):
         started.append(load_policy(*arguments, **more))
         return started[-1]
 
-    monkeypatch.setattr(resolve, "load_policy", load)
+    monkeypatch.setattr(request, "load_policy", load)
     specs = [f"python:{tmp_path / 'theirs.py'}:never", "python:no/such.py:f"]
     with pytest.raises(UserError, match="no such file"):
-        resolve_references(CROSSING, specs, OTHER, Trust(allow_code=True))
+        references_of(CROSSING, specs, OTHER, Trust(allow_code=True))
     (only,) = started
     with pytest.raises(UserError, match="was ended"):
         only.policy.predict(np.zeros((1, CROSSING.n_features), np.float32))

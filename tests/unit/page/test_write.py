@@ -13,7 +13,7 @@ from socialiq.cli.main import main
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.dial import FAMILY, SEED, STUDY, measured, shipped_dial
-from socialiq.page.webassembly.replay import CORE
+from socialiq.page.webassembly.layout import CORE
 from socialiq.page.write import page
 from socialiq.storage import packaged_results
 

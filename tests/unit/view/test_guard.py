@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from socialiq.view.server import Guard, new_token
+from socialiq.view.server import TOKEN_BYTES, Guard
 
 TOKEN = "a-token"
 HOST, ORIGIN = b"127.0.0.1:8000", b"http://127.0.0.1:8000"
@@ -96,6 +96,5 @@ def test_a_websocket_must_name_its_origin():
     assert asked(kind="websocket", path="/a-token/decide", origin=ORIGIN)[1]["body"] == b"shown"
 
 
-def test_tokens_are_long_and_not_the_same():
-    assert len({new_token() for _ in range(100)}) == 100
-    assert all(len(new_token()) >= 32 for _ in range(100))
+def test_tokens_are_long():
+    assert 8 * TOKEN_BYTES >= 192

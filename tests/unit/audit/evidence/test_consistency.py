@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.evidence.consistency import (
+from socialiq.audit.evidence.outcomes import (
     FEWEST_BATCHES,
     MOST_ROWS,
     SINGLE,

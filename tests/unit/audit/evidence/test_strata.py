@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.evidence.collect import stratified
+from socialiq.audit.verdict.results import stratified
 from socialiq.types import Ending
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from socialiq.audit.looks.look import Plan
+from socialiq.audit.look import Plan
 from socialiq.audit.seeds import Commitment
 
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialiq.audit.looks import log as room
-from socialiq.audit.looks.log import COMMITMENT, RESULT, SEED, AuditLog, Subject, locked, read
+from socialiq.audit import log as room
+from socialiq.audit.log import COMMITMENT, RESULT, SEED, AuditLog, Subject, locked, read
 from socialiq.errors import UserError
 
 SUBJECT = Subject("Example Cars", "ab" * 32)

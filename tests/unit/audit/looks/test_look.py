@@ -5,10 +5,10 @@ import json
 
 import pytest
 
+from socialiq.audit import look as room
 from socialiq.audit import seeds
-from socialiq.audit.looks import look as room
-from socialiq.audit.looks.log import COMMITMENT, RESULT, SEED, read
-from socialiq.audit.looks.look import commit, of_beacon, of_nonce, open_look, record
+from socialiq.audit.log import COMMITMENT, RESULT, SEED, read
+from socialiq.audit.look import commit, of_beacon, of_nonce, open_look, record
 from socialiq.audit.seeds import Nonce, Round, reveal
 from socialiq.errors import UserError
 
@@ -102,7 +102,7 @@ def test_a_round_is_named_before_it_is_published(tmp_path, plan, monkeypatch):
     one = Round(1000, "aa" * 48)
     clock = {"time": one.time - datetime.timedelta(minutes=5)}
     monkeypatch.setattr(room, "now", lambda: clock["time"])
-    monkeypatch.setattr("socialiq.audit.looks.log.now", lambda: clock["time"])
+    monkeypatch.setattr("socialiq.audit.log.now", lambda: clock["time"])
     first = commit(tmp_path, plan(), of_beacon(1000))
     clock["time"] = one.time
     with pytest.raises(UserError, match="was published at 2023-08-23 15:59:24 UTC: name one after"):
@@ -124,7 +124,7 @@ def test_two_commitments_by_one_round_get_different_seeds(tmp_path, plan, monkey
     one = Round(1000, "aa" * 48)
     early = one.time - datetime.timedelta(hours=1)
     monkeypatch.setattr(room, "now", lambda: early)
-    monkeypatch.setattr("socialiq.audit.looks.log.now", lambda: early)
+    monkeypatch.setattr("socialiq.audit.log.now", lambda: early)
     for _ in range(2):
         commit(tmp_path, plan(), of_beacon(1000))
     looks = [open_look(tmp_path, plan(), one) for _ in range(2)]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.looks.look import Look
+from socialiq.audit.look import Look
 from socialiq.audit.report.words import caveats, caveats_of_loss, caveats_of_replay
 from socialiq.audit.seeds import Commitment, Draw, Nonce, draw, reveal
 from socialiq.audit.verdict.bounds import Regrets

@@ -5,8 +5,8 @@ import io
 import pytest
 from PIL import Image
 
+from socialiq.audit.evidence.replay import check_filmed, films_of
 from socialiq.audit.profile.profile import world_of
-from socialiq.audit.report.episodes import check_filmed, films_of
 from socialiq.errors import UserError
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy

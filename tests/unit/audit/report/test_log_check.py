@@ -5,10 +5,10 @@ import json
 
 import pytest
 
-from socialiq.audit.looks.log import RESULT, locked
-from socialiq.audit.looks.look import Plan, open_look, record
+from socialiq.audit.log import RESULT, locked
+from socialiq.audit.look import Plan, open_look, record
 from socialiq.audit.report import verify
-from socialiq.audit.report.seeds import seeds_of
+from socialiq.audit.report.content import seeds_of
 from socialiq.audit.report.verify import faults_by_log
 from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError

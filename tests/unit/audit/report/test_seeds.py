@@ -4,8 +4,9 @@ import dataclasses
 
 import pytest
 
-from socialiq.audit.looks.look import Look, Opened, spend
-from socialiq.audit.report.seeds import faults_of_seeds, opened_of, seeds_of
+from socialiq.audit.look import Look, Opened, spend
+from socialiq.audit.report.content import seeds_of
+from socialiq.audit.report.recompute import faults_of_seeds, opened_of
 from socialiq.audit.seeds import Commitment, Nonce, Round, draw, reveal
 from socialiq.to_json import to_json
 
@@ -88,5 +89,5 @@ def test_a_nonce_without_a_log_is_found():
 
 def test_other_looks_have_other_shares():
     for number in (1, 2, 7):
-        look = dataclasses.replace(LOOK, number=number, error=spend(0.05, number).error)
+        look = dataclasses.replace(LOOK, number=number, error=spend(0.05, number))
         assert faults_of_seeds(report_of(DRAWS["entropy"], look)) == []

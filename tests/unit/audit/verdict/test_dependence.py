@@ -1,6 +1,6 @@
 """Finding that a policy's answers depend on more than the observation."""
 
-from socialiq.audit.evidence.consistency import Answers, Consistency
+from socialiq.audit.evidence.outcomes import Answers, Consistency
 from socialiq.audit.verdict.results import dependence
 
 NONE = Answers(1000, 0)

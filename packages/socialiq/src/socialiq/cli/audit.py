@@ -12,10 +12,9 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.conduct import Conducted, conduct, log_folder
-from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known, number, others, outcome, percent
-from socialiq.audit.request import Collection, Request, collect_in_parts
+from socialiq.audit.request import Request
 from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import Printing, print_table, say
 from socialiq.cli.progress import Display
@@ -77,25 +76,17 @@ class Audit(Printing):
         """Audit, write the report, print the verdict."""
         check_target(self.out, self.replace)
         check_processes(self.processes)
-        done = self.conducted()
+        if not self.processes:
+            done = conduct(self.request(), say)
+        else:
+            with Display() as display:
+                done = conduct(self.request(), say, None, self.processes, display.stage)
         done.write(self.out, self.replace)
         if self.json:
             sys.stdout.write(json.dumps(done.report, allow_nan=False) + "\n")
         else:
             _show(done, self.out)
         return int(done.report["verdict"]["exit_code"])
-
-    def conducted(self) -> Conducted:
-        """Run all drivers in this process, or in parts by several."""
-        if not self.processes:
-            return conduct(self.request(), say)
-        with Display() as display:
-
-            def collect(collection: Collection) -> Evidence:
-                report = display.stage("episodes")
-                return collect_in_parts(collection, self.processes, report)
-
-            return conduct(self.request(), say, collect=collect)
 
     def request(self) -> Request:
         """Return the request of the audit."""
@@ -113,7 +104,6 @@ class Audit(Printing):
             log=log_folder(self.out, self.log, self.no_log, self.seed),
             nonce=self.nonce,
             beacon=self.beacon,
-            in_parts=self.processes > 0,
         )
 
 

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.conduct import commit_to
-from socialiq.audit.looks.log import now
-from socialiq.audit.looks.look import of_beacon, of_nonce
+from socialiq.audit.log import now
+from socialiq.audit.look import of_beacon, of_nonce
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import address_of, round_after, time_of, write_nonce
 from socialiq.cli.code_options import CodeOptions

@@ -15,8 +15,7 @@ import tyro
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
-from socialiq.audit.report.recompute import differences
-from socialiq.audit.report.seeds import opened_of
+from socialiq.audit.report.recompute import differences, opened_of
 from socialiq.audit.report.signature import (
     faults_of_signature,
     key_id,

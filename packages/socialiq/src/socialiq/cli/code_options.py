@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import tyro
 
-from socialiq.audit.resolve_policy import Trust
+from socialiq.audit.request import Trust
 from socialiq.policies.isolation import IsolationMode
 from socialiq.policies.process import limits_of
 

@@ -13,8 +13,7 @@ from typing import Any
 
 from socialiq.page.crossing import crossing
 from socialiq.page.dial import PageDial, shipped_dial
-from socialiq.page.webassembly.layout import layout
-from socialiq.page.webassembly.replay import CORE
+from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
 from socialiq.worlds.intersection.options import Options
 
@@ -27,36 +26,29 @@ _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", r
 
 
 def program(start: str = START, folder: Path = ASSETS) -> str:
-    """Return a program: a script with every script that it needs, each after those it needs.
+    """Return a program: a script of a folder with every script that it needs, in their order.
 
-    Args:
-        start: Name of the script that starts it, without `.js`.
-        folder: Its folder; scripts of several folders have different names.
+    Scripts of several folders have different names, here without `.js`.
     """
     sources: dict[str, str] = {}
-    _add(folder / f"{start}.js", sources)
+
+    def add(path: Path) -> None:
+        if path.stem in sources:
+            return
+        source = path.read_text(encoding="utf-8")
+        for _, target, _ in _IMPORT.findall(source):
+            add(path.parent / target)
+        names = ", ".join(_EXPORT.findall(source))
+        body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
+        text = f"const script_{path.stem} = (() => {{\n{body}return {{ {names} }};\n}})();"
+        sources[path.stem] = text
+
+    add(folder / f"{start}.js")
     return "\n".join(['"use strict";', *sources.values()])
 
 
-def _add(path: Path, sources: dict[str, str]) -> None:
-    """Add a script after the scripts that it imports."""
-    name = path.stem
-    if name in sources:
-        return
-    source = path.read_text(encoding="utf-8")
-    for _, target, _ in _IMPORT.findall(source):
-        _add(path.parent / target, sources)
-    names = ", ".join(_EXPORT.findall(source))
-    body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
-    sources[name] = f"const script_{name} = (() => {{\n{body}return {{ {names} }};\n}})();"
-
-
 def core(options: Options) -> dict[str, Any]:
-    """Return what a page needs to run the compiled core, JSON-compatible.
-
-    Args:
-        options: Scenario.
-    """
+    """Return what a page needs to run the compiled core in a scenario, JSON-compatible."""
     return {"layout": layout(options), "core": base64.b64encode(CORE.read_bytes()).decode()}
 
 
@@ -78,13 +70,7 @@ def about(dial: PageDial) -> str:
         UserError: If the package was installed without the committed results.
     """
     counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
-    return "\n".join(
-        f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in _passages(counts, dial)
-    )
-
-
-def _passages(counts: dict[str, int], dial: PageDial) -> list[tuple[str, str]]:
-    return [
+    passages = [
         (
             "What is shown",
             "highway-env's intersection, compiled. The coloured car turns left; it decides once a "
@@ -109,16 +95,16 @@ def _passages(counts: dict[str, int], dial: PageDial) -> list[tuple[str, str]]:
         ),
         ("Where dial and curve come from", html.escape(dial.source)),
     ]
+    return "\n".join(f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in passages)
 
 
 FILE = "index.html"
 
 
 def page(dial: PageDial | None = None) -> str:
-    """Return the page's HTML. It makes no request; its program and its styles are named by hash.
+    """Return the page's HTML, which turns a dial, by default the shipped one.
 
-    Args:
-        dial: The dial that is turned; by default the shipped one.
+    It makes no request; its program and its styles are named by hash.
     """
     dial = dial or shipped_dial()
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
@@ -138,22 +124,18 @@ def page(dial: PageDial | None = None) -> str:
 def policy(script: str, style: str, connect: str = "") -> str:
     """Return a content security policy that allows one program with its worker, and one style.
 
-    Args:
-        script: Text of the program, which may compile WebAssembly.
-        style: Text of the style sheet.
-        connect: Sources that the program may connect to; none by default.
+    The program may compile WebAssembly, and connect to the sources; there are none by default.
     """
-    return "; ".join(
-        [
-            "default-src 'none'",
-            f"script-src {source_hash(script)} 'wasm-unsafe-eval'",
-            f"style-src {source_hash(style)}",
-            "worker-src blob:",
-            *([f"connect-src {connect}"] if connect else []),
-            "base-uri 'none'",
-            "form-action 'none'",
-        ]
-    )
+    rules = [
+        "default-src 'none'",
+        f"script-src {source_hash(script)} 'wasm-unsafe-eval'",
+        f"style-src {source_hash(style)}",
+        "worker-src blob:",
+        *([f"connect-src {connect}"] if connect else []),
+        "base-uri 'none'",
+        "form-action 'none'",
+    ]
+    return "; ".join(rules)
 
 
 def source_hash(text: str) -> str:
@@ -167,11 +149,7 @@ def embedded(data: Mapping[str, Any]) -> str:
 
 
 def write_page(folder: Path, dial: PageDial | None = None) -> Path:
-    """Write the page into a folder and return its path.
-
-    Args:
-        folder: The folder.
-        dial: The dial that is turned; by default the shipped one.
+    """Write the page of a dial, by default of the shipped one, into a folder; return its path.
 
     Raises:
         UserError: If it can't be written, or the committed results did not come with the package.

@@ -58,7 +58,17 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
             an environment can't be made.
     """
     if is_world_file(name):
-        _check_file(name, options)
+        if options:
+            raise UserError(
+                f"a recorded junction takes no options, got {', '.join(options)}: "
+                "`socialiq data world` makes another world"
+            )
+        if not Path(name).exists():
+            raise UserError(
+                f"no such file: {name}: the declaration names its world by this path, from the "
+                "current folder"
+            )
+        refuse_file(name)
         return load_world(name)
     refuse_file(name)
     if is_environment(name) and name not in NAMED.values():
@@ -75,58 +85,32 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     return world
 
 
-def _check_file(name: str, options: Mapping[str, Any]) -> None:
-    """Refuse options of a world from a file, and a file that is missing or holds no world."""
-    if options:
-        raise UserError(
-            f"a recorded junction takes no options, got {', '.join(options)}: "
-            "`socialiq data world` makes another world"
-        )
-    if not Path(name).exists():
-        raise UserError(
-            f"no such file: {name}: the declaration names its world by this path, from the "
-            "current folder"
-        )
-    refuse_file(name)
-
-
 def scenario_sha256(world: World) -> str:
     """Return the SHA-256 of a world's description: its name and every option."""
     return hashlib.sha256(world.description.encode()).hexdigest()
 
 
-def reward_specification(world: World) -> dict[str, Any]:
-    """Return the weights and units that define r_env and r_social, as one JSON object.
-
-    Two worlds with equal specifications give the same rewards for the same event, whatever their
-    traffic. The specification of an environment has the hashes of its code.
-    """
-    return {"id": world.reward_id, **world.reward}
-
-
-def reward_sha256(world: World) -> str:
-    """Return the SHA-256 of `reward_specification` as JSON with sorted keys."""
-    text = json.dumps(reward_specification(world), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def identity(world: World) -> dict[str, str]:
-    """Return the identity of a world, by field of the declaration."""
+    """Return the identity of a world, by field of the declaration.
+
+    The reward's hash is of the weights and units that define r_env and r_social, as JSON with
+    sorted keys. Two worlds with equal ones give the same rewards for the same event, whatever their
+    traffic. Those of an environment have the hashes of its code.
+    """
+    reward = {"id": world.reward_id, **world.reward}
+    text = json.dumps(reward, sort_keys=True, separators=(",", ":"))
     return {
         "reward.id": world.reward_id,
-        "reward.sha256": reward_sha256(world),
+        "reward.sha256": hashlib.sha256(text.encode()).hexdigest(),
         "scenario.sha256": scenario_sha256(world),
     }
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Check that options are texts, booleans, numbers or lists of numbers of moderate size.
-
-    Args:
-        options: Options of an environment, whose types are not known.
+    """Check that options of an environment, whose types are not known, are of moderate size.
 
     Raises:
-        UserError: If one is not.
+        UserError: If one is not text, a boolean, a number or a list of numbers.
     """
     for option, value in options.items():
         default = 0.0 if type(value) is float else value
@@ -160,15 +144,12 @@ def _typed(option: str, value: Any, default: Any) -> Any:
 
 def _check_size(options: Options) -> None:
     """Refuse a scenario that would need too much memory or time."""
-    sizes = {
-        "observed_vehicles": (options.observed_vehicles, MOST_VEHICLES),
-        "vehicles of an episode (initial_vehicle_count and duration)": (
-            options.capacity,
-            MOST_VEHICLES,
-        ),
-        "simulation_frequency": (options.simulation_frequency, MOST_SUB_STEPS),
-    }
-    for what, (value, most) in sizes.items():
+    vehicles = "vehicles of an episode (initial_vehicle_count and duration)"
+    for what, value, most in (
+        ("observed_vehicles", options.observed_vehicles, MOST_VEHICLES),
+        (vehicles, options.capacity, MOST_VEHICLES),
+        ("simulation_frequency", options.simulation_frequency, MOST_SUB_STEPS),
+    ):
         if value > most:
             raise UserError(f"{what} must be at most {most} in an audit, got {value}")
 
@@ -261,10 +242,7 @@ class Profile:
         return hashlib.sha256(self.source).hexdigest()
 
     def world(self, allow_code: bool = False) -> World:
-        """Build the world of the scenario.
-
-        Args:
-            allow_code: Whether an environment's module may be imported.
+        """Build the world of the scenario; an environment's module is imported if that is allowed.
 
         Raises:
             UserError: If an environment can't be made, or differs from the declared environment.

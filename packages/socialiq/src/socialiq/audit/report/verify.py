@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.audit.evidence.table import CONTEXTS
-from socialiq.audit.looks.log import RESULT, SEED, AuditLog, Subject, read
-from socialiq.audit.looks.look import Look, origin_of
+from socialiq.audit.log import RESULT, SEED, AuditLog, Subject, read
+from socialiq.audit.look import origin_of
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import (
     MANIFEST,
@@ -27,8 +27,7 @@ from socialiq.audit.report.folder import (
     statement,
     views_of,
 )
-from socialiq.audit.report.recompute import recomputed_differences
-from socialiq.audit.report.seeds import faults_of_seeds, opened_of
+from socialiq.audit.report.recompute import faults_of_seeds, opened_of, recomputed_differences
 from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line

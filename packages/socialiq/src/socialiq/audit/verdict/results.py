@@ -1,4 +1,4 @@
-"""Results of an audit: the verdict, which other drivers would pass, and the shift check.
+"""Results of an audit: verdict, other drivers that would pass, kinds of episodes, shift check.
 
 A margin can be so wide, and a floor so open, that no driver breaks the declaration. A pass is then
 no evidence of the policy's behaviour.
@@ -10,13 +10,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from socialiq.audit.evidence.consistency import Consistency
+import numpy as np
+
 from socialiq.audit.evidence.drive import GO_AND_WAIT
-from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.evidence.outcomes import Consistency, Evidence, events_of
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
 from socialiq.audit.verdict.verdict import Verdict, decide, enough_resamples, judge, whole_error
+from socialiq.statistics.comparisons import Difference, paired_difference
+from socialiq.statistics.intervals import Share, wilson
 from socialiq.worlds.registry import INTERSECTIONS
 
 
@@ -133,6 +136,55 @@ def finding_of(discrimination: Discrimination) -> list[Finding]:
         "Declare a smaller margin, or a stricter floor."
     )
     return [Finding("margin", text)]
+
+
+_FEWEST = 2  # episodes of a stratum for the test of a difference
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """A policy in the episodes of one label.
+
+    Attributes:
+        stratification: For instance "density".
+        label: For instance "4 or more".
+        episodes: Number of episodes.
+        regret: Regret towards the apparently best reference over all episodes, with a two-sided
+            Student interval; None if there are fewer than two episodes. Intervals are of each
+            stratum alone: of many, some miss.
+        shares: Share of each criterion of the floor, with a two-sided Wilson interval.
+    """
+
+    stratification: str
+    label: str
+    episodes: int
+    regret: Difference | None
+    shares: dict[str, Share]
+
+
+def stratified(
+    evidence: Evidence, angle: float, reference: str, confidence: float = 0.95
+) -> tuple[Stratum, ...]:
+    """Break the evidence down by every stratification, at the declared angle in degrees.
+
+    The reference to compare with, `RegretTest.best`, is the same in every stratum, so that
+    regrets, weighted by episodes, add up to the whole regret.
+    """
+    best = next(driver for driver in evidence.references if driver.name == reference)
+    reference_values, ours = best.values(angle), evidence.policy.values(angle)
+    events, strata = events_of(evidence.policy), []
+    for stratification, labels in evidence.strata.items():
+        for label in np.unique(labels).tolist():
+            rows = labels == label
+            count, regret = int(rows.sum()), None
+            if count >= _FEWEST:
+                regret = paired_difference(reference_values[rows], ours[rows], confidence)
+            shares = {
+                name: wilson(int(happened[rows].sum()), count, confidence)
+                for name, happened in events.items()
+            }
+            strata.append(Stratum(stratification, label, count, regret, shares))
+    return tuple(strata)
 
 
 class Results(NamedTuple):

@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from socialiq.page.webassembly.build import linked, object_file
-from socialiq.page.webassembly.replay import CORE
+from socialiq.page.webassembly.layout import CORE
 
 
 @dataclass(frozen=True)

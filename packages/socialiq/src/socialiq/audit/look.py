@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from socialiq.audit import seeds
-from socialiq.audit.looks.log import (
+from socialiq.audit.log import (
     COMMITMENT,
     RESULT,
     SEED,
@@ -28,20 +28,8 @@ SMALLEST_ERROR = 1e-4
 """Smallest error of a look: at most 200,000 resamples give its quantile (`verdict.judge`)."""
 
 
-class Spent(NamedTuple):
-    """Error of one look.
-
-    Attributes:
-        look: Number of the look in its log, from 1.
-        error: Largest chance of a wrong pass at this look, and of a wrong fail.
-    """
-
-    look: int
-    error: float
-
-
-def spend(error: float, look: int) -> Spent:
-    """Return the error of a look: error / (k (k + 1)) at look k.
+def spend(error: float, look: int) -> float:
+    """Return the error of a look, of a wrong pass and of a wrong fail: error / (k (k + 1)) at k.
 
     1/(k (k + 1)) = 1/k - 1/(k + 1), so the shares of looks 1 to K add up to 1 - 1/(K + 1): never
     more than the whole, however many looks there are. Each look tests episodes whose seed came
@@ -54,21 +42,7 @@ def spend(error: float, look: int) -> Spent:
         error: Error of the whole log, 1 - confidence.
         look: Number of the look, from 1.
     """
-    return Spent(look, error / (look * (look + 1)))
-
-
-def check_spendable(spent: Spent) -> None:
-    """Refuse a look whose error no number of resamples would resolve.
-
-    Raises:
-        UserError: If its error is too small.
-    """
-    if spent.error < SMALLEST_ERROR:
-        raise UserError(
-            f"look {spent.look} of this log could use an error of {spent.error:.2g} only, which is "
-            f"too small to test with (at least {SMALLEST_ERROR:g}): agree with the auditor on a "
-            "new log"
-        )
+    return error / (look * (look + 1))
 
 
 @dataclass(frozen=True)
@@ -128,12 +102,7 @@ class Look:
 
 
 class Opened(NamedTuple):
-    """A look whose seed is known.
-
-    Attributes:
-        drawn: The seed.
-        look: The look; None without a log.
-    """
+    """A seed that is known, and its look; None without a log."""
 
     drawn: Draw
     look: Look | None
@@ -156,7 +125,14 @@ def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
 
 
 def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
-    check_spendable(spend(whole_error(plan.profile.confidence), log.looks + 1))
+    look = log.looks + 1
+    error = spend(whole_error(plan.profile.confidence), look)
+    if error < SMALLEST_ERROR:
+        raise UserError(
+            f"look {look} of this log could use an error of {error:.2g} only, which is "
+            f"too small to test with (at least {SMALLEST_ERROR:g}): agree with the auditor on a "
+            "new log"
+        )
     sha256 = source.get("nonce_sha256")
     if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in log.commitments):
         # It may be known by now.
@@ -168,8 +144,9 @@ def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
 
 
 def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
-    spent = spend(whole_error(plan.profile.confidence), log.look_of(entry["sha256"]))
-    return Look(*spent, log.path.name, entry["previous"], entry["sha256"], entry["time"])
+    look = log.look_of(entry["sha256"])
+    error = spend(whole_error(plan.profile.confidence), look)
+    return Look(look, error, log.path.name, entry["previous"], entry["sha256"], entry["time"])
 
 
 def of_nonce(sha256: str) -> dict[str, Any]:
@@ -183,11 +160,7 @@ def of_nonce(sha256: str) -> dict[str, Any]:
 
 
 def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
-    """Return the origin of a seed as a commitment names it.
-
-    Args:
-        origin: As for `open_look`.
-    """
+    """Return the origin of a seed as a commitment names it; it is given as for `open_look`."""
     if isinstance(origin, Nonce):
         return of_nonce(origin.sha256)
     if isinstance(origin, Round):
@@ -285,14 +258,7 @@ _WORDS = {
 
 
 def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha256: str) -> None:
-    """Record the verdict of a look.
-
-    Args:
-        folder: Folder of the logs.
-        subject: Owner and scenario.
-        look: The look.
-        decision: pass, fail or inconclusive.
-        report_sha256: SHA-256 of `report.json`.
+    """Record the verdict of a look: pass, fail or inconclusive, and the hash of `report.json`.
 
     Raises:
         UserError: If the log is damaged or can't be written.
