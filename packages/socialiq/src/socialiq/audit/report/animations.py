@@ -35,7 +35,7 @@ _AWAY = "translate(-9999px,0px)"
 
 
 class Ground(NamedTuple):
-    """Road of a world, and the size of its vehicles, in the picture's units.
+    """Path of a world's road, and the size of its vehicles, in the picture's units.
 
     Attributes:
         view: Left, top, width and height of the view.
@@ -63,14 +63,7 @@ class Keyframe(NamedTuple):
 
 @dataclass(frozen=True)
 class Car:
-    """A vehicle.
-
-    Attributes:
-        name: Name of its animation.
-        ego: Whether the policy drives it.
-        still: Transform in the last frame; "" if it is not there.
-        keyframes: Its way.
-    """
+    """A vehicle by the name of its animation; `still` is its transform in the last frame, or ""."""
 
     name: str
     ego: bool
@@ -150,19 +143,17 @@ def _of_scene(scene: str) -> Ground:
     follows = high - low > _WIDEST
     low, high = np.where(follows, -_FOLLOWED / 2, low), np.where(follows, _FOLLOWED / 2, high)
     left, top, wide, deep = np.round([*low, *(high - low)], 1).tolist()
-    strips = (shapes.edges(_few_points(lane), LANE_WIDTH) for lane in road.lanes)
-    outlines = (np.concatenate([right, edge[::-1]]).round(1).tolist() for edge, right in strips)
-    outline = " ".join(path([(x, y) for x, y in line], closed=True) for line in outlines)
-    view, sizes = (left, top, wide, deep), (VEHICLE_LENGTH, VEHICLE_WIDTH)
-    return Ground(view, outline, *sizes, 0.2, (bool(follows[0]), bool(follows[1])))
-
-
-def _few_points(lane: np.void) -> np.ndarray:
-    """Return the centre line of a lane: the ends of a straight one, else a point every 2 m."""
-    line = shapes.way(lane)
-    if lane["straight"] and not lane["amplitude"]:
-        return line[[0, -1]]
-    return line[[*range(0, len(line) - 1, 4), -1]]
+    outlines = []
+    for lane in road.lanes:
+        line = shapes.way(lane)
+        straight = lane["straight"] and not lane["amplitude"]  # else a point every 2 m
+        points = line[[0, -1]] if straight else line[[*range(0, len(line) - 1, 4), -1]]
+        edge, right = shapes.edges(points, LANE_WIDTH)
+        strip = np.concatenate([right, edge[::-1]]).round(1).tolist()
+        outlines.append(path([(x, y) for x, y in strip], closed=True))
+    outline, view = " ".join(outlines), (left, top, wide, deep)
+    along = bool(follows[0]), bool(follows[1])
+    return Ground(view, outline, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
 
 
 def _crossing() -> str:
@@ -197,7 +188,10 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
     ]
     crashed = [way[-1] for track, way in ways if track["crashed"]]
     ego = next((way for track, way in ways if track["ego"]), [])
-    camera = [_before(pose, ground.follows) for pose in ego] if any(ground.follows) else []
+    camera = []
+    if any(ground.follows):  # shifts that bring the ego to the middle of the view
+        by_x, by_y = ground.follows
+        camera = [Pose(-x if by_x else 0.0, -y if by_y else 0.0, 0.0) for x, y, _ in ego]
     return MovingPicture(
         kind,
         number,
@@ -211,14 +205,6 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
         tuple((pose.x, pose.y) for pose in crashed),
         round(pace * (trace["frames"] - 1), 2),
     )
-
-
-def _before(ego: Pose, follows: tuple[bool, bool]) -> Pose:
-    """Return the shift that brings the ego to the middle of the view, along the followed axes."""
-    x, y = (
-        -coordinate if followed else 0.0 for coordinate, followed in zip(ego, follows, strict=False)
-    )
-    return Pose(x, y, 0.0)
 
 
 def poses(text: str) -> list[Pose]:
@@ -245,36 +231,28 @@ _TURN = 3.0  # degrees, largest error of a heading between keyframes
 
 
 def simplified(way: Sequence[Pose], tolerance: float) -> list[int]:
-    """Return the frames between which motion is uniform, up to a tolerance.
+    """Return the frames between which motion is uniform, up to a largest error of a place.
 
     As Douglas and Peucker simplify a line, but with the time as its parameter.
-
-    Args:
-        way: Pose in each frame.
-        tolerance: Largest error of a place.
     """
     frames, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
     while open_parts:
         start, end = open_parts.pop()
-        errors = [
-            (_error(way, start, frame, end, tolerance), frame) for frame in range(start + 1, end)
-        ]
+        errors = []
+        for frame in range(start + 1, end):  # of uniform motion, in tolerances
+            share = (frame - start) / (end - start)
+            x, y, heading = (
+                from_value + share * (to_value - from_value)
+                for from_value, to_value in zip(way[start], way[end], strict=True)
+            )
+            off = math.hypot(way[frame].x - x, way[frame].y - y)
+            error = max(off / tolerance, abs(way[frame].heading - heading) / _TURN)
+            errors.append((error, frame))
         worst, frame = max(errors, default=(0.0, start))
         if worst > 1.0:
             frames.add(frame)
             open_parts += [(start, frame), (frame, end)]
     return sorted(frames)
-
-
-def _error(way: Sequence[Pose], start: int, frame: int, end: int, tolerance: float) -> float:
-    """Return the error of uniform motion in one frame, in tolerances."""
-    share = (frame - start) / (end - start)
-    x, y, heading = (
-        from_value + share * (to_value - from_value)
-        for from_value, to_value in zip(way[start], way[end], strict=True)
-    )
-    off = math.hypot(way[frame].x - x, way[frame].y - y)
-    return max(off / tolerance, abs(way[frame].heading - heading) / _TURN)
 
 
 def _css(pose: Pose) -> str:
