@@ -5,11 +5,11 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import Finding, conclude
+from socialiq.audit.verdict.results import conclude
 from socialiq.audit.verdict.verdict import judge
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
-FINDINGS = [Finding("margin", "It excludes nothing."), Finding("code", "Answers differ.")]
+FINDINGS = ["It excludes nothing.", "Answers differ."]
 
 
 @pytest.fixture(name="passed", scope="module")

@@ -26,7 +26,7 @@ from socialiq.audit.report.words import (
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round, worth
 from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import Results, dependence, results_of, stratified
+from socialiq.audit.verdict.results import Results, results_of, stratified
 from socialiq.audit.verdict.shift import Shift, Traffic, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
@@ -114,7 +114,7 @@ def content(audited: Audited) -> dict[str, Any]:
         audited.traffic,
         audited.elsewhere,
         error=None if look is None else look.error,
-        findings=dependence(audited.consistency),
+        consistency=audited.consistency,
     )
     verdict = results.verdict
     evidence = audited.evidence.without(audited.left_out)

@@ -23,14 +23,7 @@ from socialiq.statistics.intervals import Share, wilson
 from socialiq.worlds.registry import INTERSECTIONS
 
 
-class Finding(NamedTuple):
-    """A reason why a policy can't pass, whatever the tests say: its subject, and a text."""
-
-    about: str
-    text: str
-
-
-def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
+def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
     """Return the verdict of an audit: INCONCLUSIVE where a finding forbids a pass.
 
     A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
@@ -38,28 +31,25 @@ def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
     """
     if verdict.decision is Decision.FAIL or not findings:
         return verdict
-    reason = " ".join(finding.text for finding in findings)
+    reason = " ".join(findings)
     return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
 
 
-def dependence(consistency: Consistency | None) -> list[Finding]:
-    """Return on what a policy's answers depend besides the observation; nothing if it wasn't asked.
+def dependence(consistency: Consistency | None) -> str:
+    """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
 
     How it drove in the episodes is then no evidence about how it drives elsewhere.
     """
-    influences = consistency.dependences if consistency else []
-    if not influences:
-        return []
-    assert consistency is not None
+    if consistency is None or not consistency.dependences:
+        return ""
     differing, queries = (
         sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
     )
-    text = (
-        f"The policy's answers depend on {' and on '.join(influences)}: {differing:,} of "
-        f"{queries:,} repeated queries got another answer, so its episodes don't show how it "
-        "drives elsewhere."
+    return (
+        f"The policy's answers depend on {' and on '.join(consistency.dependences)}: "
+        f"{differing:,} of {queries:,} repeated queries got another answer, so its episodes don't "
+        "show how it drives elsewhere."
     )
-    return [Finding("code", text)]
 
 
 @dataclass(frozen=True)
@@ -127,17 +117,6 @@ def discriminate(
     )
 
 
-def finding_of(discrimination: Discrimination) -> list[Finding]:
-    """Return why a policy can't pass a declaration that excludes nothing, or nothing."""
-    if not discrimination.excludes_nothing:
-        return []
-    text = (
-        "The declaration excludes nothing: constant actions and random ones would pass it too. "
-        "Declare a smaller margin, or a stricter floor."
-    )
-    return [Finding("margin", text)]
-
-
 _FEWEST = 2  # episodes of a stratum for the test of a difference
 
 
@@ -188,13 +167,7 @@ def stratified(
 
 
 class Results(NamedTuple):
-    """Results of an audit.
-
-    Attributes:
-        verdict: Result of `judge`, as far as no finding forbids it (`conclude`).
-        discrimination: Result of `discriminate`.
-        shifts: Result of `shift_of`, or None without other traffic.
-    """
+    """Verdict as far as no finding forbids it, discrimination, and changes in other traffic."""
 
     verdict: Verdict
     discrimination: Discrimination
@@ -209,7 +182,7 @@ def results_of(
     traffic: Sequence[Traffic] = (),
     elsewhere: Sequence[Evidence] = (),
     error: float | None = None,
-    findings: Sequence[Finding] = (),
+    consistency: Consistency | None = None,
 ) -> Results:
     """Judge a policy by its evidence.
 
@@ -221,8 +194,8 @@ def results_of(
         seed: Seed of the resampling.
         traffic: Result of `other_traffic`, or none.
         elsewhere: Evidence in each of these, of all references.
-        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
-        findings: Findings beside the tests that forbid a pass.
+        error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
+        consistency: Answers of the policy to repeated queries; None if it was not asked.
 
     Raises:
         UserError: If the evidence is of another scenario.
@@ -230,8 +203,14 @@ def results_of(
     compared, *there = [drives.without(left_out) for drives in (evidence, *elsewhere)]
     discrimination = discriminate(profile, compared, seed, error=error)
     tested = judge(profile, compared, seed, curve=evidence, error=error)
+    findings = [dependence(consistency)]
+    if discrimination.excludes_nothing:
+        findings.append(
+            "The declaration excludes nothing: constant actions and random ones would pass it too. "
+            "Declare a smaller margin, or a stricter floor."
+        )
     return Results(
-        verdict=conclude(tested, [*findings, *finding_of(discrimination)]),
+        verdict=conclude(tested, [text for text in findings if text]),
         discrimination=discrimination,
         shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,
     )

@@ -142,7 +142,7 @@ def judge(
         resamples: Smallest number of resamples; a small error takes more.
         curve: Evidence with the references of the calibration curve, if they are others: a driver
             equal to the policy is no reference of regret, but a point of the curve.
-        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
+        error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
 
     Raises:
         UserError: If the evidence is of another scenario.
