@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from socialiq.audit.log import (
     time_of,
 )
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, check_sha256, draw, reveal
+from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, draw, reveal
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.errors import UserError
 
@@ -155,7 +156,11 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     Raises:
         UserError: If it is not a hash.
     """
-    check_sha256(sha256)
+    if not re.fullmatch(r"[0-9a-f]{64}", sha256):
+        raise UserError(
+            "--nonce-sha256 must be 64 hexadecimal digits in lower case, as `socialiq audit nonce` "
+            "prints them"
+        )
     return {"source": "auditor's nonce", "nonce_sha256": sha256}
 
 

@@ -66,19 +66,6 @@ def read_nonce(path: Path) -> Nonce:
     return Nonce(value)
 
 
-def check_sha256(text: str) -> None:
-    """Check the form of a hash.
-
-    Raises:
-        UserError: If it is not 64 hexadecimal digits in lower case.
-    """
-    if not _SHA256.fullmatch(text):
-        raise UserError(
-            "--nonce-sha256 must be 64 hexadecimal digits in lower case, as `socialiq audit nonce` "
-            "prints them"
-        )
-
-
 CHAIN = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971"
 """Hash of quicknet's parameters, by which drand's addresses name it (`chain_sha256`)."""
 

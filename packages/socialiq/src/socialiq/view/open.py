@@ -79,11 +79,10 @@ ENDINGS = {"arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 
 
 def audit_view(folder: Path) -> View:
-    """Return an audit as content of the page: episodes replayed, the worst first, and all drivers.
+    """Return an audit as content of the page: its episodes, the worst first, and all drivers.
 
     Raises:
-        UserError: If its report is missing, damaged or of another version, or has no episode of
-            the intersection with its decisions.
+        UserError: If its report can't be read, or has no episode of the intersection.
     """
     report = read_report(folder / REPORT)
     verdict, declared = report["verdict"], report["declaration"]
@@ -126,10 +125,8 @@ def audit_view(folder: Path) -> View:
         }
         for row in (report["policy"]["means"], *report["references"])
     ]
-    notable = [
-        {"episode": number, "why": episode["mode"].partition(",")[0]}
-        for number, episode in enumerate(episodes)
-    ]
+    reasons = [episode["mode"].partition(",")[0] for episode in episodes]
+    notable = [{"episode": number, "why": why} for number, why in enumerate(reasons)]
     return View(
         kind="episodes",
         title=f"Audit of {one_line(report['policy']['record']['source'], 60)}",

@@ -69,25 +69,20 @@ class PolicyDecider:
             raise unknown
         if self.loaded.record.interface.n_features == n_features + 1:
             observations = np.column_stack([observations, times])
-        policy = self._at(question.get("angle"))
-        chosen, _ = policy.predict(observations, deterministic=True)
-        return {"actions": np.asarray(chosen).astype(int).tolist()}
-
-    def _load(self, angle: float) -> Loaded:
-        return self._open.enter_context(resolve_policy(self._spec, self._world, angle, self._trust))
-
-    def _at(self, angle: Any) -> Policy:
-        """Return the policy at an angle in degrees; only a dial has more than one."""
-        if not self.turns or angle is None:
-            return self._policies[self._angle]
-        if not isinstance(angle, int | float) or not 0 <= angle < 360:
-            raise UserError("the page asked for no angle: reload it")
-        degrees = float(angle)
+        angle, degrees = question.get("angle"), self._angle
+        if self.turns and angle is not None:
+            if not isinstance(angle, int | float) or not 0 <= angle < 360:
+                raise UserError("the page asked for no angle: reload it")
+            degrees = float(angle)
         if degrees not in self._policies:
             if len(self._policies) > 360:
                 raise UserError("the page asked for too many angles: reload it")
             self._policies[degrees] = self._load(degrees).policy
-        return self._policies[degrees]
+        chosen, _ = self._policies[degrees].predict(observations, deterministic=True)
+        return {"actions": np.asarray(chosen).astype(int).tolist()}
+
+    def _load(self, angle: float) -> Loaded:
+        return self._open.enter_context(resolve_policy(self._spec, self._world, angle, self._trust))
 
 
 def policy_view(spec: str, angle: float, trust: Trust) -> View:

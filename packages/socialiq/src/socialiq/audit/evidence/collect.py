@@ -4,22 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from socialiq.audit.evidence.drive import (
-    CANDIDATES,
-    SIDE_BY_SIDE,
-    ByRule,
-    Course,
-    exact_optima,
-    exactly_as_declared,
-    trivial_drivers,
-)
+from socialiq.audit.evidence import drive
 from socialiq.audit.evidence.outcomes import (
     AS_DECLARED,
     Evidence,
@@ -77,7 +69,7 @@ class Collection:
     world: World
     loaded: Loaded
     references: References
-    by_rule: ByRule | None
+    by_rule: drive.ByRule | None
 
     @staticmethod
     def of(
@@ -103,7 +95,7 @@ class Collection:
             if request.soft:
                 raise UserError("a declared rule is tested with best actions: leave out --soft")
             dial = None if world.is_exact else reference_dial(specs)
-            by_rule = ByRule(profile.rule, dial)
+            by_rule = drive.ByRule(profile.rule, dial)
             if dial is not None:
                 ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
         return Collection(request, profile, traffic, world, loaded, references, by_rule)
@@ -160,12 +152,10 @@ class Collection:
             UserError: If a part fails.
         """
         hashes = (self.loaded.record.sha256, self.profile.sha256)
-        size = min(SIDE_BY_SIDE, len(seeds))
-        blocks = [
-            _Part(self.request, self.traffic, hashes, size, block)
-            for block in parts.blocks_of(seeds, processes)
-        ]
-        played = parts.in_parts(_collect_part, blocks, processes, on_report)
+        size = min(drive.SIDE_BY_SIDE, len(seeds))
+        play = functools.partial(_collect_part, self.request, self.traffic, hashes, size)
+        blocks = parts.blocks_of(seeds, processes)
+        played = parts.in_parts(play, blocks, processes, on_report)
         first, drivers = played[0], []
         for column in zip(*(evidence.drivers for evidence in played), strict=True):
             names = ("totals", "ending", "contact", "length")
@@ -196,28 +186,25 @@ class Collection:
         )
 
 
-class _Part(NamedTuple):
-    """Episodes that a process of its own runs; `hashes` are of policy and declaration."""
-
-    request: Request
-    traffic: int | None
-    hashes: tuple[str, str]
-    side_by_side: int
-    seeds: Seeds
-
-
-def _collect_part(part: _Part) -> Evidence:
-    request, profile = part.request, load(part.request.profile)
+def _collect_part(
+    request: Request,
+    traffic: int | None,
+    hashes: tuple[str, str],
+    side_by_side: int,
+    seeds: Seeds,
+) -> Evidence:
+    """Run all drivers in a process of its own, if policy and declaration have these hashes."""
+    profile = load(request.profile)
     world = scenario = profile.world(request.trust.allow_code)
-    if part.traffic is not None:
-        scenario = other_traffic(profile)[part.traffic].world
+    if traffic is not None:
+        scenario = other_traffic(profile)[traffic].world
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
         closing.enter_context(loaded)
-        if (loaded.record.sha256, profile.sha256) != part.hashes:
+        if (loaded.record.sha256, profile.sha256) != hashes:
             raise UserError("policy or declaration have changed since the audit began")
-        collection = Collection.of(request, profile, part.traffic, scenario, loaded, closing)
-        return collection.collect(part.seeds, part.side_by_side)
+        collection = Collection.of(request, profile, traffic, scenario, loaded, closing)
+        return collection.collect(seeds, side_by_side)
 
 
 def collect_evidence(
@@ -228,7 +215,7 @@ def collect_evidence(
     deterministic: bool = True,
     threads: int = 1,
     side_by_side: int | None = None,
-    by_rule: ByRule | None = None,
+    by_rule: drive.ByRule | None = None,
 ) -> Evidence:
     """Run the policy, its references and trivial drivers on the same episodes.
 
@@ -261,18 +248,21 @@ def collect_evidence(
             world.check_repeats(int(seed))
     if by_rule is not None and by_rule.dial is not None:
         drivers.append(Reference(AS_DECLARED, ContextPolicy.of(by_rule.dial, by_rule.rule)))
-    course = Course(world, seeds, side_by_side, threads, by_rule)
-    audited = course.drive(Reference("policy", policy), deterministic, CANDIDATES)
-    compared = [*(exact_optima(course) if world.is_exact else ()), *map(course.drive, drivers)]
+    course = drive.Course(world, seeds, side_by_side, threads, by_rule)
+    audited = course.drive(Reference("policy", policy), deterministic, drive.CANDIDATES)
+    compared = [
+        *(drive.exact_optima(course) if world.is_exact else ()),
+        *map(course.drive, drivers),
+    ]
     if by_rule is not None and world.is_exact:
-        compared.append(exactly_as_declared(course, by_rule.rule))
+        compared.append(drive.exactly_as_declared(course, by_rule.rule))
     return Evidence(
         scenario=world.description,
         seeds=seeds,
         policy=audited,
         references=tuple(compared),
         strata=strata_of(course),
-        trivial=trivial_drivers(course),
+        trivial=drive.trivial_drivers(course),
     )
 
 
@@ -282,7 +272,7 @@ NO_CROSSING = "nobody crosses"  # codespell:ignore
 _SOON = 5  # steps of a gridworld within which the first conflicts are decided
 
 
-def strata_of(course: Course) -> dict[str, np.ndarray]:
+def strata_of(course: drive.Course) -> dict[str, np.ndarray]:
     """Return labels of all episodes by stratification; none in an environment of other code.
 
     They depend on the seeds alone: in a gridworld on the draws that decide where vehicles spawn,

@@ -25,13 +25,9 @@ from socialiq.worlds.highway.state import Contact
 
 @dataclass(frozen=True)
 class Reference:
-    """A driver to compare with.
+    """A driver to compare with, by a unique name.
 
-    Attributes:
-        name: Unique name.
-        policy: Anything with `predict`.
-        angle: Social angle in degrees for which it was made, if any; it is then a point of the
-            calibration curve.
+    With a social angle for which it was made, in degrees, it is a point of the calibration curve.
     """
 
     name: str

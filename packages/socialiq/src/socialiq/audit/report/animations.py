@@ -124,7 +124,15 @@ def ground_of(world: str) -> Ground | None:
         road = f"M-.5 {low:g} H{end:g} V{high:g} H-.5 Z M{low:g} -.5 H{high:g} V{end:g} H{low:g} Z"
         return Ground((-0.5, -0.5, size, size), road, 0.74, 0.44, 0.02)
     if world in INTERSECTIONS:
-        return Ground((-32.0, -28.0, 64.0, 64.0), _crossing(), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
+        side, far, stop = LANE_WIDTH, 60.0, JUNCTION
+        bend = f"A{stop - side:g} {stop - side:g} 0 0"
+        road = (  # two roads with round corners, clockwise from the northern arm
+            f"M{side:g} {-far:g} V{-stop:g} {bend} 0 {stop:g} {-side:g} H{far:g} V{side:g} "
+            f"H{stop:g} {bend} 0 {side:g} {stop:g} V{far:g} H{-side:g} V{stop:g} "
+            f"{bend} 0 {-stop:g} {side:g} H{-far:g} V{-side:g} H{-stop:g} "
+            f"{bend} 0 {-side:g} {-stop:g} V{-far:g} Z"
+        )
+        return Ground((-32.0, -28.0, 64.0, 64.0), road, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
     scene = scene_named(world)
     return None if scene is None else _of_scene(scene)
 
@@ -154,18 +162,6 @@ def _of_scene(scene: str) -> Ground:
     outline, view = " ".join(outlines), (left, top, wide, deep)
     along = bool(follows[0]), bool(follows[1])
     return Ground(view, outline, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
-
-
-def _crossing() -> str:
-    """Return two roads with round corners, clockwise from the northern arm."""
-    side, far, stop = LANE_WIDTH, 60.0, JUNCTION
-    bend = f"A{stop - side:g} {stop - side:g} 0 0"
-    return (
-        f"M{side:g} {-far:g} V{-stop:g} {bend} 0 {stop:g} {-side:g} H{far:g} V{side:g} "
-        f"H{stop:g} {bend} 0 {side:g} {stop:g} V{far:g} H{-side:g} V{stop:g} "
-        f"{bend} 0 {-stop:g} {side:g} H{-far:g} V{-side:g} H{-stop:g} "
-        f"{bend} 0 {-side:g} {-stop:g} V{-far:g} Z"
-    )
 
 
 def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> MovingPicture:

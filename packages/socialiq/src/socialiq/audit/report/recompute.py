@@ -274,7 +274,12 @@ def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: s
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         pairs = [(*pair, f"{path}[{row}]") for row, pair in enumerate(zip(old, new, strict=True))]
     else:
-        return [] if _same(old, new, relative) else [path]
+        if relative and {type(old), type(new)} in ({float}, {float, int}):
+            same = math.isclose(old, new, rel_tol=relative, abs_tol=relative)
+        else:
+            texts = (json.dumps(value, sort_keys=True, default=str) for value in (old, new))
+            same = len({*texts}) == 1
+        return [] if same else [path]
     return [
         difference
         for old_value, new_value, below in pairs
@@ -283,13 +288,3 @@ def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: s
 
 
 _ROW = re.compile(r"\[\d+\]")
-
-
-def _same(old: Any, new: Any, relative: float) -> bool:
-    if relative and {type(old), type(new)} in ({float}, {float, int}):
-        return math.isclose(old, new, rel_tol=relative, abs_tol=relative)
-    return _text(old) == _text(new)
-
-
-def _text(value: Any) -> str:
-    return json.dumps(value, sort_keys=True, default=str)

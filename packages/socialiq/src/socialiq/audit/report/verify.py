@@ -209,13 +209,13 @@ def faults(folder: Path) -> list[str]:
 
 
 def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
-    listed = _listed(files[MANIFEST])
-    if listed is None:
+    try:
+        listed, fresh = _listed(files[MANIFEST]), _listed(manifest(files))
+    except ValueError:
         return [f"{MANIFEST} is damaged"]
     there = files.keys() - {MANIFEST, SIGNATURES}
     damage = [f"{name} is missing" for name in sorted(listed.keys() - there)]
     damage += [f"{name} was added" for name in sorted(there - listed.keys())]
-    fresh = _listed(manifest(files)) or {}
     same = sorted(there & listed.keys())
     damage += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
     if not damage and manifest(files) != files[MANIFEST]:
@@ -223,12 +223,9 @@ def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
     return damage
 
 
-def _listed(content: bytes) -> dict[str, str] | None:
-    try:
-        pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
-        return {name: sha256 for sha256, name in pairs}
-    except ValueError:
-        return None
+def _listed(content: bytes) -> dict[str, str]:
+    pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
+    return {name: sha256 for sha256, name in pairs}
 
 
 def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:

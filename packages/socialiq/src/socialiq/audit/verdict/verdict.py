@@ -185,8 +185,29 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
     regret, competence = decisive.regret, decisive.competence
     where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
-        broken = [test for test in competence if test.decision is Decision.FAIL]
-        return _failed(regret, broken, where)
+        clauses = []
+        if regret.broken:
+            clauses.append(
+                f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
+                f"where at most {_number(regret.largest_loss or 0.0)} was declared"
+            )
+        elif regret.decision is Decision.FAIL:
+            assumed = "; if no loss of that driver is too rare to show"
+            clauses.append(
+                f"{where} it earns at least {_number(regret.low)} "
+                f"less per episode than the best reference driver ({_number(regret.margin)} less "
+                f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
+            )
+        for test in competence:
+            if test.decision is Decision.FAIL:
+                bound, allowed = f"at least {_percent(test.low)}", "allowed"
+                if test.side == "at least":
+                    bound, allowed = f"at most {_percent(test.high)}", "needed"
+                clauses.append(
+                    f"it {CRITERIA[test.name]} in {bound} of episodes "
+                    f"({test.side} {_percent(test.limit)} {allowed})"
+                )
+        return f"The policy does not behave as declared: {', and '.join(clauses)}."
     if decisive.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         text = (
@@ -207,31 +228,6 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
         f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
-
-
-def _failed(regret: RegretTest, broken: list[FloorTest], where: str) -> str:
-    clauses = []
-    if regret.broken:
-        clauses.append(
-            f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
-            f"where at most {_number(regret.largest_loss or 0.0)} was declared"
-        )
-    elif regret.decision is Decision.FAIL:
-        assumed = "; if no loss of that driver is too rare to show"
-        clauses.append(
-            f"{where} it earns at least {_number(regret.low)} "
-            f"less per episode than the best reference driver ({_number(regret.margin)} less is "
-            f"allowed{assumed if regret.bound == 'bootstrap' else ''})"
-        )
-    for test in broken:
-        least = test.side == "at least"
-        bound = f"at most {_percent(test.high)}" if least else f"at least {_percent(test.low)}"
-        allowed = "needed" if least else "allowed"
-        clauses.append(
-            f"it {CRITERIA[test.name]} in {bound} of episodes "
-            f"({test.side} {_percent(test.limit)} {allowed})"
-        )
-    return f"The policy does not behave as declared: {', and '.join(clauses)}."
 
 
 def _number(value: float) -> str:
