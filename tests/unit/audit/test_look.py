@@ -2,13 +2,14 @@
 
 import datetime
 import json
+from fractions import Fraction
 
 import pytest
 
 from socialiq.audit import look as room
 from socialiq.audit import seeds
 from socialiq.audit.log import COMMITMENT, RESULT, SEED, read
-from socialiq.audit.look import commit, of_beacon, of_nonce, open_look, record
+from socialiq.audit.look import commit, of_beacon, of_nonce, open_look, record, spend
 from socialiq.audit.seeds import Nonce, Round, reveal
 from socialiq.errors import UserError
 
@@ -139,3 +140,16 @@ def test_a_look_whose_share_is_too_small_is_refused_before_it_counts(tmp_path, p
         open_look(tmp_path, plan(confidence=0.998))
     text = (tmp_path / plan().subject.file_name).read_text()
     assert [json.loads(line)["kind"] for line in text.splitlines()].count(COMMITMENT) == 4
+
+
+def test_the_shares_by_hand():
+    assert [spend(0.05, look) for look in (1, 2, 3)] == [0.05 / 2, 0.05 / 6, 0.05 / 12]
+
+
+@pytest.mark.parametrize("looks", [1, 2, 20, 10_000])
+def test_no_number_of_looks_spends_more_than_the_whole(looks):
+    """1/2 + 1/6 + ... + 1/(K (K + 1)) = 1 - 1/(K + 1)."""
+    shares = sum(Fraction(1, look * (look + 1)) for look in range(1, looks + 1))
+    assert shares == 1 - Fraction(1, looks + 1)
+    spent = sum(spend(0.05, look) for look in range(1, looks + 1))
+    assert spent == pytest.approx(0.05 * float(shares), rel=1e-12) and spent < 0.05
