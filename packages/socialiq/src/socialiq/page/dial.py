@@ -23,11 +23,8 @@ from socialiq.worlds.intersection.options import Options
 STUDY = "intersection-dial-clock"
 """Folder of the results with the page's dial: the dials that observe the time."""
 
-FAMILY = "iterated"
-"""Dials improved by policy iteration."""
-
-SEED = 60
-"""Training seed of the dial that is stored beside the tables: the study's first."""
+FAMILY, SEED = "iterated", 60
+"""Dials improved by policy iteration; the training seed of the one beside the tables."""
 
 EPISODES = 500
 """Episodes at each angle of a user's dial, seeds 1 ff."""
@@ -37,12 +34,9 @@ _MOST = 16_000_000  # bytes of its file
 
 
 class Point(NamedTuple):
-    """A point of a trade-off curve.
+    """A point of a trade-off curve, at the angle that the dial was asked for, in degrees.
 
-    Attributes:
-        asked: Angle in degrees.
-        env: Mean own progress of an episode with its 95 % interval: mean, low, high.
-        social: The same of the effect on others.
+    Own progress and effect on others are means of episodes with a 95 % interval: mean, low, high.
     """
 
     asked: float
@@ -52,14 +46,9 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class PageDial:
-    """A dial with what the page shows of it.
+    """A dial: its file, the whole angles that the page turns to, its trade-off curve, its source.
 
-    Attributes:
-        file: Bytes of its file.
-        low: Smallest whole angle that the page turns to, in degrees.
-        high: Largest one.
-        curve: Its trade-off curve, by angle.
-        source: Sentences on where the dial and its curve come from, plain text.
+    The source is plain text: sentences on where the dial and its curve come from.
     """
 
     file: bytes

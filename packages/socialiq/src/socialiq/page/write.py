@@ -63,12 +63,18 @@ def content(dial: PageDial) -> dict[str, Any]:
     }
 
 
-def about(dial: PageDial) -> str:
-    """Return what the page says of itself, as HTML.
+FILE = "index.html"
+
+
+def page(dial: PageDial | None = None) -> str:
+    """Return the page's HTML, which turns a dial, by default the shipped one.
+
+    It makes no request; its program and its styles are named by hash.
 
     Raises:
         UserError: If the package was installed without the committed results.
     """
+    dial = dial or shipped_dial()
     counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
     passages = [
         (
@@ -95,23 +101,12 @@ def about(dial: PageDial) -> str:
         ),
         ("Where dial and curve come from", html.escape(dial.source)),
     ]
-    return "\n".join(f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in passages)
-
-
-FILE = "index.html"
-
-
-def page(dial: PageDial | None = None) -> str:
-    """Return the page's HTML, which turns a dial, by default the shipped one.
-
-    It makes no request; its program and its styles are named by hash.
-    """
-    dial = dial or shipped_dial()
+    about = [f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in passages]
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     blocks = {
         "policy": policy(script, style),
         "style": style,
-        "about": about(dial),
+        "about": "\n".join(about),
         "data": embedded(content(dial)),
         "program": script,
     }

@@ -12,7 +12,6 @@ from jaxtyping import Float32
 from scipy.optimize import linear_sum_assignment
 
 from socialiq.demonstrations import files
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.social.angle import angle_of
@@ -47,8 +46,15 @@ class Replay:
                 f"{path} holds drivers of a recorded road, not of the intersection: name the "
                 "recording itself to see them"
             )
-        if not _is_of_intersection(table):
-            world = Intersection(Options())
+        world = Intersection(Options())
+        ego = table.observation[:, : len(FEATURES)].astype(np.float64)
+        fits = table.n_features in (world.n_features, world.n_features + 1)
+        fits = fits and table.n_actions == world.n_actions
+        if fits:
+            turned = np.abs(np.hypot(ego[:, 5], ego[:, 6]) - 1.0) < 1e-3
+            placed = (ego[:, 0] == 1.0).all() and (np.abs(ego[:, 1:5]) <= 1.0).all()
+            fits = bool(turned.all() and placed)
+        if not fits:
             raise UserError(
                 f"{path} has {table.n_features} features and {table.n_actions} actions and is not "
                 f"of the intersection ({world.n_features} and {world.n_actions}, absolute places): "
@@ -151,16 +157,6 @@ def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
     if not isinstance(seeds, list) or len(seeds) != episodes:
         return None
     return seeds if all(type(seed) is int and 0 <= seed < MOST_SEED for seed in seeds) else None
-
-
-def _is_of_intersection(table: Demonstrations) -> bool:
-    world = Intersection(Options())
-    sizes = table.n_features in (world.n_features, world.n_features + 1)
-    if not sizes or table.n_actions != world.n_actions:
-        return False
-    ego = table.observation[:, : len(FEATURES)].astype(np.float64)
-    turned = np.abs(np.hypot(ego[:, 5], ego[:, 6]) - 1.0) < 1e-3
-    return bool(turned.all() and (ego[:, 0] == 1.0).all() and (np.abs(ego[:, 1:5]) <= 1.0).all())
 
 
 def _mean(values: np.ndarray) -> list[float]:

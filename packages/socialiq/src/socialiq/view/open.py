@@ -74,10 +74,6 @@ def opened(what: str, angle: float | None, trust: Trust) -> View:
     return view
 
 
-ENDINGS = {"arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
-"""Endings by their names in a report; every other name is a kind of collision."""
-
-
 def audit_view(folder: Path) -> View:
     """Return an audit as content of the page: its episodes, the worst first, and all drivers.
 
@@ -94,6 +90,7 @@ def audit_view(folder: Path) -> View:
         )
     world = world_of(scenario["world"], scenario["options"])
     assert isinstance(world, Intersection)
+    endings = {"arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
     episodes = [
         {
             "mode": f"{kind} {number}, episode {row['episode']} of the audit",
@@ -101,7 +98,7 @@ def audit_view(folder: Path) -> View:
             "steps": list(range(row["decisions"])),
             "actions": [int(digit) for digit in row["trace"]["actions"]],
             "totals": [row["r_env"], row["r_social"]],
-            "ending": int(ENDINGS.get(row["ending"], Ending.COLLISION)),
+            "ending": int(endings.get(row["ending"], Ending.COLLISION)),
         }
         for kind in ("worst", "median")
         for number, row in enumerate(report["episodes"][kind], 1)

@@ -15,14 +15,7 @@ from socialiq.audit.evidence.replay import path_of, selected
 from socialiq.audit.look import Look
 from socialiq.audit.profile.profile import Profile, is_world_file
 from socialiq.audit.profile.template import possible_loss
-from socialiq.audit.report.words import (
-    Caveat,
-    caveats,
-    caveats_of_loss,
-    caveats_of_replay,
-    caveats_of_rule,
-    claims_of_auditor,
-)
+from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round, worth
 from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
@@ -43,8 +36,6 @@ _ORDER = (
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
 CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
-
-Episodes = dict[str, list[dict[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -156,12 +147,12 @@ def content(audited: Audited) -> dict[str, Any]:
             "machine": machine(),
             "timing": {"started": audited.started.isoformat(timespec="seconds"), "seconds": 0.0},
             "command": audited.command,
-            "claims_of_auditor": claims_of_auditor(audited.policy, audited.drawn, look),
+            "claims_of_auditor": words.claims_of_auditor(audited.policy, audited.drawn, look),
         }
     )
 
 
-def _caveats(audited: Audited, results: Results) -> list[Caveat]:
+def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     profile, regret = audited.profile, results.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
@@ -172,16 +163,16 @@ def _caveats(audited: Audited, results: Results) -> list[Caveat]:
     repeated = traces if world in NAMES and audited.deterministic else []
     equal = sum(trace is not None for trace in repeated)
     return [
-        *caveats_of_rule(profile.rule, profile.angle),
-        *caveats_of_loss(regret, possible),
-        *caveats(audited.drawn, audited.look, audited.policy, results.discrimination, world),
-        *caveats_of_replay(equal, len(repeated)),
+        *words.caveats_of_rule(profile.rule, profile.angle),
+        *words.caveats_of_loss(regret, possible),
+        *words.caveats(audited.drawn, audited.look, audited.policy, results.discrimination, world),
+        *words.caveats_of_replay(equal, len(repeated)),
     ]
 
 
 def _shown(
-    chosen: Episodes, films: Mapping[str, bytes], traces: Mapping[str, Sequence[Any]]
-) -> Episodes:
+    chosen: Mapping[str, Sequence[Any]], films: Mapping[str, bytes], traces: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the chosen episodes with the path of each one's film, and any trace."""
     return {
         kind: [

@@ -15,18 +15,8 @@ from socialiq.audit.evidence.table import CONTEXTS
 from socialiq.audit.log import RESULT, SEED, AuditLog, Subject, read
 from socialiq.audit.look import origin_of
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.folder import (
-    MANIFEST,
-    PROFILE,
-    REPORT,
-    SEALS,
-    SIGNATURES,
-    STATEMENT,
-    evidence_path,
-    manifest,
-    statement,
-    views_of,
-)
+from socialiq.audit.report import folder as layout
+from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
 from socialiq.audit.report.recompute import faults_of_seeds, opened_of, recomputed_differences
 from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError
@@ -169,7 +159,7 @@ def check_folder(folder: Path) -> Findings:
     # A forger can change hashes too; the files must still be consistent with the report.
     report = _parsed(files[REPORT], folder / REPORT)
     damage = _of_profile(files, report)
-    if files.get(STATEMENT) != statement(files, report):
+    if files.get(STATEMENT) != layout.statement(files, report):
         damage.insert(0, f"{STATEMENT} is not consistent with {REPORT}")
     if damage:
         return Findings(damage)
@@ -177,7 +167,7 @@ def check_folder(folder: Path) -> Findings:
         numbers = recomputed_differences(files, report)
     except UserError as error:
         return Findings([str(error)])
-    pages = [name for name, page in views_of(report).items() if files.get(name) != page]
+    pages = [name for name, page in layout.views_of(report).items() if files.get(name) != page]
     faults = [f"{page} is not the page of {REPORT}" for page in pages]
     faults += [f"{number} does not follow from the episodes" for number in numbers]
     ours = report["hashes"]["package"] == package_sha256()
@@ -190,8 +180,8 @@ def check_folder(folder: Path) -> Findings:
     # Files that no audit writes.
     rows = [row for rows in report["episodes"].values() for row in rows]
     traffic = report["shift"]["traffic"] if report["shift"] else []
-    expected = {REPORT, PROFILE, *SEALS, *views_of(report), *(row["film"] for row in rows)}
-    expected |= {evidence_path(number) for number in range(len(traffic) + 1)}
+    expected = {REPORT, PROFILE, *SEALS, *layout.views_of(report), *(row["film"] for row in rows)}
+    expected |= {layout.evidence_path(number) for number in range(len(traffic) + 1)}
     expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
     return Findings([], [*pages, *numbers, *sorted(files.keys() - expected)], checked)
 
@@ -210,7 +200,7 @@ def faults(folder: Path) -> list[str]:
 
 def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
     try:
-        listed, fresh = _listed(files[MANIFEST]), _listed(manifest(files))
+        listed, fresh = _listed(files[MANIFEST]), _listed(layout.manifest(files))
     except ValueError:
         return [f"{MANIFEST} is damaged"]
     there = files.keys() - {MANIFEST, SIGNATURES}
@@ -218,7 +208,7 @@ def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
     damage += [f"{name} was added" for name in sorted(there - listed.keys())]
     same = sorted(there & listed.keys())
     damage += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
-    if not damage and manifest(files) != files[MANIFEST]:
+    if not damage and layout.manifest(files) != files[MANIFEST]:
         damage = [f"{MANIFEST} was changed"]
     return damage
 

@@ -9,18 +9,10 @@ from typing import NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
+from socialiq.audit.verdict import decision as tests
 from socialiq.audit.verdict.bounds import Regrets, slowest
 from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.decision import (
-    CompatibleAngles,
-    Decision,
-    FloorTest,
-    RegretTest,
-    compatible_angles,
-    floor_tests,
-    joint_decision,
-    regret_test,
-)
+from socialiq.audit.verdict.decision import CompatibleAngles, Decision, FloorTest, RegretTest
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
@@ -96,15 +88,15 @@ def decide(
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    regret = regret_test(regrets, evidence, angle, margin.regret, error, error / 2)
+    regret = tests.regret_test(regrets, evidence, angle, margin.regret, error, error / 2)
     regret = replace(regret, angle=profile.angle)
     return join_tests(regret, evidence.policy, profile.competence, error)
 
 
 def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
     """Join the regret test, made at its share of the error, with the floor's (`decide`)."""
-    competence = floor_tests(policy, floor, error, error / 2)
-    decision = joint_decision(test.decision for test in (regret, *competence))
+    competence = tests.floor_tests(policy, floor, error, error / 2)
+    decision = tests.joint_decision(test.decision for test in (regret, *competence))
     return Decisive(decision, regret, competence)
 
 
@@ -155,8 +147,8 @@ def judge(
     regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
     decisive = decide(profile, evidence, seed, resamples, error, regrets)
     undecided = decisive.decision is Decision.INCONCLUSIVE
-    tests = (decisive.regret, *decisive.competence)
-    open_tests = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
+    deciding = (decisive.regret, *decisive.competence)
+    open_tests = [test.needed for test in deciding if test.decision is Decision.INCONCLUSIVE]
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
     estimate = None
@@ -170,7 +162,7 @@ def judge(
         needed=slowest(open_tests) if undecided else None,
         error=error,
         regret=decisive.regret,
-        rationalised=compatible_angles(regrets, margin.regret, error, error / 2),
+        rationalised=tests.compatible_angles(regrets, margin.regret, error, error / 2),
         alpha_hat=estimate,
         identifiability=ellipse,
         calibration=calibrate(

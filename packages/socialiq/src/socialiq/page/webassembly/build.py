@@ -131,15 +131,8 @@ EXPORTS = (SYMBOL, "allocate", "memory")
 """Names that a program which loads the file can use."""
 
 _HERE = Path(__file__).parent
-_POWER = (
-    "pow",
-    "pow_data",
-    "exp_data",
-    "__math_invalid",
-    "__math_oflow",
-    "__math_uflow",
-    "__math_xflow",
-)
+_POWER = ("pow", "pow_data", "exp_data")
+_POWER += tuple(f"__math_{name}" for name in ("invalid", "oflow", "uflow", "xflow"))
 _HEADERS = ("musl/src/include", "musl/src/internal", "musl/include", "musl/arch/generic")
 _GENERATED = ("wasm-wasi-musl", "generic-musl")
 

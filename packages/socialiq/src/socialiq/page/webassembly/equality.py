@@ -42,10 +42,8 @@ MOST = 500
 class Replay(NamedTuple):
     """Episodes side by side, all steps.
 
-    Attributes:
-        actions: Decisions, int, (steps, episodes); -1 after an episode's end.
-        arrays: Each of `KEPT`, with the states after the reset and after each step,
-            (steps + 1, episodes, ...).
+    Actions are int, (steps, episodes); -1 after an episode's end. The arrays are those of `KEPT`,
+    with the states after the reset and after each step, (steps + 1, episodes, ...).
     """
 
     actions: np.ndarray
@@ -163,10 +161,18 @@ def compared(reference: Replay, compiled: Replay, policy: Any = None) -> Equalit
     count = ours["episodes"]["vehicles"]
     absent = np.arange(ours["vehicles"].shape[2]) >= count[..., None]
     equal, gap = np.ones(count.shape, bool), np.zeros(count.shape)
-    for name in EPISODE.names or ():
-        _note(ours["episodes"][name], arrays["episodes"][name], None, equal, gap)
-    for name in VEHICLE.names or ():
-        _note(ours["vehicles"][name], arrays["vehicles"][name], absent, equal, gap)
+    columns = [("episodes", name) for name in EPISODE.names or ()]
+    columns += [("vehicles", name) for name in VEHICLE.names or ()]
+    for record, name in columns:
+        left, right = ours[record][name], arrays[record][name]
+        if left.dtype.kind == "f":
+            with np.errstate(invalid="ignore"):  # infinity less infinity: a speed without a limit
+                off = np.where(left == right, 0.0, np.abs(left - right))
+            off = np.where(absent, 0.0, off).max(axis=2) if record == "vehicles" else off
+            np.maximum(gap, off, out=gap)
+        else:
+            same = left == right
+            equal &= (same | absent).all(axis=2) if record == "vehicles" else same
     return Equality(
         episodes=decided.shape[1],
         same_endings=int((ended | ~there).all(axis=0).sum()),
@@ -180,16 +186,6 @@ def compared(reference: Replay, compiled: Replay, policy: Any = None) -> Equalit
         close_states=int((equal & (gap <= CLOSE))[there].sum()),
         largest=float(gap[there].max()),
     )
-
-
-def _note(left: Any, right: Any, absent: Any, equal: np.ndarray, gap: np.ndarray) -> None:
-    if left.dtype.kind != "f":
-        same = left == right
-        equal &= same if absent is None else (same | absent).all(axis=2)
-        return
-    with np.errstate(invalid="ignore"):  # infinity less infinity: a speed without a limit
-        apart = np.where(left == right, 0.0, np.abs(left - right))
-    np.maximum(gap, apart if absent is None else np.where(absent, 0.0, apart).max(axis=2), out=gap)
 
 
 DIAL = "intersection-dial/dial.safetensors"
