@@ -13,7 +13,7 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from tests.fuzz.samples import COLUMNS, FINGERPRINT, MINARI, PARQUET, WORLD, untrained_runs
 
-from socialiq.audit.looks import log
+from socialiq.audit import log
 from socialiq.audit.profile import reader as profiles
 from socialiq.audit.report.signature import (
     faults_of_signature,

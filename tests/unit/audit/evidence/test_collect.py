@@ -19,6 +19,7 @@ from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.registry import make
 
 SEEDS = episode_seeds(3, 40)
 
@@ -89,8 +90,9 @@ def in_a_gridworld(fate, chance):
     batch = SimpleNamespace(
         reset=lambda _: None, save=lambda: SimpleNamespace(fate=fate), table=table
     )
-    world = SimpleNamespace(is_exact=True, name="crossing7")
-    return SimpleNamespace(batch=batch, seeds=np.arange(len(fate)), world=world)
+    course = driving.Course(make("crossing7"), np.arange(len(fate)))
+    course.batch = batch
+    return course
 
 
 def test_a_deterministic_gridworld_has_no_strata():

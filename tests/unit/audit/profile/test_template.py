@@ -1,7 +1,5 @@
 """The largest loss that the reward's own limits allow."""
 
-from types import SimpleNamespace
-
 import gymnasium
 import numpy as np
 import pytest
@@ -36,6 +34,8 @@ def test_an_environments_limits_are_not_known():
     ("value", "rounded"),
     [(26.0, 26.01), (283.55, 283.6), (0.123456, 0.1235), (12345.0, 12350.0), (0.0, 0.0)],
 )
-def test_it_is_rounded_up(value, rounded):
-    limit = possible_loss(SimpleNamespace(largest_difference=lambda _: value), 0.0)
+def test_it_is_rounded_up(value, rounded, monkeypatch):
+    world = make("crossing5")
+    monkeypatch.setattr(type(world), "largest_difference", lambda *_: value)
+    limit = possible_loss(world, 0.0)
     assert limit == pytest.approx(rounded, rel=1e-12) and limit >= value

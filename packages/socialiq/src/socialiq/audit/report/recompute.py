@@ -274,11 +274,12 @@ def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: s
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         pairs = [(*pair, f"{path}[{row}]") for row, pair in enumerate(zip(old, new, strict=True))]
     else:
-        if relative and {type(old), type(new)} in ({float}, {float, int}):
-            same = math.isclose(old, new, rel_tol=relative, abs_tol=relative)
+        numbers: Any = (old, new)
+        if relative and {*map(type, numbers)} in ({float}, {float, int}):
+            same = math.isclose(*numbers, rel_tol=relative, abs_tol=relative)
         else:
-            texts = (json.dumps(value, sort_keys=True, default=str) for value in (old, new))
-            same = len({*texts}) == 1
+            texts = {json.dumps(value, sort_keys=True, default=str) for value in numbers}
+            same = len(texts) == 1
         return [] if same else [path]
     return [
         difference
