@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from socialiq import results_folder as store
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.cli.progress import Display
@@ -19,7 +20,6 @@ from socialiq.worlds.highway.pictures.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab import results as store
 from socialiq_lab import study as experiment
 from socialiq_lab.registry import find
 
