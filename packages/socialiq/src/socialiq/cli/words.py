@@ -59,7 +59,8 @@ def forwarded(words: Sequence[str]) -> list[str]:
     """
     first, options = words[0], list(words[1:])
     word = options[0] if options else ""
-    is_place = word.startswith("--") or "." in word or "/" in word or Path(word).exists()
+    is_place = word.startswith("--") or "." in word or "/" in word
+    is_place = is_place or (bool(word) and Path(word).exists())
     if first == "improve-dial":
         new = ["train", "improve-dial", *options]
     elif first == "train-dial":
