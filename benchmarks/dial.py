@@ -14,8 +14,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from studies.compare_priors.study import dial_settings
-from studies.dial.evaluate import KEY_ANGLES
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
@@ -36,6 +34,8 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison_runs import Run
+from studies.compare_priors.study import dial_settings
+from studies.dial.evaluate import KEY_ANGLES
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
 EPISODES_EACH = 60

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import COLORS, figure, finish
+from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, counter, view_of
 from socialiq_lab.tables import groups, matching, mean
 from socialiq_recordings.trait.choice_model import (

@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from socialiq.errors import UserError, one_of
 from socialiq.learners.settings import check_counts
 from socialiq.plotting.style import figure, plain
+from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq_lab.jobs import Job
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, matching, nested, paired_row, with_holm
 from studies.classic_control.methods import METHODS, PUBLISHED, VARIANTS

@@ -19,6 +19,7 @@ from socialiq.evaluation.road_training import source_of
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.q_policy import QPolicy
+from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
@@ -42,7 +43,6 @@ from socialiq_lab.intersection.demonstration_sets import (
 )
 from socialiq_lab.intersection.driving import BATCH, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.results import as_csv, from_csv
 from studies.compare_methods.methods import BY_NAME
 from studies.compare_methods.training import LEARNERS
 

@@ -20,6 +20,7 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.ground import Ground
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.settings import check_counts, check_widths
+from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
@@ -36,7 +37,6 @@ from socialiq_lab.comparison_runs import (
 )
 from socialiq_lab.intersection.driving import FIRST_EPISODE
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.results import Results, as_csv, from_csv
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, matching, mean, paired_row, with_holm
 from studies.compare_methods import intersection, peers

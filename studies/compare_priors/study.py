@@ -23,6 +23,7 @@ from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import losses, presets
+from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.social.angle import angle_difference, score, weights
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
@@ -45,7 +46,6 @@ from socialiq_lab.comparison_runs import (
     runs_of,
 )
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.results import Results, as_csv, from_csv
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, with_holm
 

@@ -11,10 +11,10 @@ from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.plotting.style import COLORS, Mark, ring
+from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.declared import State
-from socialiq_lab.results import Results
 from socialiq_lab.study import View
 
 KEYS = ("method", "mixture", "target_kind", "strength", "target_angle", "readout")

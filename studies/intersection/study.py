@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import support_intervals
 from socialiq.plotting.style import COLORS, Mark, ring
+from socialiq.results_folder import Results
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.intersection import thesis_values
@@ -24,7 +25,6 @@ from socialiq_lab.intersection.rows import (
     policy_rows,
     times,
 )
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import (
     groups,

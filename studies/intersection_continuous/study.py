@@ -19,12 +19,12 @@ from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import figure, finish
+from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq_lab.intersection.driving import load_episodes
 from socialiq_lab.intersection.experts import atlas_entries
 from socialiq_lab.intersection.rows import times, value_at
 from socialiq_lab.intersection.thesis_values import METRICS
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import (
     groups,

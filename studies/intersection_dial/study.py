@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import band, figure, finish, line
+from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq_lab.intersection.driving import DIAL, EPISODES, angle_file, load_episodes
 from socialiq_lab.intersection.rows import curves, known_policies, times, value_at
 from socialiq_lab.intersection.training import train_dial, train_dial_by_iteration
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, view_of
 from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
 from studies.intersection_dial.plan import (

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.episode_rows import policy_row
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.plotting.style import band, figure, finish
+from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
 from socialiq_lab.intersection.driving import angle_file, load_episodes
 from socialiq_lab.intersection.offline_training import run_file
 from socialiq_lab.intersection.rows import times
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, view_of
 from socialiq_lab.tables import groups, matching, paired_row, spread, with_holm
 from studies.intersection_offline.plan import (

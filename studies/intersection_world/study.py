@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
 from socialiq.worlds.highway.pictures.sheet import picture
@@ -19,7 +20,6 @@ from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import make
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, StageCallback, counter
 from socialiq_lab.tables import nested
 

@@ -18,12 +18,12 @@ from matplotlib.figure import Figure
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.front import expected_utility, hypervolume, utilities, utility_losses
 from socialiq.plotting.style import COLORS, figure, finish
+from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.comparisons import holm, mean_contrast, permutation_p
 from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq_lab.jobs import Job
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, matching, nested, spread, with_holm
 from studies.mo_gymnasium.tasks import (

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from socialiq.plotting.style import figure, plain
+from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_lab.tables import column, groups, matching, nested, paired_row, with_holm
 from studies.mujoco_imitation.methods import CLONE_OF, METHODS, VARIANTS

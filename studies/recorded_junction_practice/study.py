@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from socialiq.audit.evidence.outcomes import Outcomes
 from socialiq.demonstrations import files
 from socialiq.plotting.style import figure, finish
+from socialiq.results_folder import Results
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.storage import read_json
 from socialiq.types import Ending, Row
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from studies.recorded_junction_practice.work import (

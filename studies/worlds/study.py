@@ -14,6 +14,7 @@ from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_m
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.learners.iq_learn import presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
+from socialiq.results_folder import Results
 from socialiq.social.angle import angle_of, exact_weights, score, weights
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
@@ -22,7 +23,6 @@ from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence
-from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings
 
 CROSSING5_VARIANTS: tuple[dict[str, str], ...] = (

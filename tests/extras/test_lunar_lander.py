@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from studies.classic_control import runs
 from studies.classic_control.tasks import TASKS, returns
 

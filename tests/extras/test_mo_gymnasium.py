@@ -7,14 +7,13 @@ import pytest
 
 pytest.importorskip("mo_gymnasium", reason="mo-gymnasium is not installed")
 
-from studies.mo_gymnasium.tasks import TASKS, enumerated, exact_set, known_front
-
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.front import hypervolume
 from socialiq.evaluation.rollout import rollout_env
+from socialiq.results_folder import load
 from socialiq.worlds.environment import make_environment
-from socialiq_lab.results import load
+from studies.mo_gymnasium.tasks import TASKS, enumerated, exact_set, known_front
 
 pytestmark = [
     # Gymnasium warns of rewards that are vectors, and of bounds in float64.

@@ -1,15 +1,15 @@
 """Study `mujoco-imitation` at a tiny size: from an expert to tables, and once more from pieces."""
 
 import pytest
+
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.storage import packaged_results, read_json
+from socialiq_lab.study import Context, run, save
 from studies.mujoco_imitation import plan
 from studies.mujoco_imitation.methods import METHODS
 from studies.mujoco_imitation.plan import Config
 from studies.mujoco_imitation.study import STUDY, compute_tables
 from studies.mujoco_imitation.tasks import TASKS, returns
-
-from socialiq.nn.actor_policy import ActorPolicy
-from socialiq.storage import packaged_results, read_json
-from socialiq_lab.study import Context, run, save
 
 pytest.importorskip("mujoco")
 

@@ -8,16 +8,15 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
-from studies.recorded_junction_practice.planted import rules
-from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world
-
+from socialiq import results_folder as store
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.demonstrations import files
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
-from socialiq_lab import results as store
 from socialiq_recordings.world.recorded_world import RecordedWorld
+from studies.recorded_junction_practice.planted import rules
+from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 pytestmark = [

@@ -9,6 +9,25 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+from socialiq import results_folder as store
+from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.storage import packaged_results
+from socialiq.to_json import rounded
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq_lab.intersection.demonstration_sets import (
+    Recording,
+)
+from socialiq_lab.intersection.driving import BATCH, Evaluation
+from socialiq_lab.registry import find
+from socialiq_lab.study import run
+from socialiq_lab.tables import matching
 from studies.audits import policies as audited
 from studies.audits import study as audits
 from studies.classic_control import runs as control_runs
@@ -21,25 +40,6 @@ from studies.off_policy import study as off_policy
 from studies.poc import study as poc
 from studies.theory import small_strength as lines
 from studies.theory import statements
-
-from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
-from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.storage import packaged_results
-from socialiq.to_json import rounded
-from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq_lab import results as store
-from socialiq_lab.intersection.demonstration_sets import (
-    Recording,
-)
-from socialiq_lab.intersection.driving import BATCH, Evaluation
-from socialiq_lab.registry import find
-from socialiq_lab.study import run
-from socialiq_lab.tables import matching
 
 FULL_COMPILER = True
 

@@ -3,6 +3,14 @@
 import dataclasses
 
 import pytest
+
+from socialiq import results_folder as store
+from socialiq.learners.iq_learn import presets
+from socialiq.results_folder import from_csv
+from socialiq.storage import packaged_results
+from socialiq_lab.comparison import EPISODES_EACH, means
+from socialiq_lab.comparison_runs import GridRuns
+from socialiq_lab.tables import matching
 from studies.compare_methods.methods import BY_NAME
 from studies.compare_methods.study import (
     KEYS,
@@ -14,14 +22,6 @@ from studies.compare_methods.study import (
     run_method,
     updates_of,
 )
-
-from socialiq.learners.iq_learn import presets
-from socialiq.storage import packaged_results
-from socialiq_lab import results as store
-from socialiq_lab.comparison import EPISODES_EACH, means
-from socialiq_lab.comparison_runs import GridRuns
-from socialiq_lab.results import from_csv
-from socialiq_lab.tables import matching
 
 FULL_COMPILER = True
 

@@ -4,13 +4,13 @@ import json
 from pathlib import Path
 
 import pytest
-from studies.mujoco_imitation.plan import FOLDER, Config
-from studies.mujoco_imitation.study import compute_tables
 
+from socialiq import results_folder as store
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
-from socialiq_lab import results as store
 from socialiq_lab.study import Context
+from studies.mujoco_imitation.plan import FOLDER, Config
+from studies.mujoco_imitation.study import compute_tables
 
 FOLDER_OF_STUDY = packaged_results() / "mujoco-imitation"
 

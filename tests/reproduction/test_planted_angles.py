@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from studies.angle_trait import study
-from studies.angle_trait.driving import DIAL, Config, Population, drive
 
+from socialiq import results_folder as store
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq_lab import results as store
 from socialiq_lab.tables import matching
+from studies.angle_trait import study
+from studies.angle_trait.driving import DIAL, Config, Population, drive
 
 FULL_COMPILER = True
 

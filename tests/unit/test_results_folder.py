@@ -1,11 +1,11 @@
 import math
 
 import pytest
-from studies.poc.study import Config
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.to_json import rounded
+from studies.poc.study import Config
 
 
 def results(value=1.0):

@@ -271,9 +271,9 @@ def test_offline_training_needs_no_world(demonstrations, tmp_path):
 
 def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
     import gymnasium
-    from studies.classic_control.tasks import TASKS
 
     from socialiq.evaluation.rollout import rollout_env
+    from studies.classic_control.tasks import TASKS
 
     shown = rollout_env(gymnasium.make("CartPole-v1"), TASKS["CartPole"].expert, 1, 0)
     data, out = tmp_path / "cartpole.safetensors", tmp_path / "run"

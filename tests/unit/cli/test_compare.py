@@ -5,8 +5,8 @@ import json
 import jaxtyping
 import pytest
 
+from socialiq import results_folder as store
 from socialiq.cli.main import main
-from socialiq_lab import results as store
 
 SMALL = "angles=0,90 development_angles=0 strengths=1 development_seeds=0 updates=5"
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed
 from socialiq_lab import registry
 from socialiq_lab.declared import config_class, declared_study, resolved, variants
 from socialiq_lab.figures import KINDS, draw
-from socialiq_lab.results import Results
 from socialiq_lab.tables import derived, paired_table, where
 
 DECLARATION = """

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from studies.angle_trait.driving import DIAL, Config, Population, choices_of, drive
-from studies.angle_trait.study import STUDY, fit_family, recovery
 
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq_lab.study import run
 from socialiq_recordings.trait.models import fit_models
+from studies.angle_trait.driving import DIAL, Config, Population, choices_of, drive
+from studies.angle_trait.study import STUDY, fit_family, recovery
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,10 @@
 
 import numpy as np
 import pytest
+
+from socialiq.audit.verdict.bounds import Regrets
+from socialiq.audit.verdict.decision import Decision, regret_test
+from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from studies.audit_power import grinding
 from studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows
 from studies.audit_power.power import (
@@ -13,10 +17,6 @@ from studies.audit_power.power import (
     draw_evidence,
     verdict_rows,
 )
-
-from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision, regret_test
-from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.compare_methods import intersection, peers, study
-from studies.compare_methods.methods import BY_NAME, METHODS, PEERS, SETTINGS_EACH, TOLD
-from studies.compare_methods.study import ANGLES, STUDY, Config, updates_of
-from studies.compare_methods.training import LEARNERS
 
+from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
@@ -21,7 +18,6 @@ from socialiq.learners.iq_learn import presets
 from socialiq.plotting.style import png
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
-from socialiq_lab import results as store
 from socialiq_lab.comparison_runs import Arena, Run, chances, product, rows_of, setting_name
 from socialiq_lab.intersection.demonstration_sets import (
     RECORDED_EPISODES,
@@ -30,6 +26,10 @@ from socialiq_lab.intersection.demonstration_sets import (
 from socialiq_lab.intersection.driving import EpisodesRun
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.study import run
+from studies.compare_methods import intersection, peers, study
+from studies.compare_methods.methods import BY_NAME, METHODS, PEERS, SETTINGS_EACH, TOLD
+from studies.compare_methods.study import ANGLES, STUDY, Config, updates_of
+from studies.compare_methods.training import LEARNERS
 
 TINY = Config(
     worlds=("crossing5",),

@@ -4,6 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+from socialiq import results_folder as store
+from socialiq.errors import UserError
+from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.evaluation.ground import Ground
+from socialiq.learners.collect import from_env
+from socialiq.learners.iq_learn import presets
+from socialiq.plotting.style import png
+from socialiq.worlds.gym import GridWorldEnv
+from socialiq_lab.comparison import choose, nearest_mode
+from socialiq_lab.comparison_runs import Arena, Run, chances
+from socialiq_lab.study import run
 from studies.compare_priors import study
 from studies.compare_priors.study import (
     BY_NAME,
@@ -13,18 +25,6 @@ from studies.compare_priors.study import (
     Config,
     effective_share,
 )
-
-from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
-from socialiq.learners.collect import from_env
-from socialiq.learners.iq_learn import presets
-from socialiq.plotting.style import png
-from socialiq.worlds.gym import GridWorldEnv
-from socialiq_lab import results as store
-from socialiq_lab.comparison import choose, nearest_mode
-from socialiq_lab.comparison_runs import Arena, Run, chances
-from socialiq_lab.study import run
 
 TINY = Config(
     worlds=("crossing5",),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from studies.audit_power.heavy_tails import (
     SIGMA,
     TAILS,

@@ -4,18 +4,18 @@ import dataclasses
 from typing import Any
 
 import pytest
-from studies.intersection_continuous.config import Config
-from studies.intersection_continuous.study import STUDY, main_table
-from studies.intersection_continuous.work import CONTINUOUS, DISCRETE, KINDS
 
+from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
-from socialiq_lab import results as store
 from socialiq_lab.intersection.thesis_values import METRICS, POLICIES
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
+from studies.intersection_continuous.config import Config
+from studies.intersection_continuous.study import STUDY, main_table
+from studies.intersection_continuous.work import CONTINUOUS, DISCRETE, KINDS
 
 SMALL: dict[str, Any] = {"hidden": (8,), "updates": 2}
 PLAIN = Config()

@@ -4,9 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies.intersection_dial.plan import ABLATIONS, FAMILIES, Config
-from studies.intersection_dial.study import STUDY
 
+from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.evaluation.road_training import ITERATION
 from socialiq.learners.dial.acting import stratified
@@ -14,10 +13,11 @@ from socialiq.learners.dial.config import INTERSECTION
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq_lab import results as store
 from socialiq_lab.intersection.rows import known_policies, value_at
 from socialiq_lab.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq_lab.study import run
+from studies.intersection_dial.plan import ABLATIONS, FAMILIES, Config
+from studies.intersection_dial.study import STUDY
 
 TINY = Config(
     seeds=(0, 1),

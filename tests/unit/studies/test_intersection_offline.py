@@ -4,15 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies.intersection_offline.plan import METHODS, Config, runs_of
-from studies.intersection_offline.study import DEMONSTRATOR, OWN, STUDY, verdict
 
+from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.learners.offline.config import OfflineDialConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
-from socialiq_lab import results as store
 from socialiq_lab.study import run
+from studies.intersection_offline.plan import METHODS, Config, runs_of
+from studies.intersection_offline.study import DEMONSTRATOR, OWN, STUDY, verdict
 
 DRIVEN = (
     "clone weighted by R(α)",

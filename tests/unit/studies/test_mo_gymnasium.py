@@ -5,15 +5,15 @@ import json
 
 import numpy as np
 import pytest
-from studies.mo_gymnasium import study
-from studies.mo_gymnasium.study import Config
-from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
-from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.storage import packaged_results
 from socialiq_lab.study import Context, run
+from studies.mo_gymnasium import study
+from studies.mo_gymnasium.study import Config
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
+from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 TASK = "mo-halfcheetah"
 PIECE = Piece(
@@ -193,7 +193,7 @@ def test_a_mistyped_call_is_one_line(words, line, capsys, tmp_path):
 
 def test_committed_pieces_give_the_committed_table():
     folder = packaged_results() / "mo-gymnasium"
-    from socialiq_lab.results import load
+    from socialiq.results_folder import load
 
     committed = {
         (row["task"], row["method"]): row["hypervolume"] for row in load(folder).tables["pooled"]

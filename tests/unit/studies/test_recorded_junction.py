@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from studies.recorded_junction_practice.planted import Rule, blocked
-from studies.recorded_junction_practice.work import Config
 
 from socialiq.errors import UserError
+from studies.recorded_junction_practice.planted import Rule, blocked
+from studies.recorded_junction_practice.work import Config
 
 LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
 

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from socialiq import results_folder as store
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import sweep
@@ -13,7 +14,6 @@ from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.settings import changed
 from socialiq.storage import packaged_results
-from socialiq_lab import results as store
 from socialiq_lab.registry import STUDIES, find, study_and_declaration
 from socialiq_lab.study import run, save
 from socialiq_lab.tables import matching

@@ -2,8 +2,6 @@ import itertools
 
 import numpy as np
 import pytest
-from studies.theory import training
-from studies.theory.study import Config
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
@@ -13,6 +11,8 @@ from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory.semi_gradient import demonstrated_policy
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
+from studies.theory import training
+from studies.theory.study import Config
 
 
 def flip(predicted, found, within=1, **changes):

@@ -11,8 +11,8 @@ from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
 from socialiq.plotting.style import figure
+from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq_lab.results import Results
 from socialiq_lab.tables import column, matching
 
 TITLES = {"regret": "regret J*(α) - J(α)", "value": "mean total J(α)"}

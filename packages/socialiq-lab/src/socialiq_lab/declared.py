@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from socialiq.demonstrations.dataset import Demonstrations
     from socialiq.nn.q_policy import QPolicy
-    from socialiq_lab.results import Results
+    from socialiq.results_folder import Results
 
 
 class Learned(NamedTuple):

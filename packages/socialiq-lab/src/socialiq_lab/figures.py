@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from socialiq.errors import one_of
 from socialiq.plotting.style import COLORS, figure, finish, spread
+from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq_lab.results import Results
 from socialiq_lab.tables import where
 
 KINDS = ("lines", "points", "band", "bars", "heatmap")

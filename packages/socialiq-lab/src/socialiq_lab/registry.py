@@ -23,14 +23,9 @@ from socialiq_lab.study import Study
 DECLARATION = "STUDY.toml"
 
 
-def add_studies_to_path() -> None:
-    """Make `import studies` find the folder of this checkout, or that of the current folder."""
-    for folder in (Path(__file__).parents[4], Path.cwd()):
-        if (folder / "studies" / "__init__.py").is_file() and str(folder) not in sys.path:
-            sys.path.append(str(folder))
-
-
-add_studies_to_path()
+for _folder in (Path(__file__).parents[4], Path.cwd()):  # `import studies` finds either
+    if (_folder / "studies").is_dir() and str(_folder) not in sys.path:
+        sys.path.append(str(_folder))
 
 
 @functools.cache

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock, Report
+from socialiq.results_folder import Results
 from socialiq.storage import shipped
 from socialiq.types import Row
-from socialiq_lab import results as store
 from socialiq_lab.engine import Engine, run_jobs, work_folder
 from socialiq_lab.jobs import Job
-from socialiq_lab.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,10 +16,10 @@ from distributed import Worker, get_worker
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Stopped, StopRequest
+from socialiq.results_folder import versions
 from socialiq.storage import write_atomically
 from socialiq.worlds.highway import PORTABLE
 from socialiq_lab.jobs import Job, do
-from socialiq_lab.results import versions
 
 _REPORT_SECONDS = 0.2  # between two reports of one job
 _SHARED_SECONDS = 10.0  # for a new file to appear on another machine of a shared file system

@@ -8,9 +8,9 @@ import pytest
 
 from socialiq.evaluation.road_training import CHUNK, Checks
 from socialiq.learners.state import History
+from socialiq.results_folder import from_csv
 from socialiq_lab.intersection.driving import CURVE
 from socialiq_lab.intersection.training import CHECKPOINT, fit
-from socialiq_lab.results import from_csv
 
 
 def state(updates: int) -> SimpleNamespace:

@@ -4,9 +4,9 @@ import math
 
 import pytest
 from scipy.stats import t
-from studies.audits.published import floor_rows, learner_angle_rows, return_rows
 
 from socialiq.audit.profile.profile import Margin
+from studies.audits.published import floor_rows, learner_angle_rows, return_rows
 
 MARGIN = Margin(1.0, 10.0)
 

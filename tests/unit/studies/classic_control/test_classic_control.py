@@ -5,13 +5,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from socialiq.errors import UserError
+from socialiq.types import Ending
 from studies.classic_control import runs
 from studies.classic_control.methods import METHODS, VARIANTS, method_of
 from studies.classic_control.study import Config, plan
 from studies.classic_control.tasks import STEPS, TASKS, CartPole, Episode, returns
-
-from socialiq.errors import UserError
-from socialiq.types import Ending
 
 CARTPOLE = TASKS["CartPole"]
 WITHOUT_EXTRA = [name for name in TASKS if name != "LunarLander"]

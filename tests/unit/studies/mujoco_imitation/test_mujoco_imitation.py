@@ -4,6 +4,9 @@ import dataclasses
 import json
 
 import pytest
+
+from socialiq.errors import UserError
+from socialiq_lab.study import Context
 from studies.mujoco_imitation import plan, study
 from studies.mujoco_imitation.methods import (
     CHOSEN,
@@ -16,9 +19,6 @@ from studies.mujoco_imitation.methods import (
 from studies.mujoco_imitation.plan import Config
 from studies.mujoco_imitation.runs import Imitation, settled
 from studies.mujoco_imitation.tasks import TASKS
-
-from socialiq.errors import UserError
-from socialiq_lab.study import Context
 
 SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
 N_HOPPER = sum(method.forces for method in METHODS.values())

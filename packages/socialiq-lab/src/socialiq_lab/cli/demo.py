@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from socialiq import results_folder as store
 from socialiq.cli.drivers import driver_of
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.evaluation.episode_rows import outcome_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.learners.settings import check_seeds
@@ -19,7 +19,6 @@ from socialiq.worlds.highway.pictures.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab import results as store
 from socialiq_lab import study as experiment
 from socialiq_lab.registry import find
 

@@ -15,16 +15,15 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq import results_folder as store
+from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.outputs import claimed
+from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed, described
 from socialiq_lab import registry
-from socialiq_lab import results as store
 from socialiq_lab import study as experiment
 from socialiq_lab.engine import Engine
-from socialiq_lab.results import Results
 from socialiq_lab.study import Study
 
 

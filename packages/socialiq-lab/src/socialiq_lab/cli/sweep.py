@@ -9,15 +9,14 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.cli.output import Printing, complain, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq import results_folder as store
+from socialiq.cli.output import Display, Printing, complain, print_json, print_table
 from socialiq.errors import UserError
+from socialiq.results_folder import Results
 from socialiq.storage import write_atomically
 from socialiq.types import Row
-from socialiq_lab import results as store
 from socialiq_lab.engine import Engine, run_jobs
 from socialiq_lab.jobs import do, fingerprints, job_environment, open_jobs
-from socialiq_lab.results import Results
 from socialiq_lab.slurm import array_script
 from socialiq_lab.sweep.plan import Plan, read_plan
 from socialiq_lab.sweep.runs import results_of

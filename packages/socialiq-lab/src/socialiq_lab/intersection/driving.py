@@ -16,13 +16,13 @@ from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import load_values
+from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import Policy, RewardPair, Row
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.jobs import ProgressCallback
-from socialiq_lab.results import as_csv
 
 BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"
 """Files of a training job: the best network by checks, the last one, a dial."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from socialiq import results_folder as store
 from socialiq.evaluation.episode_rows import OUTCOMES, REWARDS, policy_row
 from socialiq.evaluation.episodes import Episodes
+from socialiq.results_folder import from_csv
 from socialiq.social.angle import exact_weights
 from socialiq.storage import packaged_results, read_json
 from socialiq.types import Row
-from socialiq_lab import results as store
 from socialiq_lab.intersection.driving import CURVE, EPISODES, load_episodes
 from socialiq_lab.jobs import RECORD, Job
-from socialiq_lab.results import from_csv
 
 SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
 

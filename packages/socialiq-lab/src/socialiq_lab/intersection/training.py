@@ -43,6 +43,7 @@ from socialiq.learners.state import History
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
+from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
@@ -52,7 +53,6 @@ from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq_lab.intersection.driving import BEST, CURVE, DIAL, LAST
 from socialiq_lab.jobs import ProgressCallback
-from socialiq_lab.results import as_csv
 
 CHECKPOINT = "checkpoint.safetensors"
 

@@ -25,13 +25,14 @@ from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.state import Runs
 from socialiq.nn.q_policy import QPolicy
+from socialiq.results_folder import Results
 from socialiq.storage import read_json, write_json
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.registry import GRIDWORLDS
 from socialiq_lab.gridworld_runs import evaluate
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.results import Results, rounded
 
 CHUNK = 500
 ROWS = "rows.json"

@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
 from studies.compare_methods.baselines.discriminator_weighted_bc import (
     DiscriminatorWeighted,
     DWBCConfig,

@@ -2,16 +2,16 @@ import jax
 import numpy as np
 import pytest
 from scipy.special import softmax
+
+from socialiq.learners.state import stack
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
 from studies.compare_methods.baselines.conditioned import (
     GuidanceConfig,
     GuidanceHyperparameters,
     GuidedCloning,
     guided,
 )
-
-from socialiq.learners.state import stack
-from socialiq.nn.q_network import QNetwork
-from socialiq.nn.q_policy import QPolicy
 
 
 @pytest.mark.parametrize("hidden", [(), (5,), (5, 4)])

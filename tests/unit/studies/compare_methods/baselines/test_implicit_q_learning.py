@@ -2,6 +2,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from socialiq.errors import UserError
+from socialiq.learners.state import stack
 from studies.compare_methods.baselines.offline import (
     ImplicitQLearning,
     IQLConfig,
@@ -10,9 +13,6 @@ from studies.compare_methods.baselines.offline import (
     expectile_loss,
     implicit_loss,
 )
-
-from socialiq.errors import UserError
-from socialiq.learners.state import stack
 
 
 @pytest.mark.parametrize("expectile", [0.5, 0.7, 0.9])

@@ -1,16 +1,16 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from socialiq.learners.iq_learn.objective import Batches
+from socialiq.learners.state import stack
+from socialiq.types import Ending
 from studies.compare_methods.baselines.online import (
     LSIQ,
     LSIQConfig,
     LSIQHyperparameters,
     absorbing_reward,
 )
-
-from socialiq.learners.iq_learn.objective import Batches
-from socialiq.learners.state import stack
-from socialiq.types import Ending
 
 
 @pytest.mark.parametrize("c", [0.5, 2.0])

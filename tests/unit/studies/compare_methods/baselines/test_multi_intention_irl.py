@@ -1,6 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn.objective import Batches, objective
+from socialiq.learners.state import stack
 from studies.compare_methods.baselines import multi_intention_irl
 from studies.compare_methods.baselines.multi_intention_irl import (
     IntentionConfig,
@@ -9,10 +13,6 @@ from studies.compare_methods.baselines.multi_intention_irl import (
     expectation,
     weighted_iq_loss,
 )
-
-from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn.objective import Batches, objective
-from socialiq.learners.state import stack
 
 
 def test_the_responsibilities_are_bayes_rule(constant, bandit) -> None:

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
+
+from socialiq.learners import settings
 from studies.compare_methods.baselines.conditioned import (
     OutcomeConditioned,
     OutcomeHyperparameters,
     scaling,
     totals_of,
 )
-
-from socialiq.learners import settings
 
 
 def test_it_asks_for_the_outcome_that_scores_best(bandit) -> None:

@@ -2,10 +2,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from studies.compare_methods.baselines.online import InferredReward, inferred_pair, inferring
 
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair
+from studies.compare_methods.baselines.online import InferredReward, inferred_pair, inferring
 
 
 def test_the_inferred_reward_by_hand(constant, rows_of) -> None:

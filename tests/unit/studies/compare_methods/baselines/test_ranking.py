@@ -2,10 +2,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from studies.compare_methods.baselines.shared import Episodes, best_rows, preference_loss
 
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.types import RewardPair
+from studies.compare_methods.baselines.shared import Episodes, best_rows, preference_loss
 
 SOCIAL = RewardPair(jnp.zeros(()), jnp.ones(()))
 

@@ -1,6 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn.objective import Batches, objective
+from socialiq.learners.state import stack
 from studies.compare_methods.baselines.offline import (
     SPRINQL,
     Graded,
@@ -10,10 +14,6 @@ from studies.compare_methods.baselines.offline import (
     row_weights,
     sprinql_loss,
 )
-
-from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn.objective import Batches, objective
-from socialiq.learners.state import stack
 
 
 def graded(batch, level: list[int]) -> Graded:

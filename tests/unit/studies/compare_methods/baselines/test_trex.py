@@ -3,6 +3,11 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.learners.iq_learn.config import IQLearnHyperparameters
+from socialiq.learners.state import stack
+from socialiq.nn.q_network import network_of
 from studies.compare_methods.baselines.online import (
     TREX,
     TREXConfig,
@@ -10,11 +15,6 @@ from studies.compare_methods.baselines.online import (
     TREXRows,
     learned_sums,
 )
-
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.learners.iq_learn.config import IQLearnHyperparameters
-from socialiq.learners.state import stack
-from socialiq.nn.q_network import network_of
 
 
 def test_the_loss_by_hand(constant, rows_of) -> None:

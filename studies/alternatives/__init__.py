@@ -1,1 +1,0 @@
-"""Alternative places of the prior (thesis appendix B), trained in the 7x7 world."""

@@ -1,1 +1,0 @@
-"""Planted angles in simulated traffic."""

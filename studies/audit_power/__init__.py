@@ -1,1 +1,0 @@
-"""Reliability of an audit's numbers."""

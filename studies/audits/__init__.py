@@ -1,1 +1,0 @@
-"""Audits of the thesis' printed tables and of this project's policies."""

@@ -1,1 +1,0 @@
-"""IQ-Learn on classic control from few transitions, an outside check of the learner."""

@@ -1,1 +1,0 @@
-"""Study `compare-methods`: our methods beside those that others have published."""

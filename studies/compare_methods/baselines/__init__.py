@@ -1,1 +1,0 @@
-"""Methods that others have published, written from their papers."""

@@ -1,1 +1,0 @@
-"""Experts, demonstrations and learners of the intersection."""

@@ -1,1 +1,0 @@
-"""The intersection with continuous actions: experts, learners from a mixture, dials."""

@@ -1,1 +1,0 @@
-"""Study `intersection-offline`: one dial from demonstrations and their reward pairs alone."""

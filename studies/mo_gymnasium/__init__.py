@@ -1,1 +1,0 @@
-"""Dials on MO-Gymnasium's tasks, beside methods of morl-baselines."""

@@ -1,1 +1,0 @@
-"""Study of a dial at a recorded junction, trained from demonstrations alone."""

@@ -1,1 +1,0 @@
-"""Statements and predictions of the theory against exact minima and trained networks."""
