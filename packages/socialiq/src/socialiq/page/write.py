@@ -64,6 +64,7 @@ def content(dial: PageDial) -> dict[str, Any]:
 
 
 FILE = "index.html"
+_POLICY = '<meta http-equiv="Content-Security-Policy" content="{}">\n'
 
 
 def page(dial: PageDial | None = None) -> str:
@@ -104,16 +105,22 @@ def page(dial: PageDial | None = None) -> str:
     about = [f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in passages]
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     blocks = {
-        "policy": policy(script, style),
+        "policy": _POLICY.format(policy(script, style)),
+        "title": "Turn the dial",
         "style": style,
         "about": "\n".join(about),
         "data": embedded(content(dial)),
         "program": script,
     }
-    text = (ASSETS / "index.html").read_text(encoding="utf-8")
-    for name, block in blocks.items():
-        text = text.replace(f"{{{name}}}", block)
-    return text
+    header, end, body = (ASSETS / "index.html").read_text(encoding="utf-8").partition("</header>\n")
+    return framed(header + end, body, blocks)
+
+
+def framed(header: str, body: str, blocks: Mapping[str, str]) -> str:
+    """Return a page's HTML: the frame around a header and a body, with each block in its place."""
+    text = (ASSETS / "frame.html").read_text(encoding="utf-8")
+    text = text.replace("{header}", header).replace("{body}", body)
+    return re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], text)
 
 
 def policy(script: str, style: str, connect: str = "") -> str:

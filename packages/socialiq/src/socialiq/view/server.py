@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import html
 import json
-import re
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.page.dial import shipped_dial
-from socialiq.page.write import ASSETS, content, core, embedded, page, policy, program
+from socialiq.page.write import ASSETS, content, core, embedded, framed, page, policy, program
 from socialiq.view import Decide, View
 
 ADDRESS = "127.0.0.1"
@@ -122,14 +121,15 @@ def front(view: View, socket_address: str) -> Front:
     style = (ASSETS / "style.css").read_text(encoding="utf-8") + _asset("opened.css")
     about = {"kind": view.kind, "count": view.count, **view.data}
     blocks = {
+        "policy": "",
         "style": style,
         "title": html.escape(view.title),
         "lead": html.escape(view.lead),
-        "body": _asset(f"{view.kind}.html").replace("{controls}", _asset("controls.html")),
+        "controls": _asset("controls.html"),
         "data": embedded({**content(shipped_dial()), **core(view.options), "shown": about}),
         "program": script,
     }
-    text = re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], _asset("opened.html"))
+    text = framed(_asset("opened.html"), _asset(f"{view.kind}.html") + "\n", blocks)
     allowed = policy(script, style, f"'self' {socket_address}")
     return Front(text, f"{allowed}; frame-ancestors 'none'")
 
