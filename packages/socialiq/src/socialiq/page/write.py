@@ -64,7 +64,6 @@ def content(dial: PageDial) -> dict[str, Any]:
 
 
 FILE = "index.html"
-_POLICY = '<meta http-equiv="Content-Security-Policy" content="{}">\n'
 
 
 def page(dial: PageDial | None = None) -> str:
@@ -77,38 +76,15 @@ def page(dial: PageDial | None = None) -> str:
     """
     dial = dial or shipped_dial()
     counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
-    passages = [
-        (
-            "What is shown",
-            "highway-env's intersection, compiled. The coloured car turns left; it decides once a "
-            "second: slower, keep, faster. The reward of a decision is a pair: own progress and "
-            "effect on others. At an angle &alpha; the network maximises cos &alpha; times the "
-            "first plus sin &alpha; times the second. Twins share the seed, so the traffic is the "
-            "same until an ego influences it.",
-        ),
-        (
-            "Keys",
-            "Arrow keys turn the dial, with Shift by 5&deg;. Space plays and pauses, comma and "
-            "full stop step by a decision, N takes the next seed, 1 to 3 choose a twin.",
-        ),
-        (
-            "How near this is to the Python package",
-            "The core is the package's own, compiled to WebAssembly from the same source. In "
-            f"{counts['same_endings']:,} of {counts['episodes']:,} test episodes it ended as the "
-            "native core did, and drivers (an earlier dial and rules) took "
-            f"{counts['same_decisions']:,} of "
-            f"{counts['decisions']:,} decisions as there. The same episodes, not the same bits: "
-            f"{counts['close_states'] / counts['observations']:.1%} of the states agree to 1e-9.",
-        ),
-        ("Where dial and curve come from", html.escape(dial.source)),
-    ]
-    about = [f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in passages]
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
+    allowed = policy(script, style)
     blocks = {
-        "policy": _POLICY.format(policy(script, style)),
+        "policy": f'<meta http-equiv="Content-Security-Policy" content="{allowed}">\n',
         "title": "Turn the dial",
         "style": style,
-        "about": "\n".join(about),
+        **{name: f"{count:,}" for name, count in counts.items()},
+        "close_states": f"{counts['close_states'] / counts['observations']:.1%}",
+        "source": html.escape(dial.source),
         "data": embedded(content(dial)),
         "program": script,
     }
