@@ -6,9 +6,9 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.evidence.replay import selected, traces_of
+from socialiq.audit.profile.profile import other_traffic
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.seeds import Commitment, draw
-from socialiq.audit.verdict.shift import other_traffic
 from socialiq.to_json import to_json
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"

@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Answers, Consistency, Reference, episode_seeds
-from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.profile.profile import Floor, Margin, other_traffic
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.results import (
     conclude,
@@ -16,7 +16,6 @@ from socialiq.audit.verdict.results import (
     results_of,
     stratified,
 )
-from socialiq.audit.verdict.shift import other_traffic
 from socialiq.audit.verdict.verdict import judge
 from socialiq.types import Ending
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy

@@ -16,12 +16,12 @@ from socialiq.audit.evidence.collect import Collection
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds, joined
 from socialiq.audit.log import Subject
 from socialiq.audit.look import Look, Opened, Plan, commit, open_look, record
+from socialiq.audit.profile.profile import Traffic, other_traffic
 from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
 from socialiq.audit.request import Request, Trust, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw
-from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
 from socialiq.policies.isolation import IsolationMode

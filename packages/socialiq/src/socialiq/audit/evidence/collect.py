@@ -20,7 +20,7 @@ from socialiq.audit.evidence.outcomes import (
     joined,
 )
 from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, other_traffic
 from socialiq.audit.profile.reader import load
 from socialiq.audit.request import (
     References,
@@ -30,7 +30,6 @@ from socialiq.audit.request import (
     resolve_policy,
     resolve_references,
 )
-from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.episodes import CONFLICT_SECONDS

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
@@ -253,3 +253,30 @@ class Profile:
             if value != declared_value:
                 raise UserError(WRONG_WORLD.format(path=path, value=value))
         return world
+
+
+class Traffic(NamedTuple):
+    """Another traffic in the declared world, by the options that differ from the declaration's."""
+
+    name: str
+    options: Mapping[str, Any]
+    world: World
+
+
+def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
+    """Return the other traffic of the declared world.
+
+    Raises:
+        UserError: If the world has no other traffic.
+    """
+    declared = profile.scenario
+    if profile.rule is not None:
+        raise UserError("a declared rule is not tested in other traffic: leave out --shift")
+    # Making an environment may run code; it has one traffic only.
+    variants = profile.world().other_traffic() if declared.world in NAMES else {}
+    if not variants:
+        raise UserError(f"{declared.world} has one traffic only: leave out --shift")
+    return tuple(
+        Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
+        for name, changed in variants.items()
+    )

@@ -13,14 +13,14 @@ from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Consistency, Evidence, Outcomes, events_of
 from socialiq.audit.evidence.replay import path_of, selected
 from socialiq.audit.look import Look
-from socialiq.audit.profile.profile import Profile, is_world_file
+from socialiq.audit.profile.profile import Profile, Traffic, is_world_file
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round, worth
 from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.results import Results, results_of, stratified
-from socialiq.audit.verdict.shift import Shift, Traffic, sentence_of
+from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json

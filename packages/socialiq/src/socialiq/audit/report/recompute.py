@@ -22,14 +22,13 @@ from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Consistency, Evidence, episode_seeds
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
 from socialiq.audit.look import Look, Opened, spend
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, Traffic, other_traffic
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.content import Audited, content, seeds_of
 from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
 from socialiq.audit.report.words import ALWAYS, OF_CODE
 from socialiq.audit.request import is_itself
 from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, reveal
-from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import AngleRule

@@ -14,9 +14,9 @@ import numpy as np
 
 from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import Consistency, Evidence, events_of
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, Traffic
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
+from socialiq.audit.verdict.shift import Shift, shift_of
 from socialiq.audit.verdict.verdict import Verdict, decide, enough_resamples, judge, whole_error
 from socialiq.statistics.comparisons import Difference, paired_difference
 from socialiq.statistics.intervals import Share, wilson

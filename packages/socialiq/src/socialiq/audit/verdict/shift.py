@@ -14,32 +14,14 @@ from typing import Any
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
-from socialiq.audit.profile.profile import Profile, scenario_sha256, world_of
+from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import decide, whole_error
-from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contrast
 from socialiq.types import RewardPair
-from socialiq.worlds.registry import NAMES
-from socialiq.worlds.world import World
 
 MEASURES = ("regret", *CRITERIA)
-
-
-@dataclass(frozen=True)
-class Traffic:
-    """Another traffic in the declared world.
-
-    Attributes:
-        name: Description for reports.
-        options: Options of the world that differ from the declaration's.
-        world: World with these options.
-    """
-
-    name: str
-    options: Mapping[str, Any]
-    world: World
 
 
 @dataclass(frozen=True)
@@ -95,25 +77,6 @@ class Shift:
     def shown(self) -> tuple[Change, ...]:
         """Significant changes."""
         return tuple(change for change in self.changes if change.shown)
-
-
-def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
-    """Return the other traffic of the declared world.
-
-    Raises:
-        UserError: If the world has no other traffic.
-    """
-    declared = profile.scenario
-    if profile.rule is not None:
-        raise UserError("a declared rule is not tested in other traffic: leave out --shift")
-    # Making an environment may run code; it has one traffic only.
-    variants = profile.world().other_traffic() if declared.world in NAMES else {}
-    if not variants:
-        raise UserError(f"{declared.world} has one traffic only: leave out --shift")
-    return tuple(
-        Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
-        for name, changed in variants.items()
-    )
 
 
 def shift_of(
