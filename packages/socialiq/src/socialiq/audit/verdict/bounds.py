@@ -193,13 +193,10 @@ _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding 
 
 @dataclass(frozen=True)
 class LossBounds:
-    """Bounds of the regret by a declared largest loss.
+    """Lower bound of the regret, and upper bound towards each reference.
 
-    Attributes:
-        low: Lower bound; the smallest gain, which says nothing, if a reference lost more than
-            the declared loss against the policy.
-        highs: Upper bound towards each reference; the largest loss, which says nothing, if the
-            policy lost more than the declared loss against it.
+    If one of them lost more than the declared loss, they are the smallest gain and the largest
+    loss, which say nothing.
     """
 
     low: float

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import decide, whole_error
@@ -127,10 +127,14 @@ def changes(
 
     The angle is the declared one in degrees, the confidence that of each interval.
     """
-    old, new = _regrets(declared, angle), _regrets(there, angle)
+    weights, measured = exact_weights(angle), []
+    for evidence in (declared, there):
+        best = max(evidence.references, key=lambda reference: score(weights, reference.mean))
+        gains = (best.totals - evidence.policy.totals).T  # of the apparently best reference
+        regrets = np.asarray(score(weights, RewardPair(*gains)))
+        measured.append((regrets, events_of(evidence.policy), events_of(best)))
+    (old, before, best_before), (new, after, best_after) = measured
     rows = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
-    before, after = (events_of(evidence.policy) for evidence in (declared, there))
-    best_before, best_after = (events_of(_best(evidence, angle)) for evidence in (declared, there))
     for name in CRITERIA:
         counts = [(int(events[name].sum()), len(events[name])) for events in (after, before)]
         contrast = share_contrast(*counts[0], *counts[1], confidence)
@@ -166,16 +170,3 @@ def _change(
 ) -> Change:
     significant = contrast.low > 0.0 or contrast.high < 0.0
     return Change(measure, float(declared), float(there), *contrast, significant, reference)
-
-
-def _best(evidence: Evidence, angle: float) -> Outcomes:
-    """Return the apparently best reference at an angle."""
-    return max(
-        evidence.references, key=lambda reference: score(exact_weights(angle), reference.mean)
-    )
-
-
-def _regrets(evidence: Evidence, angle: float) -> np.ndarray:
-    """Return the advantage of that reference over the policy, by episode."""
-    gained = _best(evidence, angle).totals - evidence.policy.totals
-    return np.asarray(score(exact_weights(angle), RewardPair(*gained.T)))
