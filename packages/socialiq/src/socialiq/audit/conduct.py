@@ -32,17 +32,11 @@ Stage = Callable[[str], Callable[[Report], None]]
 
 @dataclasses.dataclass(frozen=True)
 class Conducted:
-    """A finished audit.
+    """A finished audit."""
 
-    Attributes:
-        report: Content of `report.json`.
-        audited: What it was made from.
-        log: Folder of the audit log; None if there is none.
-    """
-
-    report: dict[str, Any]
-    audited: Audited
-    log: Path | None
+    report: dict[str, Any]  # content of `report.json`
+    audited: Audited  # what it was made from
+    log: Path | None  # folder of the audit log
 
     @property
     def evidence(self) -> list[Evidence]:

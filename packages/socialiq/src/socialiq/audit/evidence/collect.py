@@ -50,23 +50,13 @@ Seeds = Int64[np.ndarray, " episode"]
 
 @dataclass(frozen=True)
 class Collection:
-    """The drivers of an audit in one traffic.
-
-    Attributes:
-        request: Request of the audit.
-        profile: The declaration.
-        traffic: Number of a traffic of `other_traffic`, or None for the declared one.
-        world: World of the episodes.
-        loaded: The policy.
-        references: Drivers to compare with.
-        by_rule: The declared rule of the angle; None without one.
-    """
+    """The drivers of an audit in one traffic."""
 
     request: Request
     profile: Profile
-    traffic: int | None
-    world: World
-    loaded: Loaded
+    traffic: int | None  # number of a traffic of `other_traffic`, or None for the declared one
+    world: World  # of the episodes
+    loaded: Loaded  # policy
     references: References
     by_rule: drive.ByRule | None
 

@@ -84,37 +84,22 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class Track:
-    """Way of one vehicle.
+    """Way of one vehicle."""
 
-    Attributes:
-        ego: Whether it is the vehicle that the policy drives.
-        crashed: Whether it has collided at the end.
-        first: Number of its first frame.
-        poses: "x y heading" of each frame from there on, divided by ";".
-    """
-
-    ego: bool
-    crashed: bool
-    first: int
-    poses: str
+    ego: bool  # whether it is the vehicle that the policy drives
+    crashed: bool  # whether it has collided at the end
+    first: int  # number of its first frame
+    poses: str  # "x y heading" of each frame from there on, divided by ";"
 
 
 @dataclass(frozen=True)
 class Trace:
-    """Ways of all vehicles in one episode.
+    """Ways of all vehicles in one episode."""
 
-    Attributes:
-        per_second: Frames of a second.
-        frames: Number of frames.
-        tracks: Way of each vehicle, the ego's first.
-        actions: Decisions on a road, a digit each; "" in a gridworld, and where actions are
-            continuous.
-    """
-
-    per_second: float
+    per_second: float  # frames
     frames: int
-    tracks: tuple[Track, ...]
-    actions: str = ""
+    tracks: tuple[Track, ...]  # way of each vehicle, the ego's first
+    actions: str = ""  # decisions on a road where they are discrete, a digit each
 
 
 class ReplayedEpisode(NamedTuple):

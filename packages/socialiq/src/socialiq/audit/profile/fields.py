@@ -40,26 +40,15 @@ WORLD_PATTERN = (
 
 @dataclass(frozen=True)
 class Field:
-    """One field of `profile.toml`.
+    """One field of `profile.toml`."""
 
-    Attributes:
-        path: Table and key, joined by a dot; a key of the top level has no table.
-        kind: Type of the value.
-        meaning: Comment above the field, one or two sentences.
-        low: Smallest number allowed.
-        high: Largest number allowed.
-        below_high: Whether `high` itself is refused.
-        above_low: Whether `low` itself is refused.
-        required: Whether the field must be there.
-    """
-
-    path: str
+    path: str  # table and key, joined by a dot; a key of the top level has no table
     kind: Kind
-    meaning: str
+    meaning: str  # comment above the field, one or two sentences
     low: float = 0.0
     high: float = LARGEST_NUMBER
-    below_high: bool = False
-    above_low: bool = False
+    below_high: bool = False  # whether `high` itself is refused
+    above_low: bool = False  # whether `low` itself is refused
     required: bool = True
 
     @property

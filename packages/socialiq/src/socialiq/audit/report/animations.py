@@ -35,23 +35,14 @@ _AWAY = "translate(-9999px,0px)"
 
 
 class Ground(NamedTuple):
-    """Path of a world's road, and the size of its vehicles, in the picture's units.
+    """Path of a world's road, and the size of its vehicles, in the picture's units."""
 
-    Attributes:
-        view: Left, top, width and height of the view.
-        road: Path of the road.
-        length: Length of a vehicle.
-        width: Width of a vehicle.
-        tolerance: Largest error of a place between keyframes.
-        follows: Whether the view follows the ego, along x and along y.
-    """
-
-    view: tuple[float, float, float, float]
+    view: tuple[float, float, float, float]  # left, top, width and height of the view
     road: str
     length: float
     width: float
-    tolerance: float
-    follows: tuple[bool, bool] = (False, False)
+    tolerance: float  # largest error of a place between keyframes
+    follows: tuple[bool, bool] = (False, False)  # whether the view follows the ego, by axis
 
 
 class Keyframe(NamedTuple):
@@ -73,33 +64,19 @@ class Car:
 
 @dataclass(frozen=True)
 class MovingPicture:
-    """An episode.
+    """An episode."""
 
-    Attributes:
-        kind: "worst" or "median".
-        number: Number of the episode of this kind, from 1.
-        row: Its row in the report.
-        seconds: Duration of a round, with `HELD`; 0 without a trace.
-        ground: Road and sizes.
-        way: Path of the ego.
-        cars: Vehicles, the ego last, so that it is drawn on top.
-        camera: Transforms of the whole picture where the view follows the ego.
-        framed: The last of them.
-        crashes: Places of those that have collided at the end.
-        ended: When the episode has ended, in percent of a round.
-    """
-
-    kind: str
-    number: int
-    row: Mapping[str, Any]
-    seconds: float
-    ground: Ground
-    way: str
-    cars: tuple[Car, ...]
-    camera: tuple[Keyframe, ...] = ()
-    framed: str = ""
-    crashes: tuple[tuple[float, float], ...] = ()
-    ended: float = 0.0
+    kind: str  # "worst" or "median"
+    number: int  # number of the episode of this kind, from 1
+    row: Mapping[str, Any]  # its row in the report
+    seconds: float  # duration of a round, with `HELD`; 0 without a trace
+    ground: Ground  # road and sizes
+    way: str  # path of the ego
+    cars: tuple[Car, ...]  # vehicles, the ego last, so that it is drawn on top
+    camera: tuple[Keyframe, ...] = ()  # of the picture, where the view follows the ego
+    framed: str = ""  # the last of them
+    crashes: tuple[tuple[float, float], ...] = ()  # places of those that have collided at the end
+    ended: float = 0.0  # when the episode has ended, in percent of a round
 
 
 def moving(report: Mapping[str, Any]) -> list[MovingPicture]:

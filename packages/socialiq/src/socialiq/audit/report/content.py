@@ -40,42 +40,23 @@ CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
 @dataclass(frozen=True)
 class Audited:
-    """Data and results of an audit.
-
-    Attributes:
-        profile: The declaration.
-        policy: The policy's record as JSON: kind, source, sha256, covers and more.
-        deterministic: Whether it took its best actions.
-        drawn: Commitment and seed.
-        look: The look; None without a log.
-        records: Record of each reference by its name, as far as it was loaded.
-        reference_files: The user's references, as given with `--reference`.
-        left_out: Names of references that are the policy itself.
-        consistency: Answers of the policy to repeated queries; None if it was not asked.
-        evidence: Result of `collect_evidence`, with the references that are left out.
-        elsewhere: The same in each other traffic.
-        traffic: Other traffic, or none.
-        films: Films by path in the folder: `replay.path_of`.
-        traces: Result of `replay.traces_of`, or the same as JSON.
-        command: Command that repeats the audit.
-        started: Time of the start.
-    """
+    """Data and results of an audit."""
 
     profile: Profile
-    policy: Mapping[str, Any]
-    deterministic: bool
-    drawn: Draw
-    look: Look | None
-    records: Mapping[str, Mapping[str, Any] | None]
-    reference_files: Sequence[str]
-    left_out: Sequence[str]
-    consistency: Consistency | None
-    evidence: Evidence
-    elsewhere: Sequence[Evidence]
+    policy: Mapping[str, Any]  # the policy's record as JSON: kind, source, sha256, covers and more
+    deterministic: bool  # whether it took its best actions
+    drawn: Draw  # commitment and seed
+    look: Look | None  # None without a log
+    records: Mapping[str, Mapping[str, Any] | None]  # of loaded references
+    reference_files: Sequence[str]  # the user's references, as given with `--reference`
+    left_out: Sequence[str]  # names of references that are the policy itself
+    consistency: Consistency | None  # None if the policy was not asked again
+    evidence: Evidence  # result of `collect_evidence`, with the references that are left out
+    elsewhere: Sequence[Evidence]  # the same in each other traffic
     traffic: Sequence[Traffic]
-    films: Mapping[str, bytes]
-    traces: Mapping[str, Sequence[Any]]
-    command: str
+    films: Mapping[str, bytes]  # films by path in the folder: `replay.path_of`
+    traces: Mapping[str, Sequence[Any]]  # result of `replay.traces_of`, or the same as JSON
+    command: str  # which repeats the audit
     started: datetime.datetime
 
     def references(self, left_out: bool) -> list[dict[str, Any]]:

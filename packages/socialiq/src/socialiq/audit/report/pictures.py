@@ -106,33 +106,19 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture, in units of its view box.
-
-    Attributes:
-        box: Position of the axes.
-        x_ticks: Numbers below.
-        y_ticks: Numbers on the left.
-        zero: Place of (0, 0), or None if it is outside.
-        mean: Place of the policy's mean.
-        best: Place of the best reference at the declared angle.
-        marks: References.
-        front: Path through the best references for angles from 0 to 90 degrees.
-        ellipse: Path of the confidence ellipse of the mean.
-        arrow: From and to: the declared direction.
-        cloud: Places of single episodes.
-    """
+    """One picture, in units of its view box."""
 
     box: Box
     x_ticks: list[Tick]
     y_ticks: list[Tick]
-    zero: Point | None
-    mean: Point
-    best: Point | None = None
+    zero: Point | None  # place of (0, 0), or None if it is outside
+    mean: Point  # place of the policy's mean
+    best: Point | None = None  # place of the best reference at the declared angle
     marks: tuple[Mark, ...] = ()
-    front: str = ""
-    ellipse: str = ""
-    arrow: tuple[Point, Point] | None = None
-    cloud: tuple[Point, ...] = ()
+    front: str = ""  # path through the best references for angles from 0 to 90 degrees
+    ellipse: str = ""  # path of the confidence ellipse of the mean
+    arrow: tuple[Point, Point] | None = None  # from and to: the declared direction
+    cloud: tuple[Point, ...] = ()  # places of single episodes
 
 
 def means(report: Mapping[str, Any]) -> Panel:
@@ -234,31 +220,18 @@ _ROOM = 1.15  # of the largest value that has to be seen
 
 @dataclass(frozen=True)
 class AnglePicture:
-    """Regret by angle, in units of the view box.
-
-    Attributes:
-        box: Position of the axes.
-        x_ticks: Angles.
-        ends: Where own progress alone counts, and where others alone do.
-        y_ticks: Regrets.
-        allowed: Height of the margin: from the axis' end to it regrets are allowed.
-        curve: Path of the regret at every angle.
-        within: Parts of it within the margin.
-        declared: Place of the regret at the declared angle.
-        bounds: Heights of its bounds.
-        least: Place of the smallest regret, if it is beyond the margin, else None.
-    """
+    """Regret by angle, in units of the view box."""
 
     box: Box
     x_ticks: list[Tick]
-    ends: tuple[float, float]
+    ends: tuple[float, float]  # where own progress alone counts, and where others alone do
     y_ticks: list[Tick]
-    allowed: float
-    curve: str
-    within: tuple[str, ...]
-    declared: Point
-    bounds: tuple[float, float]
-    least: Point | None
+    allowed: float  # height of the margin: from the axis' end to it regrets are allowed
+    curve: str  # path of the regret at every angle
+    within: tuple[str, ...]  # parts of it within the margin
+    declared: Point  # place of the regret at the declared angle
+    bounds: tuple[float, float]  # heights of its bounds
+    least: Point | None  # place of the smallest regret, if it is beyond the margin, else None
 
 
 def angles(report: Mapping[str, Any]) -> AnglePicture:
