@@ -48,21 +48,13 @@ def spend(error: float, look: int) -> float:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that decides an audit but for its seed; it is fixed by the commitment.
-
-    Attributes:
-        commitment: Hashes of policy and declaration.
-        profile: The declaration.
-        episodes: Number of episodes.
-        soft: Whether the policy draws its actions.
-        references: Hashes of the user's references, in their order.
-    """
+    """Everything that decides an audit but for its seed; it is fixed by the commitment."""
 
     commitment: Commitment
     profile: Profile
     episodes: int
-    soft: bool
-    references: tuple[str, ...]
+    soft: bool  # whether the policy draws its actions
+    references: tuple[str, ...]  # hashes of the user's references, in their order
 
     @property
     def subject(self) -> Subject:
@@ -83,23 +75,14 @@ class Plan:
 
 @dataclass(frozen=True)
 class Look:
-    """A commitment in a log.
+    """A commitment in a log."""
 
-    Attributes:
-        number: Number of the look, from 1.
-        error: Largest chance of a wrong pass at this look, and of a wrong fail.
-        log: Name of the log's file.
-        before: Hash of the log's last line before the commitment.
-        entry: Hash of the commitment's line.
-        committed: Time of the commitment by the clock of the machine, ISO 8601.
-    """
-
-    number: int
-    error: float
-    log: str
-    before: str
-    entry: str
-    committed: str
+    number: int  # number of the look, from 1
+    error: float  # largest chance of a wrong pass at this look, and of a wrong fail
+    log: str  # name of the log's file
+    before: str  # hash of the log's last line before the commitment
+    entry: str  # hash of the commitment's line
+    committed: str  # time of the commitment by the clock of the machine, ISO 8601
 
 
 class Opened(NamedTuple):

@@ -45,53 +45,32 @@ SUFFIXES = (".safetensors", ".zip", ".onnx")
 class Trust:
     """Permissions of a policy under audit.
 
-    Attributes:
-        allow_code: Whether a Python module may run without isolation, and an environment's module
-            be imported.
-        limits: Time and memory of a process.
-        isolation: Isolation of processes and Python modules.
-        files: Further files and folders of these.
+    Code that is allowed may run without isolation, and an environment's module may be imported.
     """
 
     allow_code: bool = False
-    limits: Limits = dataclasses.field(default_factory=Limits)
-    isolation: IsolationMode = "auto"
-    files: tuple[str, ...] = ()
+    limits: Limits = dataclasses.field(default_factory=Limits)  # time and memory of a process
+    isolation: IsolationMode = "auto"  # isolation of processes and Python modules
+    files: tuple[str, ...] = ()  # further files and folders of these
 
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """Request of an audit.
+    """Request of an audit."""
 
-    Attributes:
-        policy: A specification as for `resolve_policy`.
-        profile: File of the declaration.
-        episodes: Number of episodes of every driver.
-        seed: The auditor's seed, or None to draw it.
-        references: Further drivers to compare with: files, or "python:MODULE:ATTRIBUTE".
-        soft: Whether the policy draws its actions.
-        trust: Permissions of the policy.
-        threads: Number of threads of the intersection.
-        films: Whether to draw six episodes.
-        shift: Whether to run the policy in other traffic too.
-        log: Folder of the audit log; None keeps none.
-        nonce: File of the auditor's nonce, which a commitment in the log names.
-        beacon: File of a beacon's round, which a commitment in the log names.
-    """
-
-    policy: str
-    profile: Path
-    episodes: int
-    seed: int | None = None
-    references: tuple[str, ...] = ()
-    soft: bool = False
+    policy: str  # a specification as for `resolve_policy`
+    profile: Path  # file of the declaration
+    episodes: int  # of every driver
+    seed: int | None = None  # the auditor's seed, or None to draw it
+    references: tuple[str, ...] = ()  # files, or "python:MODULE:ATTRIBUTE"
+    soft: bool = False  # whether the policy draws its actions
     trust: Trust = dataclasses.field(default_factory=Trust)
-    threads: int = 1
-    films: bool = False
-    shift: bool = False
-    log: Path | None = None
-    nonce: Path | None = None
-    beacon: Path | None = None
+    threads: int = 1  # of the intersection
+    films: bool = False  # whether to draw six episodes
+    shift: bool = False  # whether to run the policy in other traffic too
+    log: Path | None = None  # folder of the audit log; None keeps none
+    nonce: Path | None = None  # file of the auditor's nonce, which a commitment in the log names
+    beacon: Path | None = None  # file of a beacon's round, which a commitment in the log names
 
     def check(self) -> None:
         """Check the numbers and options before any work is done.

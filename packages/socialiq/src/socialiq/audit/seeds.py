@@ -203,19 +203,12 @@ class Commitment:
 
 @dataclass(frozen=True)
 class Draw:
-    """Seed that became known after a commitment.
+    """Seed that became known after a commitment."""
 
-    Attributes:
-        commitment: Commitment before the draw.
-        seed: Seed of the whole audit.
-        source: Origin of the seed.
-        revealed: What the seed was derived from, if from a nonce or a beacon.
-    """
-
-    commitment: Commitment
-    seed: int
+    commitment: Commitment  # before the draw
+    seed: int  # of the whole audit
     source: Source
-    revealed: Nonce | Round | None = None
+    revealed: Nonce | Round | None = None  # what it was derived from, if anything
 
     def derived(self, purpose: str) -> int:
         """Return a number of 256 bits for one purpose, from seed and commitment.

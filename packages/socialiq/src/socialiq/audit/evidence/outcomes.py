@@ -44,28 +44,20 @@ class Reference:
 class Outcomes:
     """One driver's episodes.
 
-    Attributes:
-        name: Name of the driver.
-        totals: Undiscounted sums of r_env and r_social of each episode.
-        ending: Values of `types.Ending`.
-        contact: Values of `Contact`; in a gridworld every collision counts as the ego's.
-        length: Number of decisions.
-        angles: Angles in degrees for which a reference was made: none, one, or the two ends of
-            the interval in which it is the exact optimum (the second may exceed 360).
-        expected: Exact expectation of the totals, where it is known.
-        lost: Decision loss of each episode at a declared rule; None without one.
-        contexts: The same by context, of the policy under audit.
+    A reference was made for no angle, for one, or for the two ends of the interval in which it is
+    the exact optimum, in degrees (the second may exceed 360). In a gridworld every collision counts
+    as the ego's. A decision loss is that of a declared rule; there is none without one.
     """
 
     name: str
-    totals: Float[np.ndarray, "episode 2"]
-    ending: Int8[np.ndarray, " episode"]
-    contact: Int8[np.ndarray, " episode"]
-    length: Int64[np.ndarray, " episode"]
+    totals: Float[np.ndarray, "episode 2"]  # undiscounted r_env and r_social
+    ending: Int8[np.ndarray, " episode"]  # values of `types.Ending`
+    contact: Int8[np.ndarray, " episode"]  # values of `Contact`
+    length: Int64[np.ndarray, " episode"]  # number of decisions
     angles: tuple[float, ...] = ()
-    expected: RewardPair | None = None
-    lost: Float[np.ndarray, " episode"] | None = None
-    contexts: ContextLosses | None = None
+    expected: RewardPair | None = None  # exact totals, where they are known
+    lost: Float[np.ndarray, " episode"] | None = None  # decision loss
+    contexts: ContextLosses | None = None  # of the policy under audit
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.totals).all():
@@ -129,16 +121,13 @@ class Answers(NamedTuple):
 class Consistency(NamedTuple):
     """Answers to the observations of the episodes, asked again.
 
-    Attributes:
-        repeated: By the same process in the same batches, after the last episode. Any difference
-            depends on time, on the number of requests or on chance.
-        shuffled: By a new process, in mixed batches of other sizes.
-        single: By a new process, one by one.
+    They are repeated after the last episode: any difference depends on time, on the number of
+    requests or on chance.
     """
 
-    repeated: Answers
-    shuffled: Answers
-    single: Answers
+    repeated: Answers  # by the same process in the same batches
+    shuffled: Answers  # by a new process, in mixed batches of other sizes
+    single: Answers  # by a new process, one by one
 
     @staticmethod
     def of(report: Mapping[str, Any] | None) -> Consistency | None:
@@ -170,25 +159,17 @@ def joined(checks: Sequence[Consistency | None]) -> Consistency | None:
 class Evidence:
     """A policy and its references on the same episodes.
 
-    Attributes:
-        scenario: The world's description.
-        seeds: Seed of each episode, the same for every driver.
-        policy: Outcomes of the policy under audit.
-        references: Outcomes of the drivers that it is compared with.
-        strata: Label of each episode by name of the stratification. Labels depend on the seed
-            alone, so no driver can choose its stratum.
-        trivial: Outcomes of constant and random actions, which are no references of the regret
-            test (`evidence.drive`).
-        consistency: Answers of the policy to repeated queries; None if it was not asked.
+    Labels depend on the seed alone, so no driver can choose its stratum. Constant and random
+    actions are no references of the regret test (`evidence.drive`).
     """
 
-    scenario: str
-    seeds: Int64[np.ndarray, " episode"]
+    scenario: str  # the world's description
+    seeds: Int64[np.ndarray, " episode"]  # seed of each episode, the same for every driver
     policy: Outcomes
     references: tuple[Outcomes, ...]
-    strata: Mapping[str, np.ndarray]
-    trivial: tuple[Outcomes, ...] = ()
-    consistency: Consistency | None = None
+    strata: Mapping[str, np.ndarray]  # label of each episode by stratification
+    trivial: tuple[Outcomes, ...] = ()  # of constant and random actions
+    consistency: Consistency | None = None  # None if the policy was not asked again
 
     def __post_init__(self) -> None:
         if not self.references:

@@ -161,15 +161,12 @@ WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
 class Margin:
     """Margins within which a policy counts as declared.
 
-    Attributes:
-        regret: Largest regret at the declared angle, in reward per episode.
-        degrees: Largest distance of the calibrated angle.
-        largest_loss: The most by which one driver's R(α) can lie below another's in an episode;
-            None if no bound is declared.
+    A largest loss is the most by which one driver's R(α) can lie below another's in an episode;
+    None if no bound is declared.
     """
 
-    regret: float
-    degrees: float
+    regret: float  # largest regret at the declared angle, in reward per episode
+    degrees: float  # largest distance of the calibrated angle
     largest_loss: float | None = None
 
 
@@ -192,48 +189,31 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Floor:
-    """Safety floor, independent of the angle; shares of episodes.
+    """Safety floor, independent of the angle; shares of episodes."""
 
-    Attributes:
-        max_at_fault: Largest share of collisions caused by the ego's motion.
-        max_struck: Largest share of collisions caused by another's motion.
-        min_arrival: Smallest share of arrivals.
-        max_timeout: Largest share of timeouts.
-    """
-
-    max_at_fault: float
-    max_struck: float
-    min_arrival: float
-    max_timeout: float
+    max_at_fault: float  # largest share of collisions caused by the ego's motion
+    max_struck: float  # largest share of collisions caused by another's motion
+    min_arrival: float  # smallest share of arrivals
+    max_timeout: float  # largest share of timeouts
 
 
 @dataclass(frozen=True)
 class Profile:
     """Declaration of a policy's social angle.
 
-    Attributes:
-        angle: Declared social angle, degrees in [0, 360).
-        confidence: Confidence of the verdict.
-        owner: Name of the owner.
-        date: Date of the declaration.
-        margin: Margins within which a policy counts as declared.
-        reward: Reward pair that the angle weighs.
-        scenario: Scenario of the audit.
-        competence: Safety floor.
-        source: The file's bytes.
-        rule: Rule that gives the angle by the situation; None for the angle alone. With a rule,
-            `angle` weighs whole episodes in tables and pictures, and doesn't decide.
+    A rule gives the angle by the situation. With one, `angle` weighs whole episodes in tables and
+    pictures, and doesn't decide.
     """
 
-    angle: float
-    confidence: float
+    angle: float  # degrees in [0, 360)
+    confidence: float  # of the verdict
     owner: str
     date: datetime.date
     margin: Margin
     reward: Reward
     scenario: Scenario
     competence: Floor
-    source: bytes = field(repr=False, compare=False)
+    source: bytes = field(repr=False, compare=False)  # the file's bytes
     rule: AngleRule | None = None
 
     @property

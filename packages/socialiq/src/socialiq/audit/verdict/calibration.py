@@ -36,15 +36,12 @@ class Points(NamedTuple):
 class Preimage(NamedTuple):
     """Angles at which the curve has a given α̂: the hull of all of them, by resample.
 
-    Attributes:
-        low: Smallest angle, degrees; the nearest point of the curve if it doesn't reach α̂.
-        high: Largest angle.
-        beyond: Whether no point of the curve has this α̂.
+    If no point of the curve has it, they are the nearest point.
     """
 
-    low: Float[np.ndarray, " resample"]
+    low: Float[np.ndarray, " resample"]  # degrees
     high: Float[np.ndarray, " resample"]
-    beyond: np.ndarray
+    beyond: np.ndarray  # whether no point of the curve has this α̂
 
 
 def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
@@ -210,25 +207,15 @@ class CandidateLoss:
 
 @dataclass(frozen=True)
 class FollowedAngle:
-    """A policy in one context of a declared rule.
+    """A policy in one context of a declared rule."""
 
-    Attributes:
-        context: The context in words.
-        declared: Its declared angle in words.
-        decisions: Mean number of decisions in an episode.
-        loss: Mean decision loss at the declared angle, reward per episode.
-        low: Lower end of its two-sided interval (Student).
-        high: Upper end.
-        by_angle: Loss at other angles: the policy follows the angle of the least one.
-    """
-
-    context: str
-    declared: str
-    decisions: float
-    loss: float
-    low: float
-    high: float
-    by_angle: tuple[CandidateLoss, ...]
+    context: str  # the context in words
+    declared: str  # its declared angle in words
+    decisions: float  # mean number of decisions in an episode
+    loss: float  # mean decision loss at the declared angle, reward per episode
+    low: float  # lower end of its two-sided interval (Student)
+    high: float  # upper end
+    by_angle: tuple[CandidateLoss, ...]  # the policy follows the least one
 
 
 def followed_angles(

@@ -66,18 +66,11 @@ class OtherDriver:
 
 @dataclass(frozen=True)
 class Discrimination:
-    """Drivers that would pass a declaration.
+    """Drivers that would pass a declaration."""
 
-    Attributes:
-        would_pass: Number of drivers that would pass.
-        of: Number of drivers.
-        excludes_nothing: Whether every trivial driver would pass.
-        drivers: Decision on each driver.
-    """
-
-    would_pass: int
-    of: int
-    excludes_nothing: bool
+    would_pass: int  # number of drivers
+    of: int  # drivers in all
+    excludes_nothing: bool  # whether every trivial driver would pass
     drivers: tuple[OtherDriver, ...]
 
 
@@ -124,21 +117,16 @@ _FEWEST = 2  # episodes of a stratum for the test of a difference
 class Stratum:
     """A policy in the episodes of one label.
 
-    Attributes:
-        stratification: For instance "density".
-        label: For instance "4 or more".
-        episodes: Number of episodes.
-        regret: Regret towards the apparently best reference over all episodes, with a two-sided
-            Student interval; None if there are fewer than two episodes. Intervals are of each
-            stratum alone: of many, some miss.
-        shares: Share of each criterion of the floor, with a two-sided Wilson interval.
+    Regret is towards the apparently best reference over all episodes, with a two-sided Student
+    interval; None if there are fewer than two episodes. Intervals, Wilson's of the shares, are of
+    each stratum alone: of many, some miss.
     """
 
-    stratification: str
-    label: str
+    stratification: str  # for instance "density"
+    label: str  # for instance "4 or more"
     episodes: int
     regret: Difference | None
-    shares: dict[str, Share]
+    shares: dict[str, Share]  # of each criterion of the floor
 
 
 def stratified(

@@ -28,50 +28,32 @@ MEASURES = ("regret", *CRITERIA)
 class Change:
     """A measure of the policy in the declared traffic and in another.
 
-    Attributes:
-        measure: "regret", towards the apparently best reference in each traffic, or a criterion
-            of the safety floor.
-        declared: Value in the declared traffic.
-        there: Value in the other traffic.
-        change: The second less the first.
-        low: Lower end of its interval; all intervals of an audit hold jointly.
-        high: Upper end.
-        shown: Whether the change is significant: the interval excludes 0.
-        reference: Change of the best references, the effect of the traffic on a good driver. None
-            for regret, which is relative to them.
+    It is a criterion of the safety floor, or "regret" towards the apparently best reference in
+    each. The change of these references, the effect of the traffic on a good driver, is None for
+    regret, which is relative to them.
     """
 
     measure: str
     declared: float
     there: float
-    change: float
-    low: float
-    high: float
-    shown: bool
+    change: float  # the second less the first
+    low: float  # lower end of its interval; all intervals of an audit hold jointly
+    high: float  # upper end
+    shown: bool  # whether the change is significant: the interval excludes 0
     reference: float | None
 
 
 @dataclass(frozen=True)
 class Shift:
-    """Result of one other traffic.
+    """Result of one other traffic."""
 
-    Attributes:
-        name: Description of the traffic.
-        options: Options of the world that differ from the declaration's.
-        scenario_sha256: SHA-256 of the world's description.
-        episodes: Number of episodes; they are others than in the declared traffic.
-        decision: Decision by the declared margin and floor there.
-        best: Name of the apparently best reference there.
-        changes: Change of each of `MEASURES`.
-    """
-
-    name: str
-    options: Mapping[str, Any]
+    name: str  # of the traffic
+    options: Mapping[str, Any]  # options of the world that differ from the declaration's
     scenario_sha256: str
-    episodes: int
-    decision: Decision
-    best: str
-    changes: tuple[Change, ...]
+    episodes: int  # number of episodes; they are others than in the declared traffic
+    decision: Decision  # decision by the declared margin and floor there
+    best: str  # name of the apparently best reference there
+    changes: tuple[Change, ...]  # of each of `MEASURES`
 
     @property
     def shown(self) -> tuple[Change, ...]:
