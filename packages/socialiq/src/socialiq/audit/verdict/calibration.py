@@ -106,23 +106,13 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Whether the calibrated angle is equivalent to the declared one.
+    """Whether the calibrated angle is equivalent to the declared one, in degrees.
 
-    Attributes:
-        status: Whether there is a calibrated angle, or why not: fewer than two references have an
-            angle; the curve doesn't reach α̂; or α̂ itself isn't identified.
-        decision: PASS if [low, high] is within the declared angle plus or minus the margin, FAIL
-            if it is outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated.
-        declared: Declared angle in degrees.
-        margin: Margin in degrees.
-        nearest: Smallest and largest angle at which the curve has the estimated α̂. They differ
-            where the curve is flat or turns back: the angle is not identified between them.
-        low: One-sided lower bound of the calibrated angle, degrees.
-        high: One-sided upper bound.
-        error: Error of each bound; together they are a two-sided interval of 1 - 2 error
-            (Schuirmann's TOST at level error).
-        monotone: Whether α̂ never falls along the curve.
-        curve: Points of the curve.
+    There is none if fewer than two references have an angle, the curve doesn't reach α̂, or α̂ itself
+    isn't identified. The decision is PASS if [low, high] is within the declared angle plus or minus
+    the margin, FAIL if it is outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated. The
+    nearest angles are the smallest and largest at which the curve has the estimated α̂: they differ
+    where the curve is flat or turns back, and the angle is not identified between them.
     """
 
     status: Status
@@ -130,10 +120,10 @@ class Calibration:
     declared: float
     margin: float
     nearest: tuple[float, float] | None
-    low: float | None
-    high: float | None
-    error: float
-    monotone: bool
+    low: float | None  # one-sided lower bound
+    high: float | None  # one-sided upper bound
+    error: float  # of each bound: Schuirmann's TOST at this level
+    monotone: bool  # whether α̂ never falls along the curve
     curve: tuple[CurvePoint, ...]
 
 

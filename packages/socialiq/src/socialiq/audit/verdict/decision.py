@@ -41,66 +41,41 @@ def joint_decision(decisions: Iterable[Decision]) -> Decision:
 
 @dataclass(frozen=True)
 class AgainstReference:
-    """Regret towards one reference: estimate, and upper bound at the pass error.
+    """Regret towards one reference: estimate, and upper bound at the pass error."""
 
-    Attributes:
-        name: Name of the reference.
-        regret: J_α(reference) - J_α(policy), reward per episode.
-        high: One-sided upper bound.
-        compared: Whether the test uses it; see `Regrets`.
-    """
-
-    name: str
-    regret: float
-    high: float
-    compared: bool
+    name: str  # name of the reference
+    regret: float  # J_α(reference) - J_α(policy), reward per episode
+    high: float  # one-sided upper bound
+    compared: bool  # whether the test uses it; see `Regrets`
 
 
 @dataclass(frozen=True)
 class RegretTest:
-    """Whether the regret at the declared angle is within the margin.
+    """Whether the regret ρ at the declared angle is within the margin, in reward per episode.
 
-    Attributes:
-        decision: PASS if `high` <= margin, FAIL if `low` > margin or the declaration is `broken`.
-        angle: Declared angle in degrees.
-        margin: Margin, reward per episode.
-        regret: Estimate of ρ.
-        low: One-sided lower bound of ρ at `fail_error`.
-        high: One-sided upper bound of ρ at `pass_error`.
-        pass_error: Largest chance of a pass although ρ exceeds the margin.
-        fail_error: Largest chance of a fail although ρ is within the margin.
-        bound: Method of `low` and `high`: by betting, which holds for any distribution within a
-            declared largest loss, or by the bootstrap, if none is declared.
-        bootstrap_low: Lower bound by the bootstrap.
-        bootstrap_high: Upper bound by the bootstrap.
-        largest_loss: Declared largest loss of an episode; None if none is declared.
-        seen_loss: Largest loss of an episode.
-        seen_against: Name of the reference against which the policy lost it.
-        best: Name of the reference with the largest estimate.
-        references: Regret towards each reference.
-        episodes: Number of episodes.
-        needed: Episodes that would decide, if the estimate is true, in 9 of 10 audits; None if it
-            is on the margin.
+    It passes if `high` <= margin, and fails if `low` > margin or the declaration is `broken`. These
+    bounds are by betting, which holds for any distribution within a declared largest loss, or by
+    the bootstrap, if none is declared.
     """
 
     decision: Decision
-    angle: float
+    angle: float  # declared, degrees
     margin: float
-    regret: float
-    low: float
-    high: float
-    pass_error: float
-    fail_error: float
-    bound: Literal["betting", "bootstrap"]
+    regret: float  # estimate of ρ
+    low: float  # one-sided lower bound of ρ at `fail_error`
+    high: float  # one-sided upper bound of ρ at `pass_error`
+    pass_error: float  # largest chance of a pass although ρ exceeds the margin
+    fail_error: float  # largest chance of a fail although ρ is within the margin
+    bound: Literal["betting", "bootstrap"]  # method of `low` and `high`
     bootstrap_low: float
     bootstrap_high: float
-    largest_loss: float | None
-    seen_loss: float
-    seen_against: str
-    best: str
+    largest_loss: float | None  # of an episode, if one is declared
+    seen_loss: float  # largest loss of an episode
+    seen_against: str  # name of the reference against which the policy lost it
+    best: str  # name of the reference with the largest estimate
     references: tuple[AgainstReference, ...]
     episodes: int
-    needed: int | None
+    needed: int | None  # episodes that decide in 9 of 10 audits, if the estimate is not the margin
 
     @property
     def broken(self) -> bool:
@@ -174,22 +149,16 @@ _FINE = 0.1  # degrees of the search for the smallest regret
 class CompatibleAngles:
     """Angles at which the policy's regret is within the margin, none if it is large everywhere.
 
-    Attributes:
-        arcs: Angles by the estimates.
-        surely: Angles at which the policy would pass, to the degree: any angle whose true regret
-            exceeds the margin is in it with a chance of at most `pass_error`.
-        possibly: Angles at which it would not fail: any angle whose true regret is within the
-            margin is outside with a chance of at most `fail_error`.
-        least_angle: Angle of the smallest regret (the first one), degrees.
-        least: The regret there, reward per episode.
-        margin: Margin, reward per episode.
+    To the degree, it would surely pass at some angles, and possibly not fail at others. Any angle
+    whose true regret exceeds the margin is among the first with a chance of at most the pass error;
+    any whose true regret is within it is not among the second with one of at most the fail error.
     """
 
-    arcs: tuple[Arc, ...]
+    arcs: tuple[Arc, ...]  # angles by the estimates
     surely: tuple[Arc, ...]
     possibly: tuple[Arc, ...]
-    least_angle: float
-    least: float
+    least_angle: float  # angle of the smallest regret (the first one), degrees
+    least: float  # the regret there, reward per episode
     margin: float
 
 
@@ -226,36 +195,24 @@ def compatible_angles(
 
 @dataclass(frozen=True)
 class FloorTest:
-    """One share against its limit.
+    """A share of episodes against its limit, significantly kept or broken.
 
-    Attributes:
-        name: One of `CRITERIA`.
-        decision: PASS if the limit is significantly kept, FAIL if it is significantly broken.
-        side: Whether the share must be at most or at least the limit.
-        limit: Declared limit.
-        count: Number of episodes with the event.
-        episodes: Number of episodes.
-        share: Share of episodes with the event.
-        low: Lower bound of Clopper and Pearson; at `fail_error` if the share must be small, else
-            at `pass_error`.
-        high: Upper bound; its errors are the other way round.
-        pass_error: One-sided error of a wrong pass.
-        fail_error: One-sided error of a wrong fail.
-        needed: Episodes that would decide if the share is true; None if it is the limit.
+    Bounds are those of Clopper and Pearson. The lower one is at the fail error if the share must be
+    small, else at the pass error; those of the upper one are the other way round.
     """
 
-    name: str
+    name: str  # one of `CRITERIA`
     decision: Decision
     side: Literal["at most", "at least"]
     limit: float
-    count: int
+    count: int  # number of episodes with the event
     episodes: int
     share: float
     low: float
     high: float
-    pass_error: float
-    fail_error: float
-    needed: int | None
+    pass_error: float  # one-sided error of a wrong pass
+    fail_error: float  # one-sided error of a wrong fail
+    needed: int | None  # episodes that would decide, if the share is true and not the limit
 
 
 def floor_tests(

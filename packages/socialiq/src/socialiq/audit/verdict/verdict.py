@@ -20,34 +20,23 @@ from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of an audit.
+    """Result of an audit: PASS if regret and safety floor pass, FAIL if one of them fails.
 
-    Attributes:
-        decision: PASS if regret and safety floor pass, FAIL if one of them fails.
-        reason: Reason in one plain sentence.
-        episodes: Number of episodes.
-        needed: Episodes that would decide an inconclusive audit; None if it is decided, or if an
-            estimate is on its limit, where no number is enough.
-        error: Largest chance of a wrong pass, and of a wrong fail, at this look.
-        regret: The primary test.
-        rationalised: Angles compatible with the behaviour.
-        alpha_hat: α̂ of the thesis with its two-sided interval; None if it isn't identified.
-        identifiability: Confidence ellipse of the mean rewards.
-        calibration: Equivalence on the calibrated angle; reported, not decisive.
-        competence: Test of each criterion of the safety floor.
+    `needed` is the number of episodes that would decide an inconclusive audit; None if it is
+    decided, or if an estimate is on its limit, where no number is enough.
     """
 
     decision: Decision
-    reason: str
+    reason: str  # one plain sentence
     episodes: int
     needed: int | None
-    error: float
-    regret: RegretTest
-    rationalised: CompatibleAngles
-    alpha_hat: AngleEstimate | None
-    identifiability: Ellipse
-    calibration: Calibration
-    competence: tuple[FloorTest, ...]
+    error: float  # largest chance of a wrong pass, and of a wrong fail, at this look
+    regret: RegretTest  # the primary test
+    rationalised: CompatibleAngles  # angles compatible with the behaviour
+    alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
+    identifiability: Ellipse  # confidence ellipse of the mean rewards
+    calibration: Calibration  # equivalence on the calibrated angle; reported, not decisive
+    competence: tuple[FloorTest, ...]  # test of each criterion of the safety floor
 
 
 class Decisive(NamedTuple):
