@@ -14,12 +14,11 @@ from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
-from socialiq.worlds.highway.pictures.sheet import picture
-from socialiq.worlds.intersection.batch import BackEnd
+from socialiq.worlds.highway.render import episode_scenes, filmstrip
+from socialiq.worlds.highway.sheet import picture
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import make
+from socialiq.worlds.intersection.world import BackEnd, make
 from socialiq_lab.study import Context, Findings, StageCallback, counter
 from socialiq_lab.tables import nested
 

@@ -9,8 +9,8 @@ from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
 from socialiq.worlds import IDS, registry
+from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.intersection.gym import IntersectionEnv
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Intersection
 
@@ -121,7 +121,7 @@ def test_an_episode_that_ended_must_be_reset(env):
 
 @pytest.mark.parametrize("action", [3, -1])
 def test_unknown_actions_are_refused(action):
-    env = IntersectionEnv()
+    env = RoadEnv()
     env.reset(seed=0)
     with pytest.raises(UserError, match=r"actions must be 0 to 2"):
         env.step(action)
@@ -139,7 +139,7 @@ def test_it_renders_an_image():
 
 
 def test_without_a_render_mode_it_renders_nothing():
-    env = IntersectionEnv()
+    env = RoadEnv()
     env.reset(seed=0)
     assert env.render() is None
 

@@ -11,10 +11,10 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import traffic as ego_kernels
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Batch
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
@@ -44,7 +44,7 @@ def crashed(world):
 
 def ended(world):
     """Whether it is terminated, and truncated, by all that an engine reads of it."""
-    terminated = crashed(world) or arrived(world.after[world.ego_after])
+    terminated = crashed(world) or arrived(world.after[world.ego_after], 0)
     return terminated, world.time >= world.environment.config["duration"]
 
 
@@ -65,7 +65,7 @@ def assert_same_episode(world, plain, seed):
         np.testing.assert_array_equal(found, observation.ravel())
         assert ended(world) == (terminated, truncated)
         assert (crashed(world), world.time) == (info["crashed"], plain.time)
-        assert arrived(world.after[world.ego_after]) == plain.has_arrived(plain.vehicle)
+        assert arrived(world.after[world.ego_after], 0) == plain.has_arrived(plain.vehicle)
 
 
 @pytest.mark.parametrize("connected_lanes", [False, True])
@@ -322,13 +322,13 @@ def test_an_ending_is_read_from_highway_env():
     options = ContinuousOptions(actions="continuous_steering", offroad_terminal=True)
     real = Batch(options, 1, back_end="highway_env")
     real.reset([0])
-    (row,) = real._engine._rows
+    (row,) = real._real._rows
     row.environment.config["offroad_terminal"] = False
     made = real.step(np.array([[0.0, 1.0]]), auto_reset=False)
     assert made.off_road[0] and made.ending[0] == Ending.NONE
     real = Batch(ContinuousOptions(actions="continuous_steering"), 1, back_end="highway_env")
     real.reset([0])
-    (row,) = real._engine._rows
+    (row,) = real._real._rows
     row.environment.config["offroad_terminal"] = True
     assert real.step(np.array([[0.0, 1.0]]), auto_reset=False).ending[0] == Ending.OTHER
 

@@ -20,8 +20,8 @@ from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import Policy, RewardPair, Row
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.jobs import ProgressCallback
 
 BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"

@@ -35,13 +35,12 @@ from socialiq.policies.load import load_policy
 from socialiq.social.angle import check_angle
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS
-from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, make_environment, sizes
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
+from socialiq.worlds.situation import load_driver
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""

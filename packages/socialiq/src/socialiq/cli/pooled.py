@@ -14,8 +14,8 @@ from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.card import trained_angle
 from socialiq.social.angle import angle_of
 from socialiq.storage import kind_of
-from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.intersection import atlas
+from socialiq.worlds.situation import load_driver
 
 
 def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:

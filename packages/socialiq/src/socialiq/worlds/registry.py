@@ -17,12 +17,12 @@ from typing import Any, TypeVar
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.storage import kind_of
-from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7, intersection
+from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.intersection import world as intersection
 from socialiq.worlds.intersection.options import ContinuousOptions
-from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import World
 
 Kind = TypeVar("Kind")
@@ -118,7 +118,7 @@ def open_world(name: str, **options: Any) -> World:
     return make(name, **options)
 
 
-def make(name: str, **options: Any) -> GridWorld | Intersection:
+def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
     """Build a world by name, with its options as keyword arguments.
 
     Args:

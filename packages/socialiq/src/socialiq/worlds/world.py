@@ -20,7 +20,7 @@ from socialiq.types import Policy, RewardPair
 
 if TYPE_CHECKING:
     from socialiq.worlds.enumerate import Table
-    from socialiq.worlds.highway.pictures.render import View
+    from socialiq.worlds.highway.render import View
 
 _NONE = np.zeros(0)
 

@@ -24,8 +24,7 @@ from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, t
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, continuous_maker, sizes
-from socialiq.worlds.intersection.batch import width
-from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, refuse_file
 
@@ -244,10 +243,10 @@ def _at_intersection(
     options = continuous_options(world)
     listed = Intersection(options).n_features
     clock = static.times > 0 if data is None else data.n_features == listed + 1
-    env = intersections(options, len(runs) * SIDE_BY_SIDE, clock)
+    env = learning_env(Intersection(options), len(runs) * SIDE_BY_SIDE, clock)
     rounds = -(-steps // SIDE_BY_SIDE)
     return {
-        "sizes": (listed + clock, width(options)),
+        "sizes": (listed + clock, options.width),
         "chunk": static.updates_per_round,
         "before_chunk": ActorVectorCollector(env, rounds, static, runs),
     }

@@ -161,9 +161,14 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
                 raise UserError(f"{name} must be positive, got {getattr(self, name)}")
 
     @property
+    def width(self) -> int:
+        """Number of values of a continuous action; 0 if actions are discrete."""
+        return 0
+
+    @property
     def continuous(self) -> bool:
         """Whether the ego's actions are continuous."""
-        return False
+        return self.width > 0
 
 
 SIGNALS = (

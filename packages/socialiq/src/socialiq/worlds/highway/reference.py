@@ -17,7 +17,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway import Compared
 from socialiq.worlds.highway.core import drivers
 from socialiq.worlds.highway.options import RoadOptions
-from socialiq.worlds.highway.scene import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
+from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.highway.world import Batch, world_of
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from socialiq.errors import UserError
 from socialiq.worlds.highway.options import SIGNALS, RoadOptions
 
 MAX_SPEED = 40.0  # m/s of any vehicle, either way
@@ -104,7 +105,12 @@ class Buffers(NamedTuple):
             most: Largest number of vehicles of an episode.
             size: Number of episodes.
             traced: Whether there is space for every sub-step.
+
+        Raises:
+            UserError: If the size is not positive.
         """
+        if size < 1:
+            raise UserError(f"size must be at least 1, got {size}")
         rows, capacity = (size,), (size, most)
         observed = (size, options.observed_vehicles, len(FEATURES))
         frames = (size if traced else 0, options.frames, most)

@@ -11,15 +11,14 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import one_of
-from socialiq.worlds.highway.episodes import RoadBatch, check_sizes, checked_numbers
+from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import SIGNALS, RoadOptions, reward_definition, settings_of
-from socialiq.worlds.highway.scene import ACTIONS, CAR, Scene
-from socialiq.worlds.highway.scenes import scene_of
+from socialiq.worlds.highway.scenes import ACTIONS, CAR, Scene, scene_of
 from socialiq.worlds.highway.state import FEATURES, Buffers
 from socialiq.worlds.world import World
 
 if TYPE_CHECKING:
-    from socialiq.worlds.highway.pictures.render import View
+    from socialiq.worlds.highway.render import View
 
 _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
 
@@ -74,12 +73,11 @@ class Batch(RoadBatch):
         threads: Number of threads.
         traced: Record the vehicles of every sub-step in `buffers.trace`, for films.
 
-    Attributes:
-        scene: The scene.
-
     Raises:
         UserError: If a number is not positive.
     """
+
+    n_actions = len(ACTIONS)
 
     def __init__(
         self,
@@ -89,18 +87,15 @@ class Batch(RoadBatch):
         threads: int = 1,
         traced: bool = False,
     ) -> None:
-        check_sizes(size, threads)
+        self.scene = scene
         most = len(scene.road.entries) + len(scene.road.obstacles)
-        super().__init__(options, Buffers.of(options, CAR, most, size, traced))
-        self.scene, self._threads = scene, threads
-        self._settings = settings_of(options)
+        buffers = Buffers.of(options, CAR, most, size, traced)
+        super().__init__(options, buffers, settings_of(options), threads)
 
-    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+    def _core(self) -> tuple[Any, Any]:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
-        from socialiq.worlds.highway.core.compile import run_in_parts
 
-        arguments = commands, seeds, seeded, actions, self._settings, self.scene.road
-        run_in_parts(step.run, self._threads, self.size, self.buffers, *arguments)
+        return step.run, self.scene.road
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scene."""
@@ -110,15 +105,6 @@ class Batch(RoadBatch):
     def lanes(self) -> np.ndarray:
         """Records of the scene's lanes."""
         return self.scene.road.lanes
-
-    @property
-    def n_actions(self) -> int:
-        """Number of discrete actions."""
-        return len(ACTIONS)
-
-    def _checked(self, actions: Any) -> np.ndarray:
-        """Return actions, numbers of `scene.ACTIONS`, as int64."""
-        return checked_numbers(actions, self.size, len(ACTIONS))
 
 
 @dataclass(frozen=True)
@@ -151,7 +137,7 @@ class SceneWorld(RoadWorld):
     @property
     def view(self) -> View:
         """The road as pictures show it."""
-        from socialiq.worlds.highway.pictures.views import Lanes  # imports Numba
+        from socialiq.worlds.highway.views import Lanes  # imports Numba
 
         return Lanes(self.scene)
 

@@ -13,7 +13,6 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results, read_json
-from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"
@@ -89,7 +88,7 @@ def path_for(name: str, options: Options) -> Path:
         UserError: If the name is unknown, or the scenario steers: no policy of the atlas does.
     """
     path = path_of(name, CONTINUOUS_STUDIES if options.continuous else STUDIES)
-    if width(options) == 2:
+    if options.width == 2:
         raise UserError(
             f"atlas:{name} accelerates and doesn't steer: name a rule or a policy file that was "
             "trained with steering"

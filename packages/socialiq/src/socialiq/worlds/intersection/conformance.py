@@ -10,10 +10,9 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
 from socialiq.worlds.highway import Compared
-from socialiq.worlds.intersection.batch import Batch, width
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import VEHICLE, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import VEHICLE
+from socialiq.worlds.intersection.world import Batch
 
 POLICIES = ("go", "idle", "wait", "random")  # in turn, by episode
 
@@ -60,7 +59,7 @@ def driver_of_turn(number: int, seed: int, options: Options) -> Policy:
     if not options.continuous:
         return policy(POLICIES[turn], seed)
     least, steering, kind = _DRAWN[turn]
-    return RandomValues(width(options), least, steering, kind, seed)
+    return RandomValues(options.width, least, steering, kind, seed)
 
 
 _DRAWN = (

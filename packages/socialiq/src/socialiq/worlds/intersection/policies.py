@@ -14,15 +14,16 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import one_of
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.intersection.batch import ACCELERATION_RANGE, width
-from socialiq.worlds.intersection.options import POPULATIONS, Options
-from socialiq.worlds.intersection.state import (
+from socialiq.worlds.intersection.options import (
+    ACCELERATION_RANGE,
     ACTIONS,
     FASTER,
     IDLE,
+    POPULATIONS,
     POSITION_RANGE,
     SLOWER,
     SPEED_RANGE,
+    Options,
 )
 
 STOP_LINE = 11.0  # m south of the centre
@@ -179,7 +180,7 @@ def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePoli
     """
     one_of("reference policy", name, NAMES)
     if options is not None and options.continuous:
-        return RulePolicy(accelerating(name, width(options), seed))
+        return RulePolicy(accelerating(name, options.width, seed))
     return RulePolicy(random(seed) if name == "random" else _RULES[name])
 
 

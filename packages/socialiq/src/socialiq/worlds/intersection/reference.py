@@ -19,9 +19,9 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.highway.core import collisions
+from socialiq.worlds.gym import TERMINAL
+from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq.worlds.highway.gym import TERMINAL
 from socialiq.worlds.highway.state import (
     ANNOTATE,
     DECIDE,
@@ -32,18 +32,19 @@ from socialiq.worlds.highway.state import (
     Buffers,
     Contact,
 )
-from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.core import step, traffic
 from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
 from socialiq.worlds.intersection.options import (
     POPULATIONS,
+    POSITION_RANGE,
+    SPEED_RANGE,
+    VEHICLE,
     ContinuousOptions,
     Normal,
     Options,
     Population,
     settings_of,
 )
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
 
 try:
     # Type checks also run where the extra is not installed.
@@ -117,7 +118,7 @@ globals().update({driver.__name__: driver for driver in DRIVERS.values()})
 
 ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
 
-contact_of = for_python(collisions.contact_of)
+contact_of = for_python(kernels.contact_of)
 
 
 def environment_config(options: Options) -> dict[str, Any]:
@@ -160,7 +161,7 @@ def environment_config(options: Options) -> dict[str, Any]:
 
 def _action_config(options: Options) -> dict[str, Any]:
     if options.continuous:
-        return {"type": "ContinuousAction", "longitudinal": True, "lateral": width(options) == 2}
+        return {"type": "ContinuousAction", "longitudinal": True, "lateral": options.width == 2}
     return {
         "type": "DiscreteMetaAction",
         "longitudinal": True,
@@ -414,7 +415,8 @@ class Reference:
             self._write_decision(int(row))
         annotated = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
-        step.on_threads(1, buffers, annotated, seeds, unseeded, unused, self._settings)
+        rows = 0, 0, len(commands)
+        step.run(buffers, annotated, seeds, unseeded, unused, self._settings, *rows)
         for row in np.flatnonzero(decided):
             self._take_ending(int(row))
         buffers.reached[decided] = observation[decided]
@@ -436,7 +438,7 @@ class Reference:
         buffers, real = self._buffers, self._rows[row]
         buffers.observation[row] = real.reset(seed).reshape(buffers.observation[row].shape)
         self._write_now(row)
-        buffers.episodes[row]["start"] = route_coordinate(buffers.vehicles[row][real.ego])
+        buffers.episodes[row]["start"] = route_coordinate(buffers.vehicles[row][real.ego], 0)
 
     def _write_decision(self, row: int) -> None:
         buffers, real = self._buffers, self._rows[row]

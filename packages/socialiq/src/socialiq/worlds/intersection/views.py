@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH
-from socialiq.worlds.highway.pictures.render import Frame, Scene, View
-from socialiq.worlds.highway.pictures.shapes import (
+from socialiq.worlds.highway.render import Frame, Scene, View
+from socialiq.worlds.highway.shapes import (
     ASPHALT,
     GRASS,
     PAINT,

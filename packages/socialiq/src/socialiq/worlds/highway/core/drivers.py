@@ -26,7 +26,7 @@ from socialiq.worlds.highway.core.vehicle import (
     speed_index,
     steering,
 )
-from socialiq.worlds.highway.scene import (
+from socialiq.worlds.highway.scenes import (
     FASTER,
     LANE_LEFT,
     LANE_RIGHT,
@@ -241,8 +241,9 @@ def _worthwhile(cars, me, here, candidate, lanes):
 
 
 @kernel
-def choose(car, action, road, settings):
+def choose(_episode, cars, action, road, settings):
     """Carry out the ego's action: a target lane or a target speed."""
+    car = cars[0]
     if at_end(car, road.lanes):
         car.target_lane = following(car, road)
     if action in (FASTER, SLOWER):

@@ -16,10 +16,15 @@ from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
-from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
+from socialiq.worlds.intersection.core.step import ENTRY_SPEED, draw_driver
 from socialiq.worlds.intersection.core.traffic import enforce, follow_road, route_coordinate
-from socialiq.worlds.intersection.options import Options, settings_of
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
+from socialiq.worlds.intersection.options import (
+    POSITION_RANGE,
+    SPEED_RANGE,
+    VEHICLE,
+    Options,
+    settings_of,
+)
 
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
 ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely
@@ -59,7 +64,7 @@ def imagine(observation, episode, vehicles, settings):
     episode.sub_steps = settings.warm_up
     episode.vehicles = count
     episode.ego = 0
-    episode.start = route_coordinate(vehicles[0])
+    episode.start = route_coordinate(vehicles[0], 0)
     episode.next_identity = count
     episode.contact = _NO_CONTACT
     episode.touched = -1

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.worlds.highway import scene as tables
+from socialiq.worlds.highway import scenes as tables
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT
-from socialiq.worlds.highway.pictures import shapes
-from socialiq.worlds.highway.pictures.render import Frame, Scene
+from socialiq.worlds.highway.render import Frame, Scene
 
 WIDEST = 130.0  # m of the road in a picture
 LOWEST = 30.0  # m

@@ -14,9 +14,9 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS
-from socialiq.worlds.highway.pictures import shapes
-from socialiq.worlds.highway.pictures.render import DPI, Scene, View, look, traffic
+from socialiq.worlds.highway.render import DPI, Scene, View, look, traffic
 from socialiq.worlds.pictures import EGO, OTHER, pixels
 
 if TYPE_CHECKING:
