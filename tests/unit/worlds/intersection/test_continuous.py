@@ -30,10 +30,10 @@ def begun(options, size=1, seed=100):
 
 def test_values_mean_commands():
     found = commands(np.array([[-1.0, 1.0], [0.0, 0.0], [0.5, -0.5]]))
-    np.testing.assert_allclose(found.acceleration, [-5.0, 0.0, 2.5])
-    np.testing.assert_allclose(np.rad2deg(found.steering), [45.0, 0.0, -22.5])
-    alone = commands(np.ones((2, 1), np.float32))
-    assert alone.acceleration.dtype == np.float32 and not alone.steering.any()
+    np.testing.assert_allclose(found[0], [-5.0, 0.0, 2.5])
+    np.testing.assert_allclose(np.rad2deg(found[1]), [45.0, 0.0, -22.5])
+    acceleration, steering = commands(np.ones((2, 1), np.float32))
+    assert acceleration.dtype == np.float32 and not steering.any()
 
 
 @pytest.mark.parametrize("value", [1.0, 0.3, -0.4])
