@@ -123,11 +123,9 @@ class Conformance(Printing):
 
     def _compared(self, options: Options) -> Iterator[Compared]:
         """Yield the differences of each episode."""
+        from socialiq.worlds.conformance import compare_intersection, compare_scene
+
         if self.scene != "intersection":
-            from socialiq.worlds.highway.reference import compare as compare_scene
-
             return compare_scene(self.scene, self.episodes, self.seed)
-        from socialiq.worlds.intersection.conformance import compare
-
         driver = driver_of(self.driver, self.seed, options) if self.driver else None
-        return compare(options, self.episodes, self.seed, driver)
+        return compare_intersection(options, self.episodes, self.seed, driver)

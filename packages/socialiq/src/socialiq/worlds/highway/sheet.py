@@ -171,6 +171,11 @@ def _legend(
 ) -> None:
     """Draw the legend, each mark as it appears on the road, at as many places as are needed."""
 
+    def draw_influence(pose: shapes.Pose) -> None:
+        line = pose.place([(-2.5, 0.0), (2.5, 0.0)])
+        shapes.band(axes, line, width=3.0, facecolor=shapes.ASPHALT, zorder=1)
+        shapes.band(axes, line, width=3.0)
+
     def draw_braking(pose: shapes.Pose) -> None:
         shapes.vehicle(axes, pose, OTHER)
         shapes.brake_lights(axes, pose)
@@ -182,7 +187,7 @@ def _legend(
         "brakes for the ego": draw_braking,
         "has crashed": lambda pose: shapes.burst(axes, pose, 0.4),
         "obstacle": lambda pose: shapes.obstacle(axes, pose),
-        "ego's influence": lambda pose: shapes.swatch(axes, pose.x, pose.y),
+        "ego's influence": draw_influence,
         "ego's route": lambda pose: shapes.dots(axes, pose.place([(-2.5, 0.0), (2.5, 0.0)])),
     }
     of_some = {"gives way", "obstacle"} - set(marks)
