@@ -154,7 +154,7 @@ class GridState(NamedTuple):
 
     def rows(self, chosen: Any) -> GridState:
         """Return the state of the chosen episodes; indices may repeat."""
-        return GridState(*(column[np.asarray(chosen)] for column in self))
+        return GridState(*(column[chosen].copy() for column in self))
 
 
 class GridBatch:
@@ -191,12 +191,7 @@ class GridBatch:
         return observed_with_time(self.table.observe(self.state, self._time), self.time, policy)
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Int64[np.ndarray, " row"]:
-        """Draw the first states of some rows.
-
-        Args:
-            seeds: Seed of each of these rows.
-            rows: Index or mask; all by default.
-        """
+        """Draw the first states of some rows, all by default, from a seed for each of these."""
         chosen, initial = np.flatnonzero(rows_of(rows, self.size)), self.table.mdp.initial
         if self._shared is not None:
             self.state[chosen] = self._shared.choice(len(initial), size=len(chosen), p=initial)
@@ -240,8 +235,7 @@ class GridBatch:
 
     def save(self) -> GridState:
         """Return a copy of the state of every episode."""
-        columns = (self.state, self._time, self._fate, self._waiting)
-        return GridState(*(column.copy() for column in columns))
+        return GridState(self.state, self._time, self._fate, self._waiting).rows(slice(None))
 
     def restore(self, state: GridState) -> None:
         """Restore a saved state with as many rows."""
@@ -335,9 +329,7 @@ def draw_actions(
     probabilities: Float[np.ndarray, "batch action"], rng: np.random.Generator
 ) -> np.ndarray:
     """Draw one action for each row of probabilities."""
-    cumulative = probabilities.cumsum(axis=1)
-    actions = (rng.random((len(probabilities), 1)) >= cumulative).sum(axis=1)
-    return np.minimum(actions, probabilities.shape[1] - 1)
+    return _drawn(probabilities, rng.random((len(probabilities), 1))[:, 0])
 
 
 Variant = Literal["deterministic", "stochastic"]
@@ -355,19 +347,13 @@ def expert_policy(
         table: The world, with all its states.
         angle: Social angle in degrees.
         variant: Solve the world itself, or the variant without spawns, as the thesis does before
-            it rolls the experts out in the stochastic world.
+            it rolls the experts out in the stochastic world. Rewards don't depend on spawns.
         discount: γ of Table C.1.
     """
-    mdp = without_chance(table.mdp) if variant == "deterministic" else table.mdp
+    mdp = table.mdp
+    if variant == "deterministic":  # the first chance outcome always occurs: no vehicle spawns
+        certain = np.zeros_like(mdp.probability)
+        certain[..., 0] = 1.0
+        mdp = dataclasses.replace(mdp, probability=certain)
     reward = score(weights(angle), mdp.rewards)
     return greedy_policy(value_iteration(mdp, reward, discount).q)
-
-
-def without_chance(mdp: TabularMDP) -> TabularMDP:
-    """Return the variant in which the first chance outcome always occurs: no vehicle spawns.
-
-    Rewards don't depend on the outcome in the gridworlds: a spawn affects later steps only.
-    """
-    certain = np.zeros_like(mdp.probability)
-    certain[..., 0] = 1.0
-    return dataclasses.replace(mdp, probability=certain)

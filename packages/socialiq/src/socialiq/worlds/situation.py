@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64, Shaped
@@ -23,7 +23,6 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
-Column = Float64[np.ndarray, " row"]
 Seen = Shaped[np.ndarray, "row feature"]
 
 TIME = "decisions"
@@ -35,8 +34,7 @@ _SOON = 3.0  # s, as `evaluation.episodes.CONFLICT_SECONDS`
 _PERCEPTION = 200.0  # m; nothing farther is observed
 
 
-@dataclass(frozen=True)
-class Feature:
+class Feature(NamedTuple):
     """Named feature of a situation.
 
     Attributes:
@@ -50,8 +48,8 @@ class Feature:
 
 def _before(seen: np.ndarray) -> np.ndarray:
     """Whether each slot of the 7x7 world has a vehicle south of the conflict cell."""
-    places = seen[:, [2, 4]]
-    return (places >= 0) & (places < crossing7.CONFLICT)
+    rows = seen[:, [2, 4]]
+    return (rows >= 0) & (rows < crossing7.CONFLICT)
 
 
 def _nearest_cells(seen: np.ndarray) -> np.ndarray:
@@ -109,13 +107,9 @@ def _waiting(seen: np.ndarray) -> np.ndarray:
     return (_others(seen) & slow & (_distance(seen) <= _NEAR)).sum(axis=1)
 
 
-def _crossing(seen: np.ndarray) -> np.ndarray:
-    return policies.conflict(seen, _SOON)
-
-
 def _with_priority(seen: np.ndarray) -> np.ndarray:
     other_road = np.abs(seen[:, 1:, 5]) > np.abs(seen[:, 1:, 6])
-    return (_crossing(seen) & other_road).sum(axis=1)
+    return (policies.conflict(seen, _SOON) & other_road).sum(axis=1)
 
 
 _INTERSECTION = {
@@ -127,7 +121,7 @@ _INTERSECTION = {
     "waiting": Feature("other vehicles within 30 m of the ego, slower than 1 m/s", _waiting),
     "crossing": Feature(
         "crossing vehicles in the junction, or there within 3 s",
-        lambda seen: _crossing(seen).sum(axis=1),
+        lambda seen: policies.conflict(seen, _SOON).sum(axis=1),
     ),
     "crossing_with_priority": Feature(
         "those of them on the other road, which has priority over the ego's", _with_priority
@@ -156,16 +150,6 @@ TIMED = ("intersection",)
 """Worlds in which `TIME` is a feature. The exact optima of a gridworld need rewards without it."""
 
 
-def known_features(world: str) -> tuple[str, ...]:
-    """Return the names of a world's features.
-
-    Raises:
-        UserError: If the world has none.
-    """
-    one_of("world of a rule", world, tuple(SITUATIONS))
-    return (*SITUATIONS[world], *((TIME,) if world in TIMED else ()))
-
-
 def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
     """Check that a rule reads features of its world, and that this is the wanted one.
 
@@ -177,7 +161,8 @@ def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
     Raises:
         UserError: If a feature is unknown, or the rule is of another world.
     """
-    features = known_features(rule.world)
+    one_of("world of a rule", rule.world, tuple(SITUATIONS))
+    features = (*SITUATIONS[rule.world], *((TIME,) if rule.world in TIMED else ()))
     for name in rule.features:
         one_of(f"feature of {rule.world}", name, features)
     if world and rule.world != world:
@@ -195,7 +180,7 @@ def plain_features(world: str) -> int:
 
 def features_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
-) -> dict[str, Column]:
+) -> dict[str, Float64[np.ndarray, " row"]]:
     """Return the features that a rule reads.
 
     Args:
@@ -208,11 +193,8 @@ def features_of(
         values = policies.in_metres(np.asarray(observation))
     columns = {}
     for name in rule.features:
-        if name == TIME:
-            assert time is not None  # `check_rule` refuses the feature without a clock
-            value = time
-        else:
-            value = SITUATIONS[rule.world][name].of(values)
+        # `check_rule` refuses the time without a clock.
+        value = time if name == TIME else SITUATIONS[rule.world][name].of(values)
         columns[name] = np.asarray(value, np.float64)
     return columns
 
@@ -222,10 +204,7 @@ def angles_of(
 ) -> tuple[Float64[np.ndarray, " row"], Int64[np.ndarray, " row"]]:
     """Return a rule's angle in degrees, and the number of the context, of each observation.
 
-    Args:
-        rule: The rule.
-        observation: Observations of its world, without the time.
-        time: Decisions since the start of each row, if the rule reads it.
+    The arguments are those of `features_of`.
     """
     features, rows = features_of(rule, observation, time), len(observation)
     return rule.degrees(features, rows), rule.context(features, rows)
@@ -314,11 +293,7 @@ class ContextPolicy(ValuePolicy):
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Return the dial's Q of each observation and action at the rule's angle.
-
-        Raises:
-            UserError: If an observation has another length or is not finite.
-        """
+        """Return the dial's Q of each observation and action at the rule's angle."""
         return self.dial.q_values_at(observations, self.angles(observations)[0])
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -159,9 +159,8 @@ class World(abc.ABC):
         Raises:
             UserError: If they are continuous.
         """
-        space = self.action_space
-        if isinstance(space, spaces.Discrete):
-            return int(space.n)
+        if isinstance(self.action_space, spaces.Discrete):
+            return int(self.action_space.n)
         raise UserError(
             f"the actions of this {self.name} are continuous: choose discrete ones, or a "
             "method for continuous actions"
@@ -187,11 +186,7 @@ class World(abc.ABC):
         return f"socialiq/{self.name}/1"
 
     def largest_difference(self, weights: tuple[float, float]) -> float | None:  # noqa: ARG002
-        """Return the most by which the weighted rewards of two episodes can differ; None: unknown.
-
-        Args:
-            weights: Weights of r_env and r_social.
-        """
+        """Return the most by which two episodes' weighted rewards can differ; None: unknown."""
         return None
 
     @property
@@ -204,19 +199,11 @@ class World(abc.ABC):
         return self
 
     def table(self) -> Table:
-        """Return the exact transitions of a world that `is_exact`.
-
-        Raises:
-            UserError: If the states can't be listed.
-        """
+        """Return the exact transitions of a world that `is_exact`; refuse others."""
         raise UserError(f"the states of {self.name} can't be listed, so nothing about it is exact")
 
     def driver(self, name: str, seed: int = 0) -> Policy:
-        """Return a rule-based driver of `drivers`; `seed` is of the random one.
-
-        Raises:
-            UserError: If the world has no such driver.
-        """
+        """Return a rule-based driver of `drivers`, else raise a `UserError`; some are seeded."""
         raise UserError(f"{self.name} has no rule-based driver {name!r} (seed {seed})")
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
@@ -225,20 +212,11 @@ class World(abc.ABC):
 
     @abc.abstractmethod
     def batch(self, size: int, threads: int = 1) -> Simulator:
-        """Return episodes side by side.
-
-        Args:
-            size: Number of episodes.
-            threads: Number of threads, where the world is compiled.
-        """
+        """Return so many episodes side by side, on so many threads if the world is compiled."""
 
 
 class ConstantPolicy:
-    """Policy that always chooses one action.
-
-    Args:
-        action: The action: a number, or a vector.
-    """
+    """Policy that always chooses one action: a number, or a vector."""
 
     def __init__(self, action: int | np.ndarray) -> None:
         self.action = action

@@ -23,7 +23,7 @@ from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import CONTINUOUS
-from socialiq.worlds.environment import action_size, continuous_maker, sizes
+from socialiq.worlds.environment import action_size, environment_maker, sizes
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, refuse_file
@@ -186,7 +186,7 @@ class Task:
             return Standardisation.of(data.observation, scaling.leave_out)
         if not self.world:
             raise UserError("--standardise is by demonstrations or a world: name one with --world")
-        make = continuous_maker(self.world, None, self.allow_code)
+        make = environment_maker(self.world, None, self.allow_code, continuous=True)
         return Standardisation.of(explored(make(), seed), scaling.leave_out)
 
     def _prepared(
@@ -215,7 +215,7 @@ class Task:
                 learner, static, runs, datasets, callbacks=callbacks, **acting
             )
         interface = (data.n_features, data.action_size) if data is not None else None
-        make = continuous_maker(self.world, interface, self.allow_code)
+        make = environment_maker(self.world, interface, self.allow_code, continuous=True)
         if change is not None:
             make = change.maker(make)
         first = make()

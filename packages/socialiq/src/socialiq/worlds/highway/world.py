@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from socialiq.errors import one_of
 from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.options import SIGNALS, RoadOptions, reward_definition, settings_of
+from socialiq.worlds.highway.options import RoadOptions, reward_definition, settings_of
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, Scene, scene_of
 from socialiq.worlds.highway.state import FEATURES, Buffers
 from socialiq.worlds.world import World
@@ -24,11 +24,7 @@ _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's o
 
 
 class RoadWorld(World):
-    """Compiled road with the thesis' reward pair.
-
-    Attributes:
-        options: Its options.
-    """
+    """Compiled road with the thesis' reward pair."""
 
     options: RoadOptions
     draws_by_seed: ClassVar[bool] = True
@@ -37,11 +33,6 @@ class RoadWorld(World):
     def n_features(self) -> int:
         """Length of an observation."""
         return self.options.observed_vehicles * len(FEATURES)
-
-    @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of all signals, those of r_env first."""
-        return SIGNALS
 
     @property
     def description(self) -> str:
@@ -109,12 +100,7 @@ class Batch(RoadBatch):
 
 @dataclass(frozen=True)
 class SceneWorld(RoadWorld):
-    """Scene of highway-env.
-
-    Attributes:
-        scene: The scene.
-        options: Its options.
-    """
+    """Scene of highway-env."""
 
     scene: Scene
     options: RoadOptions
@@ -123,11 +109,6 @@ class SceneWorld(RoadWorld):
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Name of the scene."""
         return self.scene.name
-
-    @property
-    def actions(self) -> tuple[str, ...]:
-        """Names of the actions, in the order of their numbers."""
-        return ACTIONS
 
     @property
     def action_space(self) -> spaces.Discrete:

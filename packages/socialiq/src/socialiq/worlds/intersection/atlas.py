@@ -5,6 +5,7 @@ They are stored beside the committed results of the studies that made them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,25 +47,20 @@ def load(name: str) -> QPolicy | EnsemblePolicy:
     Raises:
         UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
     """
-    path = path_of(name)
-    return _checked(load_values(path), path, manifest()[name])
+    return _checked(load_values, name, STUDIES)
 
 
 def load_continuous(name: str) -> ActorPolicy:
-    """Load a policy of the atlas with continuous actions.
-
-    Raises:
-        UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
-    """
-    path = path_of(name, CONTINUOUS_STUDIES)
-    return _checked(ActorPolicy.load(path), path, manifest(CONTINUOUS_STUDIES)[name])
+    """Load a policy of the atlas with continuous actions; errors are as of `load`."""
+    return _checked(ActorPolicy.load, name, CONTINUOUS_STUDIES)
 
 
-def _checked(policy: Any, path: Path, entry: dict[str, Any]) -> Any:
-    """Return a policy, after a check that its file is that of the manifest's entry."""
-    if policy.sha256 != entry["sha256"]:
+def _checked(read: Callable[[Path], Any], name: str, studies: tuple[str, ...]) -> Any:
+    path = path_of(name, studies)
+    loaded = read(path)
+    if loaded.sha256 != manifest(studies)[name]["sha256"]:
         raise UserError(f"{path} is not the file of its manifest: install the package again")
-    return policy
+    return loaded
 
 
 def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
@@ -74,11 +70,9 @@ def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
         UserError: If the name is unknown.
     """
     one_of("policy of the atlas", name, names(studies))
-    studies_of = _parts(studies)
-    folder, entry = next(
-        (folder, policies[name]) for folder, policies in studies_of if name in policies
-    )
-    return folder / entry["file"]
+    of_study = [(folder, policies) for folder, policies in _parts(studies) if name in policies]
+    folder, policies = of_study[0]
+    return folder / policies[name]["file"]
 
 
 def path_for(name: str, options: Options) -> Path:

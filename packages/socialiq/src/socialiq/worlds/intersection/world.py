@@ -153,12 +153,7 @@ class Batch(RoadBatch):
 
 @dataclass(frozen=True)
 class Intersection(RoadWorld):
-    """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3).
-
-    Attributes:
-        options: Scenario and reward options.
-        name: Name in the registry.
-    """
+    """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3)."""
 
     options: Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
         default_factory=Options
@@ -167,11 +162,6 @@ class Intersection(RoadWorld):
 
     drivers: ClassVar[tuple[str, ...]] = policies.NAMES
     references: ClassVar[tuple[str, ...]] = ("go", "wait", "idm")
-
-    @property
-    def actions(self) -> tuple[str, ...]:
-        """Names of the actions, in the order of their numbers."""
-        return ACTIONS
 
     @property
     def action_space(self) -> spaces.Discrete | spaces.Box:
@@ -194,16 +184,16 @@ class Intersection(RoadWorld):
         return Batch(self.options, size, threads, back_end, traced)
 
     def driver(self, name: str, seed: int = 0) -> Policy:
-        """Return a rule-based driver of `policies.NAMES`.
-
-        Raises:
-            UserError: If the name is unknown.
-        """
+        """Return a rule-based driver of `policies.NAMES`."""
         return policies.policy(name, seed, self.options)
 
     def largest_difference(self, weights: tuple[float, float]) -> float | None:
-        """Return the most by which two episodes can differ; None where nothing limits progress."""
-        if is_unlimited(self.options):
+        """Return the most by which two episodes can differ; None where nothing limits progress.
+
+        An ego that steers may pass near the centre of a turn, where a metre driven is any part of
+        it.
+        """
+        if self.options.continuous and self.options.destination != "straight":
             return None
         sides = env_range(self.options), social_range(self.options)
         return sum(abs(w) * side.width for w, side in zip(weights, sides, strict=True))
@@ -217,11 +207,6 @@ class Intersection(RoadWorld):
             **{f"drivers of population {name}": {"population": name} for name in populations},
             f"drivers {sight}": {"connected_lanes": connected},
         }
-
-
-def make(options: Options) -> Intersection:
-    """Build the world."""
-    return Intersection(options)
 
 
 _INSIDE_TURN = 1.3
@@ -248,14 +233,6 @@ def decisions(options: Options) -> int:
         time += 1 / options.policy_frequency
         count += 1
     return count
-
-
-def is_unlimited(options: Options) -> bool:
-    """Whether nothing limits the advance of a decision.
-
-    An ego that steers may pass near the centre of a turn, where a metre driven is any part of it.
-    """
-    return options.continuous and options.destination != "straight"
 
 
 def largest_progress(options: Options) -> float:
