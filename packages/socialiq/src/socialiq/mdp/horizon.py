@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.mdp.solve import best_action, check_temperature, soft_value
-from socialiq.mdp.tabular import TabularMDP, check_policy, check_reward
+from socialiq.mdp.tabular import StateActionArray, TabularMDP, check_policy, check_reward
 from socialiq.types import Ending, RewardPair
 
 
@@ -48,12 +48,12 @@ class HorizonEvaluation:
     totals: RewardPair
     length: float
     endings: Float[np.ndarray, " kinds"]
-    visits: Float[np.ndarray, "state action"]
+    visits: StateActionArray
 
 
 def horizon_optimum(
     mdp: TabularMDP,
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     horizon: int,
     tie_tolerance: float = 1e-12,
     prefer: Literal["first", "last"] = "first",
@@ -75,7 +75,11 @@ def horizon_optimum(
     """
     check_reward(mdp, reward)
     _check_horizon(horizon)
-    barred = _barred(mdp, horizon, allowed)
+    shape = (horizon, mdp.n_states, mdp.n_actions)
+    if allowed is not None and allowed.shape not in (shape, shape[1:]):
+        raise UserError(f"allowed has shape {allowed.shape}: give {shape[1:]}, or {shape} by time")
+    barred = allowed is not None and ~allowed & allowed.any(axis=-1, keepdims=True)
+    barred = np.broadcast_to(barred, shape)
     actions = np.zeros((horizon, mdp.n_states), np.int64)
     values = np.zeros((horizon, mdp.n_states))
     after = np.zeros(mdp.n_states)
@@ -101,15 +105,9 @@ class SoftHorizonPolicy:
 
 
 def soft_horizon_optimum(
-    mdp: TabularMDP, reward: Float[np.ndarray, "state action"], horizon: int, temperature: float
+    mdp: TabularMDP, reward: StateActionArray, horizon: int, temperature: float
 ) -> SoftHorizonPolicy:
     """Maximise the expected undiscounted sum of a reward and τ times the policy's entropy (Eq 2.5).
-
-    Args:
-        mdp: The dynamics.
-        reward: Reward of each state and action.
-        horizon: Largest number of steps of an episode.
-        temperature: τ > 0.
 
     Raises:
         UserError: If the reward, the horizon or the temperature is invalid.
@@ -157,18 +155,6 @@ def horizon_evaluation(
     endings[Ending.NONE], endings[Ending.TIMEOUT] = 0.0, running.sum()
     totals = RewardPair(*(float((visits * reward).sum()) for reward in mdp.rewards))
     return HorizonEvaluation(totals, float(visits.sum()), endings, visits)
-
-
-def _barred(
-    mdp: TabularMDP, horizon: int, allowed: Bool[np.ndarray, "*time state action"] | None
-) -> Bool[np.ndarray, "time state action"]:
-    """Return whether each action is barred, by time, state and action."""
-    shape = (horizon, mdp.n_states, mdp.n_actions)
-    if allowed is None:
-        return np.broadcast_to(False, shape)
-    if allowed.shape not in (shape, shape[1:]):
-        raise UserError(f"allowed has shape {allowed.shape}: give {shape[1:]}, or {shape} by time")
-    return np.broadcast_to(~allowed & allowed.any(axis=-1, keepdims=True), shape)
 
 
 def _check_horizon(horizon: int) -> None:

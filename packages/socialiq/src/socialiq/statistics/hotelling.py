@@ -29,11 +29,7 @@ def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Re
     """Return Hotelling's T² region of a mean vector (Hotelling 1931), for independent rows.
 
     The mean μ is inside if n (x̄ - μ)' S⁻¹ (x̄ - μ) <= 2 (n - 1) / (n - 2) F_{2, n-2}. Where the
-    rows do not vary in some direction, the region has no extent there.
-
-    Args:
-        pairs: At least three rows.
-        confidence: Confidence of the region.
+    rows, at least three, do not vary in some direction, the region has no extent there.
     """
     from scipy.stats import f
 
@@ -76,12 +72,7 @@ class Ellipse:
 
 
 def confidence_ellipse(totals: Float[np.ndarray, "episode 2"], confidence: float = 0.95) -> Ellipse:
-    """Return the region of the mean totals of episodes as centre, half-axes and tilt.
-
-    Args:
-        totals: Totals of each episode, at least three.
-        confidence: Confidence of the region.
-    """
+    """Return the region of the mean totals of three episodes or more: centre, half-axes, tilt."""
     region = hotelling_region(totals, confidence)
     first, second = region.axes[:, 1]
     tilt = float(np.degrees(np.arctan2(second, first)))

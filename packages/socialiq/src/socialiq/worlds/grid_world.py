@@ -171,11 +171,7 @@ class GridWorld(World):
         """Definition of the reward pair: weights of the signals, and the options that matter."""
         units = {name: getattr(self.options, name) for name in self.units}
         units |= {"horizon": self.horizon, "max_speed": self.max_speed}
-        return {
-            "env": dict(self.env_weights),
-            "social": dict(self.social_weights),
-            "units": units,
-        }
+        return {"env": dict(self.env_weights), "social": dict(self.social_weights), "units": units}
 
     def largest_difference(self, weights: tuple[float, float]) -> float:
         """Return the most by which the weighted rewards of two episodes can differ, exactly."""

@@ -71,12 +71,7 @@ class Batch(RoadBatch):
     n_actions = len(ACTIONS)
 
     def __init__(
-        self,
-        scene: Scene,
-        options: RoadOptions,
-        size: int,
-        threads: int = 1,
-        traced: bool = False,
+        self, scene: Scene, options: RoadOptions, size: int, threads: int = 1, traced: bool = False
     ) -> None:
         self.scene = scene
         most = len(scene.road.entries) + len(scene.road.obstacles)

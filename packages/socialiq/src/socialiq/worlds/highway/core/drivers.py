@@ -26,14 +26,7 @@ from socialiq.worlds.highway.core.vehicle import (
     speed_index,
     steering,
 )
-from socialiq.worlds.highway.scenes import (
-    FASTER,
-    LANE_LEFT,
-    LANE_RIGHT,
-    NORMAL,
-    SLOWER,
-    UNIFORM,
-)
+from socialiq.worlds.highway.scenes import FASTER, LANE_LEFT, LANE_RIGHT, NORMAL, SLOWER, UNIFORM
 from socialiq.worlds.highway.state import Contact
 
 CHANGE_EVERY = 1.0  # s
