@@ -178,7 +178,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sheet, "_palette", fail)
+    monkeypatch.setattr(sheet, "_gif", fail)
     with pytest.raises(KeyboardInterrupt):
         sheet.save(path, [scene()], VIEW)
     assert path.read_bytes() == b"old"
