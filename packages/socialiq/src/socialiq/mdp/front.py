@@ -22,17 +22,11 @@ _ANGLE_TOLERANCE = 1e-7
 
 
 class Optimum(NamedTuple):
-    """Best attainable pair for an angle.
+    """Best attainable pair for an angle."""
 
-    Attributes:
-        vertex: Row of the pair in `AttainableSet.vertices`.
-        point: Expected sums (E Σ r_env, E Σ r_social).
-        value: J*(α) = cos α · point.env + sin α · point.social.
-    """
-
-    vertex: int
-    point: RewardPair
-    value: float
+    vertex: int  # row of the pair in `AttainableSet.vertices`
+    point: RewardPair  # expected sums (E Σ r_env, E Σ r_social)
+    value: float  # J*(α) = cos α · point.env + sin α · point.social
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,17 +16,12 @@ from socialiq.types import Ending, RewardPair
 
 @dataclass(frozen=True, eq=False)
 class HorizonPolicy:
-    """Time-dependent optimal policy.
+    """Time-dependent optimal policy."""
 
-    Attributes:
-        actions: Action at each time and state.
-        values: Largest expected sum of rewards from each time and state to the episode's end.
-        value: Largest expected sum from the initial distribution at time 0.
-    """
-
-    actions: Int[np.ndarray, "time state"]
+    actions: Int[np.ndarray, "time state"]  # action at each time and state
+    # largest expected sum of rewards from each time and state to the episode's end
     values: Float[np.ndarray, "time state"]
-    value: float
+    value: float  # largest expected sum from the initial distribution at time 0
 
     def probabilities(self, n_actions: int) -> Float[np.ndarray, "time state action"]:
         """Return the policy as one-hot action probabilities, for `horizon_evaluation`."""
@@ -35,19 +30,14 @@ class HorizonPolicy:
 
 @dataclass(frozen=True, eq=False)
 class HorizonEvaluation:
-    """Expected results of a policy in one episode.
+    """Expected results of a policy in one episode."""
 
-    Attributes:
-        totals: Expected undiscounted sums of r_env and r_social (thesis 5.4).
-        length: Expected number of steps.
-        endings: Probability of each `Ending`; TIMEOUT is that of reaching the horizon.
-        visits: Expected number of times that an action is taken in a state, summed over time.
-            The sum of its products with a signal of (state, action) is the signal's expected sum.
-    """
-
-    totals: RewardPair
-    length: float
+    totals: RewardPair  # expected undiscounted sums of r_env and r_social (thesis 5.4)
+    length: float  # expected number of steps
+    # probability of each `Ending`; TIMEOUT is that of reaching the horizon
     endings: Float[np.ndarray, " kinds"]
+    # expected number of times that an action is taken in a state, summed over time. The sum of its
+    # products with a signal of (state, action) is the signal's expected sum
     visits: StateActionArray
 
 
@@ -93,15 +83,11 @@ def horizon_optimum(
 
 @dataclass(frozen=True, eq=False)
 class SoftHorizonPolicy:
-    """Time-dependent optimal policy with an entropy bonus.
+    """Time-dependent optimal policy with an entropy bonus."""
 
-    Attributes:
-        probabilities: Probability of each action at each time and state.
-        value: Expected sum of rewards and entropy bonus from the initial distribution.
-    """
-
+    # probability of each action at each time and state
     probabilities: Float[np.ndarray, "time state action"]
-    value: float
+    value: float  # expected sum of rewards and entropy bonus from the initial distribution
 
 
 def soft_horizon_optimum(

@@ -29,19 +29,12 @@ Backup = Callable[[Float[np.ndarray, "action state"]], StateArray]
 
 
 class Solution(NamedTuple):
-    """Action values, state values, and their accuracy.
+    """Action values, state values, and their accuracy."""
 
-    Attributes:
-        q: Q(s, a).
-        v: V(s).
-        sweeps: Number of Bellman sweeps; 0 if a linear system was solved instead.
-        residual: Largest change of V in the last sweep, or largest error of the linear system.
-    """
-
-    q: StateActionArray
-    v: StateArray
-    sweeps: int
-    residual: float
+    q: StateActionArray  # Q(s, a)
+    v: StateArray  # V(s)
+    sweeps: int  # number of Bellman sweeps; 0 if a linear system was solved instead
+    residual: float  # largest change of V in the last sweep, or largest error of the linear system
 
 
 def value_iteration(

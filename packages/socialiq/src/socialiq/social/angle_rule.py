@@ -35,17 +35,11 @@ _TOP = ("format", "world", "default", "when")
 
 
 class Interpolated(NamedTuple):
-    """Angle that is linear between given values of a feature, and constant beyond them.
+    """Angle that is linear between given values of a feature, and constant beyond them."""
 
-    Attributes:
-        by: Name of the feature.
-        at: Values of the feature, rising.
-        degrees: Angle at each of them, in degrees.
-    """
-
-    by: str
-    at: tuple[float, ...]
-    degrees: tuple[float, ...]
+    by: str  # name of the feature
+    at: tuple[float, ...]  # values of the feature, rising
+    degrees: tuple[float, ...]  # angle at each of them, in degrees
 
 
 Angle = float | Interpolated

@@ -18,19 +18,12 @@ from socialiq.statistics.bootstrap import resample_rows
 
 
 class Setting(NamedTuple):
-    """Mixture of two policies.
+    """Mixture of two policies."""
 
-    Attributes:
-        first: Index of one policy.
-        second: Index of the other policy; equal to `first` if a single policy has the angle.
-        share: Share of episodes that the second drives.
-        radius: Length of the mixture's expected sums, along the wanted angle.
-    """
-
-    first: int
-    second: int
-    share: float
-    radius: float
+    first: int  # index of one policy
+    second: int  # index of the other policy; equal to `first` if a single policy has the angle
+    share: float  # share of episodes that the second drives
+    radius: float  # length of the mixture's expected sums, along the wanted angle
 
 
 def mixture(points: Float[np.ndarray, "policy 2"], one: Setting) -> Float[np.ndarray, " xy"]:

@@ -28,16 +28,11 @@ def resample_rows(
 
 
 class Studentised(NamedTuple):
-    """Means of a scalar for each reference, with standard errors and resamples.
+    """Means of a scalar for each reference, with standard errors and resamples."""
 
-    Attributes:
-        mean: Mean of each reference.
-        error: Standard error of each mean.
-        resampled: (resampled mean - mean) / resampled standard error: the bootstrap-t.
-    """
-
-    mean: Float[np.ndarray, " reference"]
-    error: Float[np.ndarray, " reference"]
+    mean: Float[np.ndarray, " reference"]  # mean of each reference
+    error: Float[np.ndarray, " reference"]  # standard error of each mean
+    # (resampled mean - mean) / resampled standard error: the bootstrap-t
     resampled: Float[np.ndarray, "resample reference"]
 
     def of(self, rows: np.ndarray) -> Studentised:

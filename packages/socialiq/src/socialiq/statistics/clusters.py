@@ -16,21 +16,13 @@ EXACT = 14
 
 
 class ClusterMean(NamedTuple):
-    """Mean over all rows, with an interval and a test by cluster.
+    """Mean over all rows, with an interval and a test by cluster."""
 
-    Attributes:
-        mean: Mean over rows.
-        low: Lower end of the percentile interval; NaN with fewer than two clusters.
-        high: Upper end.
-        p: Two-sided p-value of the sign-flip test.
-        clusters: Number of clusters.
-    """
-
-    mean: float
-    low: float
-    high: float
-    p: float
-    clusters: int
+    mean: float  # mean over rows
+    low: float  # lower end of the percentile interval; NaN with fewer than two clusters
+    high: float  # upper end
+    p: float  # two-sided p-value of the sign-flip test
+    clusters: int  # number of clusters
 
 
 def cluster_mean(
@@ -88,15 +80,10 @@ def _signs(count: int, seed: int, draws: int) -> Float[np.ndarray, "pattern clus
 
 
 class SignFlips(NamedTuple):
-    """Two-sided p-values of several sign-flip tests.
+    """Two-sided p-values of several sign-flip tests."""
 
-    Attributes:
-        p: Of each test by itself.
-        corrected: Of each test, for the family of all.
-    """
-
-    p: Float[np.ndarray, " test"]
-    corrected: Float[np.ndarray, " test"]
+    p: Float[np.ndarray, " test"]  # of each test by itself
+    corrected: Float[np.ndarray, " test"]  # of each test, for the family of all
 
 
 def sign_flips(sums: Float[np.ndarray, "test cluster"], seed: int, draws: int = 2000) -> SignFlips:

@@ -36,19 +36,12 @@ def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.nda
 
 
 class Difference(NamedTuple):
-    """Mean difference with its interval and test.
+    """Mean difference with its interval and test."""
 
-    Attributes:
-        mean: Mean of first - second.
-        low: Lower end.
-        high: Upper end.
-        p: Two-sided p-value of no difference.
-    """
-
-    mean: float
-    low: float
-    high: float
-    p: float
+    mean: float  # mean of first - second
+    low: float  # lower end
+    high: float  # upper end
+    p: float  # two-sided p-value of no difference
 
 
 def paired_difference(
@@ -96,17 +89,11 @@ def paired_difference(
 
 
 class Contrast(NamedTuple):
-    """Difference of two independent samples, with an interval.
+    """Difference of two independent samples, with an interval."""
 
-    Attributes:
-        value: First minus second.
-        low: Lower end of the interval.
-        high: Upper end.
-    """
-
-    value: float
-    low: float
-    high: float
+    value: float  # first minus second
+    low: float  # lower end of the interval
+    high: float  # upper end
 
 
 def mean_contrast(

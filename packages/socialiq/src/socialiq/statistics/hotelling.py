@@ -10,19 +10,12 @@ from jaxtyping import Float
 
 
 class Region(NamedTuple):
-    """Confidence region of a mean pair: an ellipse in its principal axes.
+    """Confidence region of a mean pair: an ellipse in its principal axes."""
 
-    Attributes:
-        mean: Centre.
-        halves: Half-axes, the shorter one first.
-        axes: Unit vectors of the axes, one in each column.
-        holds_origin: Whether (0, 0) is inside.
-    """
-
-    mean: Float[np.ndarray, " 2"]
-    halves: Float[np.ndarray, " 2"]
-    axes: Float[np.ndarray, "2 2"]
-    holds_origin: bool
+    mean: Float[np.ndarray, " 2"]  # centre
+    halves: Float[np.ndarray, " 2"]  # half-axes, the shorter one first
+    axes: Float[np.ndarray, "2 2"]  # unit vectors of the axes, one in each column
+    holds_origin: bool  # whether (0, 0) is inside
 
 
 def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Region:
@@ -49,25 +42,15 @@ def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Re
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Confidence ellipse of the mean (R_env, R_social).
+    """Confidence ellipse of the mean (R_env, R_social)."""
 
-    Attributes:
-        env: Centre, mean R_env.
-        social: Centre, mean R_social.
-        major: Longer half-axis, reward.
-        minor: Shorter half-axis, reward.
-        tilt: Direction of the longer axis, degrees in (-90, 90].
-        confidence: Confidence of the ellipse.
-        holds_origin: Whether (0, 0) is inside: then no direction is excluded, and no angle is
-            reported.
-    """
-
-    env: float
-    social: float
-    major: float
-    minor: float
-    tilt: float
-    confidence: float
+    env: float  # centre, mean R_env
+    social: float  # centre, mean R_social
+    major: float  # longer half-axis, reward
+    minor: float  # shorter half-axis, reward
+    tilt: float  # direction of the longer axis, degrees in (-90, 90]
+    confidence: float  # confidence of the ellipse
+    # whether (0, 0) is inside: then no direction is excluded, and no angle is reported
     holds_origin: bool
 
 

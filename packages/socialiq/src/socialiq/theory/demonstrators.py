@@ -108,17 +108,11 @@ def _check_shares(shares: Sequence[float], count: int) -> None:
 
 
 class Drawn(NamedTuple):
-    """Expected rows of several demonstrators' episodes.
+    """Expected rows of several demonstrators' episodes."""
 
-    Attributes:
-        mdp: The MDP of which `shares` is a discounted occupancy.
-        shares: Share of each (state, action) among the rows; sums to 1.
-        target: T̄, the mean target of these rows, reward; 0 where there are none.
-    """
-
-    mdp: TabularMDP
-    shares: StateActionArray
-    target: StateActionArray
+    mdp: TabularMDP  # the MDP of which `shares` is a discounted occupancy
+    shares: StateActionArray  # share of each (state, action) among the rows; sums to 1
+    target: StateActionArray  # T̄, the mean target of these rows, reward; 0 where there are none
 
 
 def drawn_rows(

@@ -127,27 +127,16 @@ _SUFFICIENT = 1e-4  # share of the linear decrease that a step must achieve (Arm
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Minimum of the objective. Off the support Q and r̂ are -inf, π and ρ_π are 0.
+    """Minimum of the objective. Off the support Q and r̂ are -inf, π and ρ_π are 0."""
 
-    Attributes:
-        q: Q(s, a).
-        v: V(s), the soft value of the demonstrated actions; 0 if none is demonstrated.
-        reward: r̂(s, a) of Eq 2.6.
-        policy: π = softmax(Q / τ); uniform over all actions if none is demonstrated.
-        occupancy: ρ_π(s, a), with the scale of ρ_E.
-        loss: The objective.
-        residual: Largest distance of r̂ from its closed form on the support; reward.
-        steps: Number of Newton steps.
-    """
-
-    q: StateActionArray
-    v: StateArray
-    reward: StateActionArray
-    policy: StateActionArray
-    occupancy: StateActionArray
-    loss: float
-    residual: float
-    steps: int
+    q: StateActionArray  # Q(s, a)
+    v: StateArray  # V(s), the soft value of the demonstrated actions; 0 if none is demonstrated
+    reward: StateActionArray  # r̂(s, a) of Eq 2.6
+    policy: StateActionArray  # π = softmax(Q / τ); uniform over all actions if none is demonstrated
+    occupancy: StateActionArray  # ρ_π(s, a), with the scale of ρ_E
+    loss: float  # the objective
+    residual: float  # largest distance of r̂ from its closed form on the support; reward
+    steps: int  # number of Newton steps
 
 
 def minimise(

@@ -128,17 +128,11 @@ _ROUNDING = 1e-12  # of a least-squares fit, relative to the greatest target
 
 
 class Orthogonal(NamedTuple):
-    """Target without its shaping.
+    """Target without its shaping."""
 
-    Attributes:
-        target: T_⊥ = T̄ + γ E Φ(s') - Φ(s) on the support, 0 elsewhere; reward.
-        potential: The Φ that minimises the norm.
-        norm: ‖T_⊥‖, the root of E_ρE[T_⊥²]; reward, and the root of ρ_E's mass.
-    """
-
-    target: StateActionArray
-    potential: StateArray
-    norm: float
+    target: StateActionArray  # T_⊥ = T̄ + γ E Φ(s') - Φ(s) on the support, 0 elsewhere; reward
+    potential: StateArray  # the Φ that minimises the norm
+    norm: float  # ‖T_⊥‖, the root of E_ρE[T_⊥²]; reward, and the root of ρ_E's mass
 
 
 def shaped(

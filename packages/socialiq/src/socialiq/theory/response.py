@@ -15,19 +15,12 @@ from socialiq.theory.objective import Problem, orthogonal
 
 
 class Flip(NamedTuple):
-    """Predicted strength at which the greedy action of a state changes, by straight lines.
+    """Predicted strength at which the greedy action of a state changes, by straight lines."""
 
-    Attributes:
-        state: Index of the state.
-        before: The greedy action at λ = 0.
-        after: The action that replaces it first.
-        strength: λ of the change; infinite if there is none.
-    """
-
-    state: int
-    before: int
-    after: int
-    strength: float
+    state: int  # index of the state
+    before: int  # the greedy action at λ = 0
+    after: int  # the action that replaces it first
+    strength: float  # λ of the change; infinite if there is none
 
 
 def occupancy_slope(problem: Problem) -> StateActionArray:

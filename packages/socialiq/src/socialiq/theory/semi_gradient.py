@@ -110,15 +110,10 @@ _SETTLED = 1e-7  # largest change of a state's share of the replay's rows
 
 
 class Replay(NamedTuple):
-    """Learner's own rows, in expectation.
+    """Learner's own rows, in expectation."""
 
-    Attributes:
-        states: Share of each state among the rows.
-        entry: Weight of V(s) in the mean of V(s) - γ (1 - d) V(s') over the rows.
-    """
-
-    states: StateArray
-    entry: StateArray
+    states: StateArray  # share of each state among the rows
+    entry: StateArray  # weight of V(s) in the mean of V(s) - γ (1 - d) V(s') over the rows
 
 
 def replayed(mdp: TabularMDP, policy: StateActionArray, horizon: int, discount: float) -> Replay:

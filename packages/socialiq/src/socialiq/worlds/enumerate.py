@@ -129,19 +129,12 @@ def _all_outcomes(rules: Callable[..., Outcome]) -> Any:
 
 
 class GridStep(NamedTuple):
-    """Result of a step in a gridworld, of all rows.
+    """Result of a step in a gridworld, of all rows."""
 
-    Attributes:
-        state: Index of the state reached.
-        rewards: Rewards of the step.
-        ending: Values of `Ending`; a timeout after the horizon's last step.
-        contact: Values of `Contact`: the ego struck, if it collided.
-    """
-
-    state: Int64[np.ndarray, " row"]
-    rewards: RewardPair
-    ending: Int64[np.ndarray, " row"]
-    contact: Int8[np.ndarray, " row"]
+    state: Int64[np.ndarray, " row"]  # index of the state reached
+    rewards: RewardPair  # rewards of the step
+    ending: Int64[np.ndarray, " row"]  # values of `Ending`; a timeout after the horizon's last step
+    contact: Int8[np.ndarray, " row"]  # values of `Contact`: the ego struck, if it collided
 
 
 class GridState(NamedTuple):

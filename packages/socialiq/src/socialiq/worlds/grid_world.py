@@ -33,36 +33,24 @@ class Feature(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Place of a road user in a state.
+    """Place of a road user in a state."""
 
-    Attributes:
-        slot: Number of the road user among the state's features; the ego is 0.
-        x: Column of its cell.
-        y: Row of its cell, upwards.
-        heading: Degrees counter-clockwise from east.
-    """
-
-    slot: int
-    x: int
-    y: int
-    heading: int
+    slot: int  # number of the road user among the state's features; the ego is 0
+    x: int  # column of its cell
+    y: int  # row of its cell, upwards
+    heading: int  # degrees counter-clockwise from east
+    speed: int | None = None  # cells a step, where it is a feature
 
 
 class Outcome(NamedTuple):
-    """Result of one action and one chance outcome.
+    """Result of one action and one chance outcome."""
 
-    Attributes:
-        state: Next state, int (features,).
-        ending: Value of `Ending` (never TIMEOUT, which is the clock's).
-        signals: Named reward signals of the transition. They are small integers and halves, so
-            they are exact in float32, and weighting them in float64 gives exact rewards.
-        speed: The ego's speed in cells per step.
-    """
-
-    state: Int[Any, " feature"]
-    ending: Int[Any, ""]
+    state: Int[Any, " feature"]  # next state, int (features,)
+    ending: Int[Any, ""]  # value of `Ending` (never TIMEOUT, which is the clock's)
+    # named reward signals of the transition. They are small integers and halves, so they are exact
+    # in float32, and weighting them in float64 gives exact rewards
     signals: Signals
-    speed: Float[Any, ""]
+    speed: Float[Any, ""]  # the ego's speed in cells per step
 
 
 class Episode(NamedTuple):
@@ -91,7 +79,6 @@ class GridWorld(World):
         rules: (state, action, chance outcome) -> Outcome; traceable by JAX.
         env_weights: Weight of each signal in r_env.
         social_weights: Weight of each signal in r_social.
-        draw: (axes, world, state) -> None; draws one state with matplotlib.
         places: State -> places of the road users that are present.
         size: Number of columns and of rows; the roads cross in the middle.
         units: Names of the options that define the rewards.
@@ -110,7 +97,6 @@ class GridWorld(World):
     rules: Callable[[Any, Any, Any], Outcome]
     env_weights: Mapping[str, float]
     social_weights: Mapping[str, float]
-    draw: Callable[[Any, GridWorld, tuple[int, ...]], None]
     places: Callable[[Sequence[int]], list[Place]]
     size: int
     units: tuple[str, ...] = ()

@@ -35,14 +35,10 @@ _PERCEPTION = 200.0  # m; nothing farther is observed
 
 
 class Feature(NamedTuple):
-    """Named feature of a situation.
+    """Named feature of a situation."""
 
-    Attributes:
-        meaning: Description with its unit.
-        of: Function from the observed values to a number for each row.
-    """
-
-    meaning: str
+    meaning: str  # description with its unit
+    # function from the observed values to a number for each row
     of: Callable[[np.ndarray], np.ndarray]
 
 

@@ -26,28 +26,22 @@ _NONE = np.zeros(0)
 
 
 class Decisions(NamedTuple):
-    """Results of one decision in every episode of a batch; empty where a world reports nothing.
+    """Results of one decision in every episode of a batch; empty where a world reports nothing."""
 
-    Attributes:
-        observation: Of the state reached, before any reset, (batch, features).
-        rewards: The reward pair, each (batch,).
-        ending: Values of `types.Ending`, (batch,).
-        signals: Every named signal, unweighted, each (batch,).
-        speed: The ego's speed, m/s or cells a step, (batch,).
-        contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
-        neighbours_collided: Number of other vehicles that collided with each other, (batch,).
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
-        off_road: Whether the ego's centre is beyond the edges of its closest lane, (batch,).
-    """
-
+    # of the state reached, before any reset, (batch, features)
     observation: Float32[np.ndarray, "batch feature"]
-    rewards: RewardPair
-    ending: Int8[np.ndarray, " batch"]
+    rewards: RewardPair  # the reward pair, each (batch,)
+    ending: Int8[np.ndarray, " batch"]  # values of `types.Ending`, (batch,)
+    # every named signal, unweighted, each (batch,)
     signals: Mapping[str, Float[np.ndarray, " batch"]]
-    speed: Float[np.ndarray, " batch"]
+    speed: Float[np.ndarray, " batch"]  # the ego's speed, m/s or cells a step, (batch,)
+    # values of `Contact`: which vehicle struck, if the ego collided, (batch,)
     contact: Int8[np.ndarray, " batch"]
+    # number of other vehicles that collided with each other, (batch,)
     neighbours_collided: Int64[np.ndarray, " batch"] = _NONE.astype(np.int64)
+    # the ego's own reward and its neighbours' mean (thesis A.1), each (batch,)
     classical: RewardPair = RewardPair(_NONE, _NONE)
+    # whether the ego's centre is beyond the edges of its closest lane, (batch,)
     off_road: Bool[np.ndarray, " batch"] = _NONE.astype(bool)
 
 

@@ -17,19 +17,12 @@ from socialiq.worlds.world import Decisions, observed_with_time, rows_of
 
 
 class State(NamedTuple):
-    """Complete state of some episodes, as plain arrays.
+    """Complete state of some episodes, as plain arrays."""
 
-    Attributes:
-        episodes: EPISODE records, (rows,).
-        vehicles: Records of vehicles, (rows, capacity).
-        observation: (rows, vehicles seen, 7).
-        waiting: Whether the episodes have ended and need a reset, (rows,).
-    """
-
-    episodes: np.ndarray
-    vehicles: np.ndarray
-    observation: np.ndarray
-    waiting: np.ndarray
+    episodes: np.ndarray  # EPISODE records, (rows,)
+    vehicles: np.ndarray  # records of vehicles, (rows, capacity)
+    observation: np.ndarray  # (rows, vehicles seen, 7)
+    waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
 
     def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
         """Return the state of the chosen episodes; indices may repeat."""

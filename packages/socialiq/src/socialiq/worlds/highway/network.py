@@ -62,17 +62,11 @@ LANE = np.dtype(
 
 
 class Lane(NamedTuple):
-    """Shape of a lane and what it is for.
+    """Shape of a lane and what it is for."""
 
-    Attributes:
-        shape: Values of LANE's geometric fields.
-        kind: APPROACH, CONFLICT or EXIT.
-        forbidden: Whether changing to it is forbidden.
-    """
-
-    shape: Shape
-    kind: int
-    forbidden: bool = False
+    shape: Shape  # values of LANE's geometric fields
+    kind: int  # APPROACH, CONFLICT or EXIT
+    forbidden: bool = False  # whether changing to it is forbidden
 
 
 def straight(start: Point, end: Point) -> Shape:

@@ -22,26 +22,17 @@ DPI = 100
 
 
 class Scene(NamedTuple):
-    """Content of one picture.
+    """Content of one picture."""
 
-    Attributes:
-        vehicles: The vehicles present, records of the road.
-        ego: Index of the ego.
-        braking: Whether each vehicle brakes because of the ego, bool, (vehicles,).
-        signals: Weighted contributions to the rewards of the decision so far, by name; those of
-            `SOCIAL_SIGNALS` belong to r_social, all others to r_env.
-        rewards: The rewards of the decision so far.
-        time: s since the reset.
-        caption: A title.
-    """
-
-    vehicles: np.ndarray
-    ego: int
-    braking: np.ndarray
+    vehicles: np.ndarray  # the vehicles present, records of the road
+    ego: int  # index of the ego
+    braking: np.ndarray  # whether each vehicle brakes because of the ego, bool, (vehicles,)
+    # weighted contributions to the rewards of the decision so far, by name; those of
+    # `SOCIAL_SIGNALS` belong to r_social, all others to r_env
     signals: Mapping[str, float]
-    rewards: RewardPair
-    time: float
-    caption: str
+    rewards: RewardPair  # the rewards of the decision so far
+    time: float  # s since the reset
+    caption: str  # A title
 
 
 class Frame(NamedTuple):

@@ -87,40 +87,24 @@ SIGHT = np.dtype(
 
 
 class Road(NamedTuple):
-    """Tables of a scene as the compiled core reads them.
+    """Tables of a scene as the compiled core reads them."""
 
-    Attributes:
-        lanes: LANE records.
-        successors: Roads that follow each road, (roads, most).
-        routes: Roads of a way by road and destination, (roads, destinations, most).
-        entries: ENTRY records, the ego's first.
-        obstacles: Centres of the standing obstacles, (obstacles, 2), m.
-        sight: SIGHT record in an array of one.
-    """
-
-    lanes: np.ndarray
-    successors: np.ndarray
-    routes: np.ndarray
-    entries: np.ndarray
-    obstacles: np.ndarray
-    sight: np.ndarray
+    lanes: np.ndarray  # LANE records
+    successors: np.ndarray  # roads that follow each road, (roads, most)
+    routes: np.ndarray  # roads of a way by road and destination, (roads, destinations, most)
+    entries: np.ndarray  # ENTRY records, the ego's first
+    obstacles: np.ndarray  # centres of the standing obstacles, (obstacles, 2), m
+    sight: np.ndarray  # SIGHT record in an array of one
 
 
 class Scene(NamedTuple):
-    """One scene.
+    """One scene."""
 
-    Attributes:
-        name: Its name.
-        road: Its tables.
-        defaults: Values of the options in the place of the intersection's.
-        real: Class of highway-env, `module:name`; empty if it has none.
-        config: highway-env's configuration, beyond clock, actions and observation.
-    """
-
-    name: str
-    road: Road
-    defaults: Mapping[str, Any]
-    real: str = ""
+    name: str  # its name
+    road: Road  # its tables
+    defaults: Mapping[str, Any]  # values of the options in the place of the intersection's
+    real: str = ""  # class of highway-env, `module:name`; empty if it has none
+    # highway-env's configuration, beyond clock, actions and observation
     config: Mapping[str, Any] = MappingProxyType({})
 
 

@@ -28,21 +28,15 @@ class Population(NamedTuple):
 
     The exponent of the free-road term is always drawn first, uniformly from 3.5 to 4.5, as
     highway-env does. A field with deviation 0 draws nothing.
-
-    Attributes:
-        desired_speed: m/s. Infinite: the driver starts with the speed it enters at, and takes the
-            road's limit after its first yield, as in highway-env.
-        time_headway: s.
-        jam_distance: m.
-        max_acceleration: m/s².
-        comfort_deceleration: m/s², positive.
     """
 
+    # m/s. Infinite: the driver starts with the speed it enters at, and takes the road's limit after
+    # its first yield, as in highway-env
     desired_speed: Normal
-    time_headway: Normal
-    jam_distance: Normal
-    max_acceleration: Normal
-    comfort_deceleration: Normal
+    time_headway: Normal  # s
+    jam_distance: Normal  # m
+    max_acceleration: Normal  # m/s²
+    comfort_deceleration: Normal  # m/s², positive
 
 
 def _fixed(value: float) -> Normal:

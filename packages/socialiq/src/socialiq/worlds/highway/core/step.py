@@ -19,32 +19,23 @@ _NO_ENDING, _NO_CONTACT = int(Ending.NONE), int(Contact.NONE)
 
 
 class RoadKernels(NamedTuple):
-    """Kernels by which a road differs from others; `road` is its tables.
+    """Kernels by which a road differs from others; `road` is its tables."""
 
-    Attributes:
-        lane: (number, road) -> record of a lane.
-        kind: (number, road) -> kind of a lane: APPROACH, EXIT, or another.
-        coordinate: (vehicle, road) -> its metres along the task.
-        same_origin: (vehicles, slot, ego, road) -> whether it entered by the ego's approach.
-        arrived: (vehicle, road) -> whether it has arrived.
-        sight: (road) -> SIGHT record.
-        choose: (episode, vehicles, action, road, settings): begin an action of the ego.
-        sub_step: (episode, vehicles, road, settings): advance all by a sub-step.
-        renew: (episode, vehicles, road, settings): remove and add vehicles after a decision.
-        reset: (episode, vehicles, road, settings): start an episode from its stream.
-        records: (count, vehicles) -> number of records in use, obstacles among them.
-    """
-
-    lane: Callable[..., Any]
-    kind: Callable[..., Any]
-    coordinate: Callable[..., Any]
+    lane: Callable[..., Any]  # (number, road) -> record of a lane
+    kind: Callable[..., Any]  # (number, road) -> kind of a lane: APPROACH, EXIT, or another
+    coordinate: Callable[..., Any]  # (vehicle, road) -> its metres along the task
+    # (vehicles, slot, ego, road) -> whether it entered by the ego's approach
     same_origin: Callable[..., Any]
-    arrived: Callable[..., Any]
-    sight: Callable[..., Any]
+    arrived: Callable[..., Any]  # (vehicle, road) -> whether it has arrived
+    sight: Callable[..., Any]  # (road) -> SIGHT record
+    # (episode, vehicles, action, road, settings): begin an action of the ego
     choose: Callable[..., Any]
-    sub_step: Callable[..., Any]
+    sub_step: Callable[..., Any]  # (episode, vehicles, road, settings): advance all by a sub-step
+    # (episode, vehicles, road, settings): remove and add vehicles after a decision
     renew: Callable[..., Any]
+    # (episode, vehicles, road, settings): start an episode from its stream
     reset: Callable[..., Any]
+    # (count, vehicles) -> number of records in use, obstacles among them
     records: Callable[..., Any]
 
 
