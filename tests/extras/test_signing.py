@@ -16,9 +16,9 @@ from cryptography.hazmat.primitives.serialization import (
 
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.audit.report.signature import PAYLOAD_TYPE, faults_of_signature, signed
+from socialiq.cli.audit_verify import fault_of_model, path_of_signature, sign_model
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq.policies.model_signature import fault_of_model, path_of_signature, sign_model
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
 

@@ -6,7 +6,7 @@ import pytest
 
 from socialiq.audit.looks.log import read
 from socialiq.audit.seeds import read_nonce, round_after, time_of
-from socialiq.cli import audit_seed
+from socialiq.cli import audit
 from socialiq.cli.main import main
 
 
@@ -41,7 +41,7 @@ def test_a_commitment_to_a_nonce(tmp_path, call, capsys):
 
 def test_a_commitment_to_a_round_of_soon(tmp_path, call, capsys, monkeypatch):
     now = time_of(34_200_000)
-    monkeypatch.setattr(audit_seed, "now", lambda: now)
+    monkeypatch.setattr(audit, "now", lambda: now)
     monkeypatch.setattr("socialiq.audit.looks.look.now", lambda: now)
     assert main([*call, "--log", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -4,11 +4,10 @@ import sys
 
 import pytest
 
-import socialiq.cli.main as main_module
-from socialiq.cli import declared, suggest
+from socialiq.cli import commands
 from socialiq.cli.commands import COMMANDS, ELSEWHERE, GROUPS, command_class, help_page, options_of
 from socialiq.cli.main import main, parse
-from socialiq.cli.suggest import ALIASES, nearest_option, option_names
+from socialiq.cli.words import ALIASES, nearest_option, option_names
 from socialiq_lab.registry import STUDIES, declaration
 
 HEAVY = ("jax", "numba", "scipy", "matplotlib", "equinox")
@@ -27,7 +26,7 @@ def run(capsys, *words):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_is_found_and_the_help_page_has_its_docstring(name, capsys):
     kind = command_class(name)
-    assert (kind.__doc__ or "").startswith(declared.summary(kind.__module__, kind.__name__))
+    assert (kind.__doc__ or "").startswith(commands.summary(name))
     status, out, _ = run(capsys, *name.split(), "--help")
     assert status == 0 and out.startswith(f"usage: socialiq {name} ")
     assert (kind.__doc__ or "").partition("\n")[0][:40] in out
@@ -123,7 +122,7 @@ def test_a_mistake_is_one_line_that_names_the_near_word(words, mend, capsys):
 
 def test_aliases_lead_to_options_or_settings():
     known = {option for name in COMMANDS for option in options_of(name) or ()}
-    known |= {name.replace("_", "-") for name in declared.learner_settings()}
+    known |= {name.replace("_", "-") for name in commands.learner_settings()}
     for word, targets in ALIASES.items():
         assert known & set(targets), word
         assert word not in known, word
@@ -133,8 +132,7 @@ def test_a_missing_distribution_is_named(monkeypatch, capsys):
     own = {name: place for name, place in COMMANDS.items() if place.startswith("socialiq.")}
     elsewhere = {name for names in ELSEWHERE.values() for name in names}
     assert elsewhere == COMMANDS.keys() - own.keys()
-    for module in (main_module, suggest):
-        monkeypatch.setattr(module, "COMMANDS", own)
+    monkeypatch.setattr(commands, "COMMANDS", own)
     line = "socialiq data import needs socialiq-recordings: pip install socialiq-recordings\n"
     assert run(capsys, "data", "import", "x") == (2, "", f"socialiq: {line}")
     assert "socialiq claims needs socialiq-lab" in run(capsys, "claims")[2]

@@ -1,6 +1,6 @@
 import pytest
 
-from socialiq.cli.pooled import pool, target_of
+from socialiq.cli.evaluate import pool, target_of
 
 ROWS = [
     {"r_env": 1.0, "r_social": 0.0, "angle": 0.0, "angle_low": -1.0, "method": "exact"},

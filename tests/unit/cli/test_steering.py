@@ -8,8 +8,8 @@ import jax
 import numpy as np
 import pytest
 
+from socialiq.cli.evaluate import target_of
 from socialiq.cli.main import main
-from socialiq.cli.pooled import target_of
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 

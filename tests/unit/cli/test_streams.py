@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from socialiq.cli import main as main_module
-from socialiq.cli.main import main
-from socialiq.cli.streams import CRASHED, OUTPUT_LOST, exit_status
+from socialiq.cli.main import CRASHED, OUTPUT_LOST, exit_status, main
 
 FULL = Path("/dev/full")
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies import code as code_hash
-from socialiq.policies.code import files_named_by, hash_files
+from socialiq.policies import isolation as code_hash
+from socialiq.policies.isolation import files_named_by, hash_files
 
 
 def test_a_command_names_its_program_files_folders_and_options(tmp_path):
@@ -35,7 +35,7 @@ def test_a_command_names_its_program_files_folders_and_options(tmp_path):
         (folder, Path(folder)),
     ]
     # An empty word, or nothing after "=", does not name the present folder.
-    assert [one.word for one in files_named_by(["sh", "", "--model="])] == ["sh"]
+    assert [word for word, _ in files_named_by(["sh", "", "--model="])] == ["sh"]
 
 
 def test_a_file_that_is_named_must_exist(tmp_path):

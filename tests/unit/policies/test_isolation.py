@@ -81,7 +81,7 @@ def test_folders_without_a_python_are_no_interpreters(tmp_path, monkeypatch):
     (home / "pyvenv.cfg").touch()
     monkeypatch.setattr(Path, "home", lambda: home)
     for folder in (home, tmp_path / "other"):
-        words = sandboxed([str(folder / "bin" / "tool")], isolation.NO_FILES)
+        words = sandboxed([str(folder / "bin" / "tool")], CodeHash("", "", (), ()))
         assert str(folder) not in bound(words)
 
 

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.code import command_of_python, hash_of_python
+from socialiq.policies.load import command_of_python, hash_of_python
 
 RUNS = "import pathlib; pathlib.Path(__file__).with_suffix('.ran').touch()\n"
 

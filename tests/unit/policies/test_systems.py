@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies import child
+from socialiq.policies import process
 from socialiq.policies.load import load_policy
 from socialiq.policies.process import GIB, Limits
 
-LAUNCHERS = Path(child.__file__).with_name("launchers.py")
+LAUNCHERS = Path(process.__file__).with_name("launchers.py")
 ANSWERS = """
 import json, sys
 json.loads(input())
@@ -52,7 +52,7 @@ def test_a_limit_that_cannot_be_set_is_refused(tmp_path, monkeypatch, module):
 
 
 def test_a_system_without_process_groups_is_refused(monkeypatch):
-    monkeypatch.setattr(child, "os", SimpleNamespace(name="nt"))
+    monkeypatch.setattr(process, "os", SimpleNamespace(name="nt"))
     with pytest.raises(UserError, match="needs Linux or macOS: export it to ONNX"):
         load_policy(f"process:{sys.executable}", 2, 3)
 

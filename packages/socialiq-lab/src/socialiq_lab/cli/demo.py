@@ -9,8 +9,7 @@ import numpy as np
 
 from socialiq import results_folder as store
 from socialiq.cli.drivers import driver_of
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.evaluation.episode_rows import outcome_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.learners.settings import check_seeds

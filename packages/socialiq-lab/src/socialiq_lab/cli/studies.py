@@ -16,8 +16,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq import results_folder as store
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.outputs import claimed
 from socialiq.results_folder import Results

@@ -10,8 +10,7 @@ from typing import Annotated
 import tyro
 
 from socialiq import results_folder as store
-from socialiq.cli.output import Printing, complain, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, complain, print_json, print_table
 from socialiq.errors import UserError
 from socialiq.results_folder import Results
 from socialiq.storage import write_atomically

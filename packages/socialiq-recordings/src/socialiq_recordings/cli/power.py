@@ -9,8 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.learners.callbacks import Clock
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save

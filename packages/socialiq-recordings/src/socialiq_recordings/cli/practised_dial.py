@@ -7,9 +7,9 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display
 from socialiq.cli.train.offline_dial import OfflineDial
-from socialiq.cli.train.run_folder import CHUNK
+from socialiq.cli.train.shared import CHUNK
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained

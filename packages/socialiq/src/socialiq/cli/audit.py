@@ -1,7 +1,8 @@
-"""`audit`: whether a policy behaves as declared."""
+"""`audit`: whether a policy behaves as declared; `audit nonce`, `audit commit`: its seeds."""
 
 from __future__ import annotations
 
+import datetime
 import json
 import sys
 from collections.abc import Mapping
@@ -11,15 +12,52 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.conduct import Conducted, conduct, log_folder
+from socialiq.audit import conduct, seeds
 from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.looks import look
+from socialiq.audit.looks.log import now
+from socialiq.audit.report import views
 from socialiq.audit.report.folder import check_target
-from socialiq.audit.report.views import is_known, number, others, outcome, percent
 from socialiq.audit.request import Collection, Request, collect_in_parts
-from socialiq.cli.code_options import CodeOptions
-from socialiq.cli.output import Printing, print_table, say
-from socialiq.cli.progress import Display
+from socialiq.audit.resolve_policy import Trust
+from socialiq.cli.output import Display, Printing, print_json, print_table, say
+from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
+from socialiq.policies.isolation import IsolationMode
+from socialiq.policies.process import limits_of
+
+_AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
+_EVENTS = {
+    "at_fault": "collision, at fault",
+    "struck": "collision, struck",
+    "arrival": "arrival",
+    "timeout": "out of time",
+}
+"""Criteria in a table of 80 columns."""
+
+
+@dataclass(frozen=True)
+class CodeOptions:
+    """Permissions and limits of a policy that is a process or a Python module."""
+
+    allow_code: bool = False
+    """Import the Python module of the declaration's environment, and run named Python modules that
+    can't be isolated: their authors' code runs with your rights."""
+    isolation: IsolationMode = "auto"
+    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
+    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A further file or folder of a policy that is a process or a Python module: its hash covers
+    it, and only what is covered is visible to an isolated one."""
+    step_seconds: float = 5.0
+    """Seconds within which a process must answer."""
+    memory_gib: float = 8.0
+    """Limit of the address space of each process of a policy, GiB; 0 for no limit."""
+
+    @property
+    def trust(self) -> Trust:
+        """Permissions for `resolve_policy`."""
+        limits = limits_of(self.step_seconds, self.memory_gib)
+        return Trust(self.allow_code, limits, self.isolation, tuple(self.files))
 
 
 @dataclass(frozen=True)
@@ -77,29 +115,7 @@ class Audit(Printing):
         """Audit, write the report, print the verdict."""
         check_target(self.out, self.replace)
         check_processes(self.processes)
-        done = self.conducted()
-        done.write(self.out, self.replace)
-        if self.json:
-            sys.stdout.write(json.dumps(done.report, allow_nan=False) + "\n")
-        else:
-            _show(done, self.out)
-        return int(done.report["verdict"]["exit_code"])
-
-    def conducted(self) -> Conducted:
-        """Run all drivers in this process, or in parts by several."""
-        if not self.processes:
-            return conduct(self.request(), say)
-        with Display() as display:
-
-            def collect(collection: Collection) -> Evidence:
-                report = display.stage("episodes")
-                return collect_in_parts(collection, self.processes, report)
-
-            return conduct(self.request(), say, collect=collect)
-
-    def request(self) -> Request:
-        """Return the request of the audit."""
-        return Request(
+        request = Request(
             policy=self.policy,
             profile=self.profile,
             episodes=self.episodes,
@@ -110,59 +126,145 @@ class Audit(Printing):
             threads=self.threads,
             films=self.films,
             shift=self.shift,
-            log=log_folder(self.out, self.log, self.no_log, self.seed),
+            log=conduct.log_folder(self.out, self.log, self.no_log, self.seed),
             nonce=self.nonce,
             beacon=self.beacon,
             in_parts=self.processes > 0,
         )
+        if self.processes:
+            with Display() as display:
+
+                def collect(collection: Collection) -> Evidence:
+                    report = display.stage("episodes")
+                    return collect_in_parts(collection, self.processes, report)
+
+                done = conduct.conduct(request, say, collect=collect)
+        else:
+            done = conduct.conduct(request, say)
+        done.write(self.out, self.replace)
+        report = done.report
+        if self.json:
+            sys.stdout.write(json.dumps(report, allow_nan=False) + "\n")
+        else:
+            _print_verdict(report)
+            sys.stdout.write(f"{self.out / 'report.html'}\n")
+        return int(report["verdict"]["exit_code"])
 
 
-def _show(done: Conducted, folder: Path) -> None:
-    """Print the verdict, what it rests on, the tests and the path of the report."""
-    report = done.report
-    verdict = report["verdict"]
+def _print_verdict(report: Mapping[str, Any]) -> None:
+    """Print the verdict, what it rests on, and a table of the tests, at most 80 columns wide."""
+    verdict, regret = report["verdict"], report["tests"]["regret"]
     sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
     for caveat in report["caveats"]:
         sys.stdout.write(f"Note: {caveat['text']}\n")
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
-    print_table(
-        [{name: text.replace("−", "-") for name, text in row.items()} for row in _tests(report)]
-    )
-    sys.stdout.write(f"{others(report)}\n")
+    by_rule = "angle_rule" in report["declaration"]
+    rows = [
+        {
+            "test": "decision loss" if by_rule else "reward below best",
+            "result": views.outcome(regret["decision"]),
+            "estimate": views.number(regret["regret"]),
+            "low": views.number(regret["low"]),
+            "high": views.number(regret["high"]),
+            "asked for": f"at most {views.number(regret['margin'])}",
+        }
+    ]
+    rows += [
+        {
+            "test": _EVENTS[test["name"]],
+            "result": views.outcome(test["decision"]),
+            "estimate": views.percent(test["share"]),
+            "low": views.percent(test["low"]),
+            "high": views.percent(test["high"]),
+            "asked for": f"{test['side']} {views.percent(test['limit'])}",
+        }
+        for test in report["tests"]["competence"]
+        if views.is_known(report, test["name"])
+    ]
+    print_table([{name: text.replace("−", "-") for name, text in row.items()} for row in rows])
+    sys.stdout.write(f"{views.others(report)}\n")
     if report["shift"]:
         sys.stdout.write(f"{report['shift']['sentence']}\n")
-    sys.stdout.write(f"{folder / 'report.html'}\n")
 
 
-_EVENTS = {
-    "at_fault": "collision, at fault",
-    "struck": "collision, struck",
-    "arrival": "arrival",
-    "timeout": "out of time",
-}
-"""Criteria in a table of 80 columns."""
+@dataclass(frozen=True)
+class WriteNonce:
+    """Draw the auditor's nonce, and print the hash for the owner.
+
+    Keep the file to yourself until you have the hash of the owner's commitment. Use it once.
+
+    Example: socialiq audit nonce --out nonce.json
+    """
+
+    out: Path
+    """File to write; only you can read it."""
+
+    def run(self) -> int:
+        """Write the nonce, print its SHA-256."""
+        sys.stdout.write(f"{seeds.write_nonce(self.out).sha256}\n")
+        return 0
 
 
-def _tests(report: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Return a row for each test, at most 80 columns wide together."""
-    regret = report["tests"]["regret"]
-    measured = {name: number(regret[name]) for name in ("low", "high")}
-    by_rule = "angle_rule" in report["declaration"]
-    first = "decision loss" if by_rule else "reward below best"
-    rows = [
-        {"test": first, "result": outcome(regret["decision"])}
-        | {"estimate": number(regret["regret"])}
-        | measured
-        | {"asked for": f"at most {number(regret['margin'])}"}
-    ]
-    for test in report["tests"]["competence"]:
-        if is_known(report, test["name"]):
-            shares = {name: percent(test[name]) for name in ("share", "low", "high")}
-            rows.append(
-                {"test": _EVENTS[test["name"]], "result": outcome(test["decision"])}
-                | {"estimate": shares.pop("share")}
-                | shares
-                | {"asked for": f"{test['side']} {percent(test['limit'])}"}
-            )
-    return rows
+@dataclass(frozen=True)
+class Commit(Printing):
+    """Commit to a policy and a declaration in the audit log, before their episodes can be known.
+
+    The seed comes later: from the auditor's nonce, whose hash is named here, or from a round of the
+    public beacon drand that is not yet published. The printed hash of the commitment belongs in
+    the auditor's hands before that. Every commitment counts as a look.
+
+    Example: socialiq audit commit atlas:prosocial --profile profile.toml --beacon-round 34200000
+    """
+
+    policy: Annotated[str, tyro.conf.Positional]
+    """The policy under audit."""
+    profile: Path
+    """The declaration: `socialiq profile new` writes one."""
+    nonce_sha256: str = ""
+    """Hash of the auditor's nonce, as `socialiq audit nonce` printed it."""
+    beacon_round: int | None = None
+    """A round of drand's quicknet that is not yet published; without a nonce, by default the first
+    in ten minutes."""
+    log: Path = Path("audit-log")
+    """Folder of the audit log."""
+    episodes: int = 1000
+    """Number of episodes of the audit."""
+    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A further driver to compare with, as for `socialiq audit`."""
+    soft: bool = False
+    """Select the policy's actions stochastically instead of greedily."""
+    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
+
+    def run(self) -> int:
+        """Commit, and print the hash and what comes next."""
+        request = Request(
+            policy=self.policy,
+            profile=self.profile,
+            episodes=self.episodes,
+            references=tuple(self.reference),
+            soft=self.soft,
+            trust=self.code.trust,
+            log=self.log,
+        )
+        number = self.beacon_round
+        if self.nonce_sha256:
+            if number is not None:
+                raise UserError("an audit has one seed: give --nonce-sha256 or --beacon-round")
+            source = look.of_nonce(self.nonce_sha256)
+        else:
+            number = seeds.round_after(now() + _AHEAD) if number is None else number
+            source = look.of_beacon(number)
+        entry = conduct.commit_to(request, source)
+        if self.json:
+            print_json({"look": entry.number, "log": entry.log, "entry": entry.entry, **source})
+            return 0
+        sys.stdout.write(f"{entry.entry}\n")
+        say(f"look {entry.number} of {self.log / entry.log}, committed at {entry.committed}")
+        if number is None:
+            say("give this hash to the auditor, who then audits with --nonce")
+        else:
+            when = f"{seeds.time_of(number):%Y-%m-%d %H:%M:%S} UTC"
+            say(f"give this hash to the auditor before round {number} is published, {when}")
+            say(f"then fetch {seeds.address_of(number)} and audit with --beacon")
+        return 0

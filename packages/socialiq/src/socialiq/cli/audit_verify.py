@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
+import os
 import sys
 import tempfile
 from dataclasses import dataclass, field, fields
@@ -14,25 +14,18 @@ import tyro
 
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
+from socialiq.audit.report import signature
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
 from socialiq.audit.report.recompute import differences
 from socialiq.audit.report.seeds import opened_of
-from socialiq.audit.report.signature import (
-    faults_of_signature,
-    key_id,
-    read_private_key,
-    read_public_key,
-    signed,
-)
 from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
 from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
+from socialiq.cli.audit import CodeOptions
 from socialiq.cli.checks import refuse_unused
-from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
 from socialiq.errors import UserError
-from socialiq.foreign import one_line
-from socialiq.policies.model_signature import fault_of_model, path_of_signature, sign_model
+from socialiq.foreign import one_line, optional
 from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
@@ -73,28 +66,28 @@ class Verify(Printing):
     def run(self) -> int:
         """Check, optionally rerun, and print what was checked and what differs."""
         if not self.rerun:
-            signed = () if self.key is None else ("policy",)
-            unused = tuple(option for option in _OF_RERUN if option not in signed)
-            refuse_unused(self, unused, "--rerun")
+            unused = ("policy",) if self.key is None else ()
+            refuse_unused(self, (*unused, "world", "reference", "threads"), "--rerun")
             refuse_unused(self.code, [field.name for field in fields(self.code)], "--rerun")
-        key = None if self.key is None else read_public_key(self.key)
+        key = None if self.key is None else signature.read_public_key(self.key)
         findings = check_folder(self.folder)
         faults, checked = findings.faults, list(findings.checked)
         if key is not None and not faults:
-            faults = faults_of_signature(content_of(self.folder), key)
-            checked.append(f"signature by the key {key_id(key)}")
+            faults = signature.faults_of_signature(content_of(self.folder), key)
+            checked.append(f"signature by the key {signature.key_id(key)}")
             policy = Path(self.policy)
-            there = policy.is_file() and path_of_signature(policy).is_file()
-            if not faults and self.key is not None and there:
-                faults = self._faults_of_policy(policy, self.key)
+            path = path_of_signature(policy)
+            if not faults and self.key is not None and policy.is_file() and path.is_file():
                 checked.append("signature of the policy")
+                fault = _fault_of_policy(self.folder, policy)
+                fault = fault or fault_of_model(policy, path, self.key)
+                faults = [fault] if fault else []
         if self.log is not None and not faults:
             faults = faults_by_log(self.folder, self.log)
             checked.append("audit log")
         if self.rerun and not faults:
             faults = self._again()
             checked.append("episodes, run again")
-        status = 1 if faults else 3 if findings.not_checked else 0
         claims = read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
         if self.log is not None and OF_A_LOG in claims:
             claims.remove(OF_A_LOG)
@@ -102,43 +95,35 @@ class Verify(Printing):
             row = {"folder": str(self.folder), "rerun": self.rerun, "faults": faults}
             row |= {"not_checked": findings.not_checked, "checked": [] if faults else checked}
             print_json(row | {"claims": claims})
-            return status
-        for line in _shortened(faults):
-            complain(line)
-        if not faults:
-            self._show(findings.not_checked, checked, claims)
-        return status
+        else:
+            for line in _shortened(faults):
+                complain(line)
+            if not faults:
+                self._print(findings.not_checked, checked, claims)
+        return 1 if faults else 3 if findings.not_checked else 0
 
-    def _show(self, unknown: list[str], checked: list[str], claims: list[str]) -> None:
+    def _print(self, unknown: list[str], checked: list[str], claims: list[str]) -> None:
         """Print what was checked, and what was not."""
         if unknown:
-            sys.stdout.write(
-                f"{self.folder} is not checked as a whole: this version of socialiq would not "
-                f"write {', '.join(_shortened(unknown))}, which may say anything; verify with the "
-                "version that did\n"
+            line = (
+                f"is not checked as a whole: this version of socialiq would not write "
+                f"{', '.join(_shortened(unknown))}, which may say anything; verify with the "
+                "version that did"
             )
         else:
             again = ", and so does a rerun of the episodes" if self.rerun else ""
-            sys.stdout.write(
-                f"{self.folder} is consistent: what it says follows from its episodes{again}\n"
-            )
-        sys.stdout.write(f"checked: {'; '.join(checked)}\n")
+            line = f"is consistent: what it says follows from its episodes{again}"
+        sys.stdout.write(f"{self.folder} {line}\nchecked: {'; '.join(checked)}\n")
         left = [] if self.rerun else [_NOT_RUN]
-        signed = (self.folder / SIGNATURES).is_file()
-        signature = "--key checks its signatures" if signed else "it is not signed"
-        left += [f"who wrote it ({signature})"] if self.key is None else []
+        if self.key is None:
+            signed = (self.folder / SIGNATURES).is_file()
+            how = "--key checks its signatures" if signed else "it is not signed"
+            left.append(f"who wrote it ({how})")
         left.append(f"claims of the auditor ({', '.join(claims)})")
         sys.stdout.write(f"not checked: {'; '.join(left)}\n")
 
-    def _faults_of_policy(self, path: Path, key: Path) -> list[str]:
-        """Check the signature beside the policy's file."""
-        audited = read_report(self.folder / REPORT)["hashes"]["policy"]
-        if hashlib.sha256(path.read_bytes()).hexdigest() != audited:
-            return [f"{path} is not the policy that was audited: its hash differs"]
-        fault = fault_of_model(path, path_of_signature(path), key)
-        return [fault] if fault else []
-
     def _again(self) -> list[str]:
+        """Run the audit again and compare; a report, maybe untrusted, doesn't choose the code."""
         files = content_of(self.folder)
         report = read_report(self.folder / REPORT)
         if report["hashes"]["package"] != package_sha256():
@@ -146,19 +131,6 @@ class Verify(Printing):
         world = parse(files[PROFILE], PROFILE).scenario.world
         if ":" in world and self.world != world:
             raise _asks_to_run(world, "--world")
-        with tempfile.TemporaryDirectory() as folder:
-            profile = Path(folder) / PROFILE
-            profile.write_bytes(files[PROFILE])
-            done = conduct(self._request(report, profile), say, opened_of(report))
-        fresh = json.loads(json.dumps(done.report))
-        tables = tables_of(done.evidence)
-        differing = [name for name in tables if files.get(name) != tables[name]]
-        return [
-            f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]
-        ]
-
-    def _request(self, report: dict[str, Any], profile: Path) -> Request:
-        """Return the request; a report may be untrusted, so it doesn't decide which code runs."""
         source = self.policy or str(report["policy"]["record"]["source"])
         if not self.policy and source.startswith(_RUNS):
             raise _asks_to_run(source, "--policy")
@@ -166,16 +138,26 @@ class Verify(Printing):
         for reference in () if self.reference else references:
             if reference.startswith(_RUNS):
                 raise _asks_to_run(reference, "--reference")
-        return Request(
-            policy=source,
-            profile=profile,
-            episodes=report["seeds"]["episodes"],
-            references=references,
-            soft=not report["policy"]["deterministic"],
-            trust=self.code.trust,
-            threads=self.threads,
-            shift=report["shift"] is not None,
-        )
+        with tempfile.TemporaryDirectory() as folder:
+            profile = Path(folder) / PROFILE
+            profile.write_bytes(files[PROFILE])
+            request = Request(
+                policy=source,
+                profile=profile,
+                episodes=report["seeds"]["episodes"],
+                references=references,
+                soft=not report["policy"]["deterministic"],
+                trust=self.code.trust,
+                threads=self.threads,
+                shift=report["shift"] is not None,
+            )
+            done = conduct(request, say, opened_of(report))
+        fresh = json.loads(json.dumps(done.report))
+        tables = tables_of(done.evidence)
+        differing = [name for name in tables if files.get(name) != tables[name]]
+        return [
+            f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]
+        ]
 
 
 _NOT_RUN = "whether the episodes were run, and how the vehicles moved (--rerun runs them again)"
@@ -189,12 +171,6 @@ def _shortened(lines: list[str]) -> list[str]:
     return [*lines[:_MOST_LINES], f"and {remaining} more"] if remaining > 0 else lines
 
 
-_OF_RERUN = (
-    "policy",
-    "world",
-    "reference",
-    "threads",
-)
 _RUNS = ("process:", "python:")
 
 
@@ -203,6 +179,14 @@ def _asks_to_run(what: str, option: str) -> UserError:
         f"this report asks to run '{one_line(what)}': if you trust that, give it as {option} "
         "yourself"
     )
+
+
+def _fault_of_policy(folder: Path, policy: Path) -> str:
+    """Return why a file is not the policy that was audited; "" if it is."""
+    audited = read_report(folder / REPORT)["hashes"]["policy"]
+    if sha256_of_file(policy) == audited:
+        return ""
+    return f"{policy} is not the policy that was audited: its hash differs"
 
 
 @dataclass(frozen=True)
@@ -225,7 +209,7 @@ class Sign(Printing):
 
     def run(self) -> int:
         """Check the folder, sign, write `statement.dsse.json`, and the policy's signature."""
-        key = read_private_key(self.key)
+        key = signature.read_private_key(self.key)
         findings = check_folder(self.folder)
         for line in findings.faults:
             complain(line)
@@ -233,24 +217,80 @@ class Sign(Printing):
             complain(f"{name} is not checked: sign with the version of socialiq that wrote it")
         if findings.faults or findings.not_checked:
             return 1 if findings.faults else 3
-        files, written = content_of(self.folder), [self.folder / SIGNATURES]
-        model = None if self.policy is None else self._of_policy(self.policy)
-        envelope = signed(files[STATEMENT], key, files.get(SIGNATURES))
-        write_atomically(self.folder / SIGNATURES, envelope)
-        if self.policy is not None and model is not None:
-            written.append(path_of_signature(self.policy))
-            write_atomically(written[-1], model)
-        signer = key_id(key.public_key())
+        content = content_of(self.folder)
+        files = {}
+        if self.policy is not None:
+            if fault := _fault_of_policy(self.folder, self.policy):
+                raise UserError(fault)
+            files[path_of_signature(self.policy)] = sign_model(self.policy, self.key)
+        envelope = signature.signed(content[STATEMENT], key, content.get(SIGNATURES))
+        files = {self.folder / SIGNATURES: envelope} | files
+        for path, text in files.items():
+            write_atomically(path, text)
+        signer = signature.key_id(key.public_key())
         if self.json:
-            print_json({"key": signer, "files": [str(path) for path in written]})
+            print_json({"key": signer, "files": [str(path) for path in files]})
         else:
-            for path in written:
+            for path in files:
                 sys.stdout.write(f"{path}: signed by the key {signer}\n")
         return 0
 
-    def _of_policy(self, policy: Path) -> bytes:
-        """Return the signature of the policy, if it is the one that was audited."""
-        audited = read_report(self.folder / REPORT)["hashes"]["policy"]
-        if sha256_of_file(policy) != audited:
-            raise UserError(f"{policy} is not the policy that was audited: its hash differs")
-        return sign_model(policy, self.key)
+
+def path_of_signature(policy: Path) -> Path:
+    """Return the path of a policy's signature: beside it, with .sig at the end."""
+    return policy.with_name(f"{policy.name}.sig")
+
+
+def sign_model(policy: Path, key: Path) -> bytes:
+    """Return the signature of a policy's file, in the format of OpenSSF Model Signing.
+
+    The library needs the extra `signing`: https://github.com/sigstore/model-transparency.
+
+    Args:
+        policy: The file.
+        key: Private key of an elliptic curve, a PEM file; the format knows no Ed25519.
+
+    Raises:
+        UserError: If the extra is missing, or the library refuses file or key.
+    """
+    config = _library("signing").Config()
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "signature"
+        try:
+            passphrase = os.environ.get(signature.PASSPHRASE)
+            signer = config.use_elliptic_key_signer(private_key=key, password=passphrase)
+            signer.sign(policy, path)
+        except (ValueError, TypeError, AttributeError, OSError) as error:
+            raise UserError(
+                f"{policy} is not signed: its format takes a key of an elliptic curve (P-256): "
+                f"{_first_line(error)}"
+            ) from error
+        return path.read_bytes()
+
+
+def fault_of_model(policy: Path, signed: Path, key: Path) -> str:
+    """Return why a signature is not of a policy's file and a key, or "" if it is.
+
+    Args:
+        policy: The policy's file.
+        signed: File of the signature.
+        key: Public key, a PEM file.
+
+    Raises:
+        UserError: If the extra is missing.
+    """
+    config = _library("verifying").Config()
+    try:
+        config.use_elliptic_key_verifier(public_key=key).verify(policy, signed)
+    except Exception as error:  # the library raises those of its parsers too
+        return f"{signed} is not this key's signature of {policy}: {_first_line(error)}"
+    return ""
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]
+
+
+def _library(module: str) -> Any:
+    optional("OpenSSL", "signing", "a policy's signature")  # imported and not asked for by:
+    return optional(f"model_signing.{module}", "signing", "a policy's signature")

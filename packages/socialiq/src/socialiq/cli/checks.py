@@ -21,10 +21,7 @@ FLOATS = (1e-100, 1e100)
 
 
 def check_words(words: Sequence[str]) -> None:
-    """Refuse words that can't be a value: an empty one, or one that is not text.
-
-    Args:
-        words: The command line after the program's name.
+    """Refuse words of a command line that can't be a value: an empty one, or one that is not text.
 
     Raises:
         UserError: If there is one.
@@ -38,18 +35,13 @@ def check_words(words: Sequence[str]) -> None:
             raise UserError(f"{one_line(option, 80)} is empty: give a value, or leave it out")
         if "\0" in word:
             raise UserError(f"'{one_line(word, 80)}' has a zero byte: no name or text has one")
-        if not _is_text(word):
+        try:
+            word.encode()
+        except UnicodeEncodeError:  # bytes that are not UTF-8 became halves of surrogates
             text = one_line(word.encode("utf-8", "replace"), 80)
-            raise UserError(f"'{text}' is not UTF-8 text: rename the file, or type it again")
-
-
-def _is_text(word: str) -> bool:
-    """Whether a word of the command line was UTF-8; other bytes became halves of surrogates."""
-    try:
-        word.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+            raise UserError(
+                f"'{text}' is not UTF-8 text: rename the file, or type it again"
+            ) from None
 
 
 def check_options(command: Any) -> None:
@@ -69,18 +61,20 @@ def check_options(command: Any) -> None:
         if value is None:
             raise UserError(f"{option} has no value: give one, or leave it out")
         if isinstance(value, float):
-            if not (value == 0.0 or FLOATS[0] <= abs(value) <= FLOATS[1]):
-                low, high = FLOATS
+            low, high = FLOATS
+            if not (value == 0.0 or low <= abs(value) <= high):
                 raise UserError(
                     f"{option} {value:g}: give 0, or a number of size {low:g} to {high:g}"
                 )
-        elif name.rpartition(".")[2] in ("seed", "seeds"):
-            if value < 0:
-                raise UserError(f"{option}: seed must be at least 0, got {_shown(value)}")
-            if value > LARGEST_SEED:
-                raise UserError(f"{option}: seed must be below 2^63, got {_shown(value)}")
+            continue
+        is_long = abs(value) >= 10**20
+        text = f"a number of {int(math.log10(abs(value))) + 1} digits" if is_long else f"{value}"
+        if name in ("seed", "seeds"):
+            if not 0 <= value <= LARGEST_SEED:
+                limit = "at least 0" if value < 0 else "below 2^63"
+                raise UserError(f"{option}: seed must be {limit}, got {text}")
         elif abs(value) > LARGEST_COUNT:
-            raise UserError(f"{option} {_shown(value)}: give at most {LARGEST_COUNT:,}")
+            raise UserError(f"{option} {text}: give at most {LARGEST_COUNT:,}")
 
 
 def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
@@ -114,11 +108,3 @@ def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
         for number in value if isinstance(value, tuple | list) else (value,):
             if isinstance(number, int | float) and not isinstance(number, bool):
                 yield field.name, number
-
-
-def _shown(value: int) -> str:
-    return (
-        f"{value}"
-        if abs(value) < 10**20
-        else f"a number of {int(math.log10(abs(value))) + 1} digits"
-    )

@@ -10,15 +10,15 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.checks import refuse_unused
+from socialiq.cli.data import show_counts
 from socialiq.cli.drivers import continuous_driver_of
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import Printing
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
-from socialiq.evaluation.rollout import rollout_env
 from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
@@ -29,6 +29,7 @@ from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq.worlds.registry import continuous_options, make_grid
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
+_CODE = ("python:", "process:")
 
 _OF_MIXTURE = {
     "equal_transitions": ("transitions",),
@@ -83,25 +84,13 @@ class Collect(Printing):
     def run(self) -> int:
         """Collect, mix, write, print the counts."""
         one_of("mixture", self.mixture, tuple(mixture.MIXTURES))
-        self._refuse_unused()
+        for name, options in _OF_MIXTURE.items():
+            if name != self.mixture:
+                refuse_unused(self, options, f"--mixture {name}")
         refuse_existing(self.out)
         mixed = self.mix()
         sha256 = files.save(self.out, mixed, replace=False)
-        counts = [
-            {"mode": mode, "episodes": episodes, "transitions": transitions}
-            for mode, (episodes, transitions) in mixed.counts().items()
-        ]
-        if self.json:
-            print_json({"file": str(self.out), "sha256": sha256, "modes": counts})
-        else:
-            print_table(counts, f"{self.out}")
-        return 0
-
-    def _refuse_unused(self) -> None:
-        """Refuse options that the mixture doesn't use."""
-        for mixture_, names in _OF_MIXTURE.items():
-            if mixture_ != self.mixture:
-                refuse_unused(self, names, f"--mixture {mixture_}")
+        return show_counts(self, sha256, mixed)
 
     def mix(self) -> Demonstrations:
         """Return the demonstrations that the options describe."""
@@ -143,47 +132,35 @@ class Collect(Printing):
             raise UserError("an environment's observations are its own: leave out --clock")
         modes: dict[str, str] = {}
         for words in self.driver:
-            mode, spec = _mode_of(words)
+            match = _NAMED.fullmatch(words)
+            spec = match[2] if match else words
+            own = spec.rpartition(":")[2] if spec.startswith(_CODE) else Path(spec).stem
+            mode = match[1] if match else one_line(own)
             if mode in modes:
                 raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
             modes[mode] = spec
-        if self.world in CONTINUOUS:
-            return {mode: self._at_intersection(mode, spec) for mode, spec in modes.items()}
-        env = make_environment(
-            self.world, allow_code=self.allow_code, needs_pair=True, continuous=True
-        )
-        size = action_size(env)
+        code: dict[str, Any] = {"allow_code": self.allow_code}
+        env = None
+        if self.world not in CONTINUOUS:
+            env = make_environment(self.world, needs_pair=True, continuous=True, **code)
         pools = {}
         for mode, spec in modes.items():
-            interface: dict[str, Any] = {"action_size": size, "allow_code": self.allow_code}
-            with load_policy(spec, *sizes(env), **interface) as loaded:
-                record = loaded.record
+            if env is None:
+                world = Intersection(continuous_options(self.world))
+                driver = continuous_driver_of(spec, world, seed=self.seed, **code)
+            else:
+                driver = load_policy(spec, *sizes(env), action_size=action_size(env), **code)
+            with driver as loaded:
+                record, policy = loaded.record, loaded.policy
                 source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
-                pools[mode] = rollout_env(
-                    env, loaded.policy, self.episodes, self.seed, mode=mode, source=source
-                ).transitions
+                if env is None:
+                    options = continuous_options(self.world)
+                    batch = Batch(options, min(self.episodes, SIDE_BY_SIDE))
+                    seeds = range(self.seed, self.seed + self.episodes)
+                    episodes = rollout.record(batch, policy, seeds, mode, source).transitions
+                else:
+                    episodes = rollout.rollout_env(
+                        env, policy, self.episodes, self.seed, mode=mode, source=source
+                    ).transitions
+            pools[mode] = episodes.with_clock() if self.clock else episodes
         return pools
-
-    def _at_intersection(self, mode: str, spec: str) -> Demonstrations:
-        """Return episodes of a driver of the intersection with continuous actions."""
-        options = continuous_options(self.world)
-        batch = Batch(options, min(self.episodes, SIDE_BY_SIDE))
-        seeds = range(self.seed, self.seed + self.episodes)
-        driver = continuous_driver_of(
-            spec, Intersection(options), allow_code=self.allow_code, seed=self.seed
-        )
-        with driver as loaded:
-            record = loaded.record
-            source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
-            episodes = rollout.record(batch, loaded.policy, seeds, mode, source).transitions
-        return episodes.with_clock() if self.clock else episodes
-
-
-def _mode_of(given: str) -> tuple[str, str]:
-    """Return the name of a mode and its driver; by default the driver's own name."""
-    match = _NAMED.fullmatch(given)
-    if match:
-        return match[1], match[2]
-    if given.startswith(("python:", "process:")):
-        return one_line(given.rpartition(":")[2]), given
-    return one_line(Path(given).stem), given

@@ -1,17 +1,27 @@
-"""Table of the commands, and their help pages, without an import of any command's module."""
+"""Table of the commands, and their help pages and options by their sources.
+
+A command's module may import a learner or a simulator, which takes seconds. The help page and a
+mistyped option don't wait for that.
+"""
 
 from __future__ import annotations
 
+import ast
 import dataclasses
-import importlib
+import functools
+import importlib.util
 import shutil
 import textwrap
+from collections.abc import Iterator
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated, Any
 
-from socialiq.cli import declared
+_PACKAGES = ("socialiq", "socialiq_recordings", "socialiq_lab")
+_PLAIN = ("str", "int", "float", "bool", "tuple", "Path", "Literal", "Annotated", "Any", "tyro")
+"""Names in an annotation that make no options of their own."""
 
-_OWN = {
+COMMANDS = {
     "solve": "socialiq.cli.solve:Solve",
     "front": "socialiq.cli.solve:Front",
     "predict-lambda": "socialiq.cli.solve:PredictLambda",
@@ -37,8 +47,8 @@ _OWN = {
     "profile new": "socialiq.cli.profile:New",
     "profile check": "socialiq.cli.profile:Check",
     "audit": "socialiq.cli.audit:Audit",
-    "audit nonce": "socialiq.cli.audit_seed:WriteNonce",
-    "audit commit": "socialiq.cli.audit_seed:Commit",
+    "audit nonce": "socialiq.cli.audit:WriteNonce",
+    "audit commit": "socialiq.cli.audit:Commit",
     "audit verify": "socialiq.cli.audit_verify:Verify",
     "audit sign": "socialiq.cli.audit_verify:Sign",
     "data from-arrays": "socialiq.cli.data:FromArrays",
@@ -47,17 +57,12 @@ _OWN = {
     "data from-minari": "socialiq.cli.data:FromMinari",
     "data to-minari": "socialiq.cli.data:ToMinari",
 }
-"""Commands of this distribution: module and class."""
+"""Each command's module and class, in the order of the help page.
 
-
-def _installed() -> dict[str, str]:
-    """Return every installed command; other distributions name theirs by an entry point."""
-    distributions = sorted(entry_points(group="socialiq.commands"), key=lambda entry: entry.name)
-    return _OWN | {name: target for entry in distributions for name, target in entry.load().items()}
-
-
-COMMANDS = _installed()
-"""Each command's module and class, in the order of the help page."""
+Other distributions name theirs by an entry point.
+"""
+for _entry in sorted(entry_points(group="socialiq.commands"), key=lambda entry: entry.name):
+    COMMANDS.update(_entry.load())
 
 GROUPS = {
     "profile": "declarations for an audit",
@@ -85,28 +90,20 @@ DESCRIPTION = (
 
 
 def command_class(name: str) -> type[Any]:
-    """Import a command's module and return its class.
-
-    Args:
-        name: A key of `COMMANDS`.
-    """
-    module, attribute = _place(name)
+    """Import a command's module and return its class."""
+    module, attribute = COMMANDS[name].split(":")
     return getattr(importlib.import_module(module), attribute)
 
 
+def summary(name: str) -> str:
+    """Return the first line of a command's docstring."""
+    definition = _class(*COMMANDS[name].split(":"))
+    return ((definition and ast.get_docstring(definition)) or "").partition("\n")[0]
+
+
 def options_of(name: str) -> list[str] | None:
-    """Return a command's options by its source, or None where only an import gives them.
-
-    Args:
-        name: A key of `COMMANDS`.
-    """
-    return declared.options(*_place(name))
-
-
-def _place(name: str) -> tuple[str, str]:
-    """Return a command's module and the name of its class there."""
-    module, _, attribute = COMMANDS[name].partition(":")
-    return module, attribute
+    """Return a command's options by its source, or None where only an import gives them."""
+    return _options(*COMMANDS[name].split(":"))
 
 
 def help_page(group: str = "") -> str:
@@ -123,9 +120,7 @@ def help_page(group: str = "") -> str:
     lines += ["", "commands:"]
     for name in names:
         start = f"  {name}".ljust(len(indent))
-        lines += textwrap.wrap(
-            start + declared.summary(*_place(name)), width, subsequent_indent=indent
-        )
+        lines += textwrap.wrap(start + summary(name), width, subsequent_indent=indent)
     word = f"{group} COMMAND" if group else "COMMAND"
     end = textwrap.wrap(f"socialiq {word} --help lists the options of a command.", width)
     return "\n".join([*lines, "", *end, ""])
@@ -146,10 +141,8 @@ def every_command() -> Any:
             if group == first:
                 kind = command_class(name)
                 if any(longer.startswith(f"{name} ") for longer in COMMANDS):
-                    below, namespace = (
-                        [("below", together(name) | None, None)],
-                        {"__doc__": kind.__doc__},
-                    )
+                    below: Any = [("below", together(name) | None, None)]
+                    namespace = {"__doc__": kind.__doc__}
                     kind = dataclasses.make_dataclass(
                         kind.__name__, below, bases=(kind,), namespace=namespace, frozen=True
                     )
@@ -161,3 +154,127 @@ def every_command() -> Any:
     for group in GROUPS:
         commands = commands | Annotated[together(group), tyro.conf.subcommand(group)]
     return commands
+
+
+@functools.cache
+def learner_settings() -> frozenset[str]:
+    """Return the names of all settings of learners, which --set takes."""
+    spec = importlib.util.find_spec("socialiq.learners")
+    assert spec is not None and spec.origin is not None
+    names = set()
+    for path in Path(spec.origin).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.ClassDef) and (
+                path.stem in ("config", "settings")
+                or node.name.endswith(("Config", "Hyperparameters"))
+            ):
+                fields = [line for line in node.body if isinstance(line, ast.AnnAssign)]
+                names |= {ast.unparse(field.target) for field in fields}
+    return frozenset(names)
+
+
+def _options(module: str, name: str) -> list[str] | None:
+    """Return the options that the parser makes of a dataclass; None where it isn't understood."""
+    module, name = _defined(module, name)
+    alias = _assigned(module, name)
+    if alias is not None:
+        return _options_below(module, alias)
+    definition = _class(module, name)
+    if definition is None:
+        return None
+    names: list[str] = []
+    for base in definition.bases:
+        inherited = _options(module, ast.unparse(base))
+        if inherited is None:
+            return None
+        names += inherited
+    for field in definition.body:
+        if not isinstance(field, ast.AnnAssign) or not isinstance(field.target, ast.Name):
+            continue
+        if field.target.id == "_":  # `_: KW_ONLY` separates fields and is none
+            continue
+        below = _options_below(module, field.annotation)
+        if below is None:
+            return None
+        nodes = [n for n in ast.walk(field.annotation) if isinstance(n, ast.Name | ast.Attribute)]
+        words = [ast.unparse(node) for node in nodes]
+        aliases = [alias for word in words if (alias := _assigned(*_defined(module, word)))]
+        nodes = [node for tree in (field.annotation, *aliases) for node in ast.walk(tree)]
+        marks = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        option = field.target.id.replace("_", "-")
+        for node in ast.walk(field.annotation):  # `tyro.conf.arg(name=...)` renames it
+            for word in node.keywords if isinstance(node, ast.Call) else ():
+                if word.arg == "name" and isinstance(word.value, ast.Constant):
+                    option = str(word.value.value)
+        if below:
+            prefix = "" if "OmitArgPrefixes" in marks else f"{option}."
+            names += [prefix + nested for nested in below]
+        elif "Positional" not in marks:
+            is_true = isinstance(field.value, ast.Constant) and field.value.value is True
+            names.append(f"no-{option}" if is_true else option)
+    return list(dict.fromkeys(names))
+
+
+def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
+    """Return the options of the dataclasses in an annotation; none for plain types."""
+    names: list[str] = []
+    for name in _types(annotation):
+        alias = _assigned(*_defined(module, name))
+        below = _options(module, name)
+        if below is None and alias is None:
+            return None
+        names += below or ()
+    return names
+
+
+def _types(annotation: ast.expr) -> Iterator[str]:
+    """Yield the names in an annotation that may make options, as `Config` or `module.Config`."""
+    nodes = list(ast.walk(annotation))
+    parents = {node.value: node for node in nodes if isinstance(node, ast.Attribute)}
+    metadata = {
+        inner
+        for node in nodes
+        if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated"
+        for extra in getattr(node.slice, "elts", [])[1:]
+        for inner in ast.walk(extra)
+    }
+    for node in nodes:
+        if isinstance(node, ast.Name) and node.id not in _PLAIN and node not in metadata:
+            yield ast.unparse(parents.get(node, node))
+
+
+def _class(module: str, name: str) -> ast.ClassDef | None:
+    tree = _source(module)
+    classes = (node for node in tree.body if isinstance(node, ast.ClassDef)) if tree else ()
+    return next((node for node in classes if node.name == name), None)
+
+
+def _assigned(module: str, name: str) -> ast.expr | None:
+    """Return what a module assigns to a name."""
+    for node in tree.body if (tree := _source(module)) else ():
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
+            return node.value
+    return None
+
+
+def _defined(module: str, name: str) -> tuple[str, str]:
+    """Return the module that a name is imported from and its name there, or the module itself."""
+    first, _, attribute = name.partition(".")
+    tree = _source(module)
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)] if tree else []
+    for node in imports:
+        for alias in node.names:
+            if first == (alias.asname or alias.name):
+                origin = str(node.module)
+                return (f"{origin}.{alias.name}", attribute) if attribute else (origin, alias.name)
+    return module, name
+
+
+@functools.cache
+def _source(module: str) -> ast.Module | None:
+    """Parse a module of this workspace; None for a module of another project."""
+    if module.partition(".")[0] not in _PACKAGES:
+        return None
+    spec = importlib.util.find_spec(module)
+    file = Path(spec.origin) if spec and spec.origin else None
+    return ast.parse(file.read_bytes()) if file and file.suffix == ".py" else None

@@ -6,18 +6,16 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
-from socialiq.cli.output import Printing, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
-from socialiq.worlds.highway import PORTABLE, Compared
+from socialiq.worlds.highway import PORTABLE
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 _COUNTS = ("episodes", "steps", "off_road")
@@ -56,11 +54,15 @@ class Conformance(Printing):
 
     def run(self) -> int:
         """Compare, by default in a process with portable arithmetic."""
-        if self.seed < 0:
-            raise UserError(f"seed must be at least 0, got {self.seed}")
         if self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
-        self._check_scene()
+        for name in ("driver", "population", "connected", "actions", "offroad_terminal"):
+            is_given = getattr(self, name) != getattr(Conformance, name)
+            if is_given and self.scene != "intersection":
+                option = name.replace("_", "-")
+                raise UserError(
+                    f"--{option} is of the intersection: leave it out with {self.scene}"
+                )
         if self.offroad_terminal and self.actions == "discrete":
             raise UserError("--offroad-terminal is of continuous actions: add --actions")
         traffic: dict[str, Any] = {"population": self.population, "connected_lanes": self.connected}
@@ -69,46 +71,36 @@ class Conformance(Printing):
             traffic["offroad_terminal"] = self.offroad_terminal
             options = ContinuousOptions(actions=self.actions, **traffic)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
-            return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
+            command = [sys.executable, "-m", "socialiq", "conformance", "--scene", self.scene]
+            command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
+            command += ["--population", self.population, "--actions", self.actions]
+            command += ["--driver", self.driver] if self.driver else []
+            flags = {"--connected": self.connected, "--json": self.json}
+            flags["--offroad-terminal"] = self.offroad_terminal
+            command += [flag for flag, is_set in flags.items() if is_set]
+            return subprocess.run(command, env=os.environ | PORTABLE, check=False).returncode
         deviations = self.compare(options)
         if self.json:
             print(json.dumps(deviations))  # to the last bit, unlike other commands, which round
         else:
-            rows = [{"compared": name, "value": str(value)} for name, value in deviations.items()]
-            print_table(rows)
+            values = {name: str(value) for name, value in deviations.items()}
+            print_table(listed(values, "compared"))
         forgiven = set(_COUNTS) | (_DEVIATIONS if self.default_numpy else set())
         return int(any(value > 0 for name, value in deviations.items() if name not in forgiven))
 
-    def _check_scene(self) -> None:
-        """Refuse the intersection's options for another road.
-
-        Raises:
-            UserError: If one is given.
-        """
-        if self.scene == "intersection":
-            return
-        for name in ("driver", "population", "connected", "actions", "offroad_terminal"):
-            if getattr(self, name) != getattr(Conformance, name):
-                option = name.replace("_", "-")
-                raise UserError(
-                    f"--{option} is of the intersection: leave it out with {self.scene}"
-                )
-
-    def _again(self) -> list[str]:
-        command = [sys.executable, "-m", "socialiq", "conformance", "--scene", self.scene]
-        command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
-        command += ["--population", self.population, "--actions", self.actions]
-        command += ["--driver", self.driver] if self.driver else []
-        flags = {"--connected": self.connected, "--json": self.json}
-        flags["--offroad-terminal"] = self.offroad_terminal
-        return command + [flag for flag, is_set in flags.items() if is_set]
-
     def compare(self, options: Options) -> dict[str, float]:
         """Return totals and largest deviations over the episodes."""
+        from socialiq.worlds import conformance
+
+        if self.scene == "intersection":
+            driver = driver_of(self.driver, self.seed, options) if self.driver else None
+            compared = conformance.compare_intersection(options, self.episodes, self.seed, driver)
+        else:
+            compared = conformance.compare_scene(self.scene, self.episodes, self.seed)
         rows = []
         with Display() as display:
             report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
-            for episode in self._compared(options):
+            for episode in compared:
                 rows.append(episode)
                 progress = clock.report(len(rows), {}, {}, ())
                 report(progress._replace(unit="episodes"))
@@ -120,12 +112,3 @@ class Conformance(Printing):
             "discrete_differences": int(np.sum(columns["discrete_differences"])),
             **{name: float(np.max(columns[name])) for name in sorted(_DEVIATIONS)},
         }
-
-    def _compared(self, options: Options) -> Iterator[Compared]:
-        """Yield the differences of each episode."""
-        from socialiq.worlds.conformance import compare_intersection, compare_scene
-
-        if self.scene != "intersection":
-            return compare_scene(self.scene, self.episodes, self.seed)
-        driver = driver_of(self.driver, self.seed, options) if self.driver else None
-        return compare_intersection(options, self.episodes, self.seed, driver)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import Printing
 from socialiq.datasets.columns import Bounds
 from socialiq.datasets.minari import id_of, read_minari, write_minari
 from socialiq.datasets.step_files import format_of, read_steps, write_steps
@@ -20,8 +19,37 @@ from socialiq.outputs import refuse_existing
 from socialiq.social.angle import check_angle
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Reader(Printing):
+    """Base of commands that read a data set as demonstrations."""
+
+    out: Path
+    """Demonstrations file to write; must not exist."""
+    social: str = ""
+    """none: a reward of one number a step is r_env, and r_social is 0."""
+    flatten: bool = False
+    """Flatten observations of more axes (images) to one."""
+    action_low: tuple[float, ...] = ()
+    """Lower ends of continuous actions in the file's units, one for each number or one for all; by
+    default actions are in [-1, 1], or those of a Minari data set's own space."""
+    action_high: tuple[float, ...] = ()
+    """Their upper ends."""
+
+    def run(self) -> int:
+        """Read, check, write, print the counts."""
+        bounds = Bounds.of(self.action_low, self.action_high)
+        refuse_existing(self.out)
+        table = self.read(bounds=bounds, social=self.social, flatten=self.flatten)
+        sha256 = files.save(self.out, table, replace=False)
+        return show_counts(self, sha256, table)
+
+    def read(self, **options: Any) -> Demonstrations:
+        """Return the demonstrations, of options that every reader has."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class FromArrays(Printing):
+class FromArrays(_Reader):
     """Read plain arrays (.npz, .csv, .parquet, .hdf5), one row for each step, as demonstrations.
 
     Example: socialiq data from-arrays steps.csv --n-actions 3 --out mine.safetensors
@@ -30,38 +58,15 @@ class FromArrays(Printing):
     file: Annotated[Path, tyro.conf.Positional]
     """Archive (.npz) or table (.csv, .parquet) with observation, action, rewards, ...; or a file in
     D4RL's layout (.hdf5)."""
-    out: Path
-    """Demonstrations file to write; must not exist."""
     n_actions: int = 0
     """Number of actions of the world, 0 for continuous ones. A file of `socialiq data to-arrays`
     has it, except CSV."""
-    social: str = ""
-    """none: a reward of one number a step is r_env, and r_social is 0."""
     mode: tuple[str, ...] = ()
     """Names of the demonstrators that the column `mode` numbers; by default demonstrator."""
-    flatten: bool = False
-    """Flatten observations of more axes (images) to one."""
-    action_low: tuple[float, ...] = ()
-    """Lower ends of continuous actions in the file's units, one for each number or one for all; by
-    default actions are in [-1, 1]."""
-    action_high: tuple[float, ...] = ()
-    """Their upper ends."""
 
-    def run(self) -> int:
-        """Read, check, write, print the counts."""
-        bounds = Bounds.of(self.action_low, self.action_high)
-
-        def read() -> Demonstrations:
-            return read_steps(
-                self.file,
-                n_actions=self.n_actions,
-                bounds=bounds,
-                mode_names=self.mode,
-                social=self.social,
-                flatten=self.flatten,
-            )
-
-        return save_new(self.out, read, self.json)
+    def read(self, **options: Any) -> Demonstrations:
+        """Read the file."""
+        return read_steps(self.file, n_actions=self.n_actions, mode_names=self.mode, **options)
 
 
 @dataclass(frozen=True)
@@ -82,12 +87,11 @@ class ToArrays(Printing):
         refuse_existing(self.out)
         table = files.load(self.file, continuous=True)
         write_steps(self.out, table, replace=False)
-        _print_counts(self.out, files.sha256_of(table), table, self.json)
-        return 0
+        return show_counts(self, files.sha256_of(table), table)
 
 
 @dataclass(frozen=True)
-class FromTrajectories(Printing):
+class FromTrajectories(_Reader):
     """Read trajectories under the imitation library's names, from .npz, .csv or .parquet.
 
     Pickled infos of an archive are not read.
@@ -98,40 +102,17 @@ class FromTrajectories(Printing):
     file: Annotated[Path, tyro.conf.Positional]
     """Archive (.npz) with obs, acts, rews, terminal, indices; or a table (.csv, .parquet) with
     obs_0, ..., acts, next_obs_0, ..., rews, terminal, trajectory."""
-    out: Path
-    """Demonstrations file to write; must not exist."""
     n_actions: int = 0
     """Number of actions of the world; 0 for continuous ones."""
-    social: str = ""
-    """none: a reward of one number a step is r_env, and r_social is 0."""
     mode: str = "demonstrator"
     """Name of the demonstrator."""
     time_limit: int = 0
     """Steps after which the clock cut an episode that the archive calls terminal; 0 for none."""
-    flatten: bool = False
-    """Flatten observations of more axes (images) to one."""
-    action_low: tuple[float, ...] = ()
-    """Lower ends of continuous actions in the file's units, one for each number or one for all; by
-    default actions are in [-1, 1]."""
-    action_high: tuple[float, ...] = ()
-    """Their upper ends."""
 
-    def run(self) -> int:
-        """Read, check, write, print the counts."""
-        bounds = Bounds.of(self.action_low, self.action_high)
-
-        def read() -> Demonstrations:
-            return read_trajectories(
-                self.file,
-                n_actions=self.n_actions,
-                bounds=bounds,
-                mode=self.mode,
-                social=self.social,
-                time_limit=self.time_limit,
-                flatten=self.flatten,
-            )
-
-        return save_new(self.out, read, self.json)
+    def read(self, **options: Any) -> Demonstrations:
+        """Read the file."""
+        options |= {"n_actions": self.n_actions, "time_limit": self.time_limit}
+        return read_trajectories(self.file, mode=self.mode, **options)
 
 
 @dataclass(frozen=True)
@@ -156,22 +137,12 @@ class ToMinari(Printing):
         table = files.load(self.file, continuous=True)
         name = self.id or id_of(self.out)
         folder = write_minari(table, self.out, dataset_id=name, angle=self.angle)
-        sha256 = files.sha256_of(table)
-        written = {
-            "folder": str(folder),
-            "id": name,
-            "episodes": table.n_episodes,
-            "sha256": sha256,
-        }
-        if self.json:
-            print_json(written)
-        else:
-            print_table([{k: v for k, v in written.items() if k != "sha256"}])
-        return 0
+        written = {"folder": str(folder), "id": name, "episodes": table.n_episodes}
+        return self.show(written | {"sha256": files.sha256_of(table)}, [written])
 
 
 @dataclass(frozen=True)
-class FromMinari(Printing):
+class FromMinari(_Reader):
     """Read a Minari data set (HDF5) as demonstrations; no environment is made.
 
     Example: socialiq data from-minari crossing7-v0 --out mixed.safetensors
@@ -179,54 +150,19 @@ class FromMinari(Printing):
 
     folder: Annotated[Path, tyro.conf.Positional]
     """Folder of the data set."""
-    out: Path
-    """Demonstrations file to write; must not exist."""
-    social: str = ""
-    """none: the one reward is r_env, and r_social is 0. Needed for data without a reward pair."""
     mode: str = "demonstrator"
     """Name of the demonstrator, where the data set names none."""
-    flatten: bool = False
-    """Flatten observations of more axes (images) to one."""
-    action_low: tuple[float, ...] = ()
-    """Lower ends of continuous actions in their units, one for each number or one for all; by
-    default those of the data set's own space."""
-    action_high: tuple[float, ...] = ()
-    """Their upper ends."""
 
-    def run(self) -> int:
-        """Read, check, write, print the counts."""
-        bounds = Bounds.of(self.action_low, self.action_high)
-
-        def read() -> Demonstrations:
-            return read_minari(
-                self.folder,
-                social=self.social,
-                mode=self.mode,
-                flatten=self.flatten,
-                bounds=bounds,
-            )
-
-        return save_new(self.out, read, self.json)
+    def read(self, **options: Any) -> Demonstrations:
+        """Read the folder."""
+        return read_minari(self.folder, mode=self.mode, **options)
 
 
-def save_new(out: Path, read: Callable[[], Demonstrations], as_json: bool) -> int:
-    """Write what was read to a new file and print the counts; return the exit status.
-
-    Raises:
-        UserError: If the file exists, or nothing can be read.
-    """
-    refuse_existing(out)
-    table = read()
-    _print_counts(out, files.save(out, table, replace=False), table, as_json)
-    return 0
-
-
-def _print_counts(out: Path, sha256: str, table: Demonstrations, as_json: bool) -> None:
+def show_counts(command: Any, sha256: str, table: Demonstrations) -> int:
+    """Print the numbers of episodes and transitions in a command's file; return the status 0."""
     counts = [
         {"mode": mode, "episodes": episodes, "transitions": transitions}
         for mode, (episodes, transitions) in table.counts().items()
     ]
-    if as_json:
-        print_json({"file": str(out), "sha256": sha256, "modes": counts})
-    else:
-        print_table(counts, f"{out}")
+    result = {"file": str(command.out), "sha256": sha256, "modes": counts}
+    return command.show(result, counts, f"{command.out}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,9 +11,9 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import gridworld_of, refuse_misfit, road_named
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_dial, sweep
+from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
 from socialiq.learners.settings import check_seed
@@ -74,26 +75,21 @@ class Dial(Printing):
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
             rows, summary, _ = self.rolled(ActorDial.load(self.policy))
         else:
-            rows, summary = self.discrete()
+            if kind_of(self.policy) == ActorDial.KIND:
+                worlds = ", ".join(CONTINUOUS)
+                raise UserError(f"{self.policy} has continuous actions: choose one of {worlds}")
+            dial = DialPolicy.load(self.policy)
+            measure = self.rolled if self.world not in GRIDWORLDS else self.exact
+            rows, summary, evaluated = measure(dial)
+            if self.calibrated:
+                calibrated(dial, evaluated).save(self.calibrated, replace=False)
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
         else:
             print_table(rows, "angles in degrees; an empty cell: no mixture has that angle")
-            print_table([{"quantity": name, "value": value} for name, value in summary.items()])
+            print_table(listed(summary))
         return 0
-
-    def discrete(self) -> tuple[list[Row], Row]:
-        """Return rows and summary of a dial of discrete actions; write the calibrated one."""
-        if kind_of(self.policy) == ActorDial.KIND:
-            worlds = ", ".join(CONTINUOUS)
-            raise UserError(f"{self.policy} has continuous actions: choose one of {worlds}")
-        dial = DialPolicy.load(self.policy)
-        measure = self.rolled if self.world not in GRIDWORLDS else self.exact
-        rows, summary, evaluated = measure(dial)
-        if self.calibrated:
-            calibrated(dial, evaluated).save(self.calibrated, replace=False)
-        return rows, summary
 
     @property
     def readout(self) -> Readout:
@@ -105,13 +101,22 @@ class Dial(Printing):
         states = gridworld_of(self.world, dial).reachable_part()
         evaluated, best = sweep(dial, states, self.readout), Optimum(states)
         regrets = evaluated.regrets(best.attainable)
-        rows = [
-            _queried(angle, metrics) | {"regret": float(regret)} | _mixed(evaluated, angle, best)
-            for angle, metrics, regret in zip(
-                evaluated.angles, evaluated.metrics, regrets, strict=True
-            )
-            if (angle - evaluated.angles[0]) % self.every == 0
-        ]
+        names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
+        rows = []
+        for angle, metrics, regret in zip(
+            evaluated.angles, evaluated.metrics, regrets, strict=True
+        ):
+            if (angle - evaluated.angles[0]) % self.every != 0:
+                continue
+            row = _queried(angle, metrics) | {"regret": float(regret)} | dict.fromkeys(names, "")
+            with contextlib.suppress(UserError):  # no mixture has that angle
+                mixed = setting(evaluated.points, angle)
+                error = angle_difference(angle_of(*mixture(evaluated.points, mixed)), angle)
+                first, second = evaluated.angles[mixed.first], evaluated.angles[mixed.second]
+                share = mixed.radius / best.attainable.radius(angle)
+                cells = (first, second, mixed.share, error, mixed.radius, share)
+                row |= dict(zip(names, cells, strict=True))
+            rows.append(row)
         means = {
             f"mean_regret_every_{degrees}": float(
                 regrets[(np.array(evaluated.angles) - evaluated.angles[0]) % degrees == 0].mean()
@@ -121,26 +126,36 @@ class Dial(Printing):
         return rows, means | _backward(evaluated), evaluated
 
     def rolled(self, dial: DialPolicy | ActorDial) -> tuple[list[Row], Row, Sweep]:
-        """Return rows, summary and evaluation on a road, driven at every row's angle."""
+        """Return rows, summary and evaluation on a road, driven at every row's angle.
+
+        The radius of a mixture is that of the episodes that select it.
+        """
         check_seed(self.seed)
         world = road_named(self.world)
         refuse_misfit(str(self.policy), dial, world)
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = world.batch(min(max(self.episodes, 1), 512))
-        evaluated = rollout_dial(dial, batch, angles, seeds, self.readout)
-        steered = self.world in CONTINUOUS  # elsewhere the ego follows its lane
-        rows = [
-            _queried(angle, metrics)
-            | {"arrival": metrics.arrival, "collision": metrics.collision}
-            | ({"off_road": left} if steered else {})
-            | _mixed_by_episodes(evaluated, angle, self.seed)
-            for angle, metrics, left in zip(
-                angles, evaluated.sweep.metrics, evaluated.off_road, strict=True
-            )
-        ]
-        summary = {"episodes": self.episodes, "seed": self.seed} | _backward(evaluated.sweep)
-        return rows, summary, evaluated.sweep
+        driven = rollout_dial(dial, batch, angles, seeds, self.readout)
+        evaluated = driven.sweep
+        names = ("mix_first", "mix_second", "mix_share", "radius")
+        names += ("mix_angle", "mix_angle_low", "mix_angle_high")
+        rows = []
+        for angle, metrics, left in zip(angles, evaluated.metrics, driven.off_road, strict=True):
+            row = _queried(angle, metrics)
+            row |= {"arrival": metrics.arrival, "collision": metrics.collision}
+            if self.world in CONTINUOUS:  # elsewhere the ego follows its lane
+                row["off_road"] = left
+            row |= dict.fromkeys(names, "")
+            with contextlib.suppress(UserError):  # no mixture has that angle
+                mixed, measured = driven.mixture(angle, self.seed)
+                first, second = evaluated.angles[mixed.first], evaluated.angles[mixed.second]
+                cells = (first, second, mixed.share, mixed.radius)
+                cells += (measured.angle, measured.low, measured.high)
+                row |= dict(zip(names, cells, strict=True))
+            rows.append(row)
+        summary = {"episodes": self.episodes, "seed": self.seed} | _backward(evaluated)
+        return rows, summary, evaluated
 
 
 def _queried(angle: float, metrics: Metrics) -> Row:
@@ -153,42 +168,7 @@ def _queried(angle: float, metrics: Metrics) -> Row:
     }
 
 
-def _backward(found: Sweep) -> Row:
+def _backward(evaluated: Sweep) -> Row:
     """Return the largest changes in the wrong direction."""
-    back = found.backward_steps()
+    back = evaluated.backward_steps()
     return {"rise_r_env": back.env, "drop_r_social": back.social}
-
-
-def _mixed(found: Sweep, angle: float, best: Optimum) -> Row:
-    """Return the exact mixture at a behavioural angle; empty if there is none."""
-    names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
-    try:
-        mixed = setting(found.points, angle)
-    except UserError:
-        return dict.fromkeys(names, "")
-    values = (
-        found.angles[mixed.first],
-        found.angles[mixed.second],
-        mixed.share,
-        angle_difference(angle_of(*mixture(found.points, mixed)), angle),
-        mixed.radius,
-        mixed.radius / best.attainable.radius(angle),
-    )
-    return dict(zip(names, values, strict=True))
-
-
-def _mixed_by_episodes(found: DialRollouts, angle: float, seed: int) -> Row:
-    """Return the mixture at a behavioural angle with its measured angle; empty if there is none.
-
-    Its radius is that of the selecting episodes.
-    """
-    names = ("mix_first", "mix_second", "mix_share", "radius")
-    names += ("mix_angle", "mix_angle_low", "mix_angle_high")
-    try:
-        mixed, measured = found.mixture(angle, seed)
-    except UserError:
-        return dict.fromkeys(names, "")
-    angles = found.sweep.angles
-    values = (angles[mixed.first], angles[mixed.second], mixed.share, mixed.radius)
-    values += (measured.angle, measured.low, measured.high)
-    return dict(zip(names, values, strict=True))

@@ -1,4 +1,4 @@
-"""Drivers of the intersection by name or file, and the gridworld of a policy."""
+"""Drivers of the roads by name or file, and the gridworld of a policy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from socialiq.worlds.situation import load_driver
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
-    """Return a driver by name or file.
+    """Return a driver of the intersection.
 
     Args:
         name: Name of a rule or of a policy of the atlas (with or without `atlas:`), or a file.
@@ -50,18 +50,13 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
 
 
 def continuous_driver_of(
-    name: str,
-    world: Intersection,
-    angle: float = 0.0,
-    allow_code: bool = False,
-    seed: int = 0,
+    name: str, world: Intersection, angle: float = 0.0, allow_code: bool = False, seed: int = 0
 ) -> Loaded:
     """Return a driver of the intersection with continuous actions, with its record.
 
     Args:
-        name: Name of a rule, or of a policy of the atlas with such actions (with or without
-            `atlas:`), or a policy as `load_policy` takes it. A file of this package may see the
-            time too.
+        name: Name of a rule or of a policy of the atlas with such actions (with or without
+            `atlas:`), or a policy as of `load_policy`; a file of this package may see the time too.
         world: The intersection.
         angle: Of a dial, in degrees.
         allow_code: As of `load_policy`.
@@ -84,7 +79,7 @@ def continuous_driver_of(
 def driver_on(
     world: Intersection | SceneWorld, name: str, angle: float | None = None, seed: int = 0
 ) -> Policy:
-    """Return a driver of a road by name or file.
+    """Return a driver of a road.
 
     Args:
         world: The road.
@@ -104,11 +99,9 @@ def driver_on(
         return driver_of(name, seed, world.options)
     if not path.exists():
         raise UserError(f"no such file: {one_line(name)}: name a policy file")
-    settings: dict[str, Any] = {"angle": angle or 0.0, "clock": True}
     size = Interface.of(world)
-    return load_policy(
-        name, size.n_features, size.n_actions, action_size=size.action_size, **settings
-    ).policy
+    settings: dict[str, Any] = {"action_size": size.action_size, "angle": angle or 0.0}
+    return load_policy(name, size.n_features, size.n_actions, clock=True, **settings).policy
 
 
 def refuse_misfit(
@@ -121,23 +114,18 @@ def refuse_misfit(
     Raises:
         UserError: If the numbers of features or actions differ.
     """
+    fits = policy.n_features in (world.n_features, world.n_features + 1)
     if isinstance(policy, ActorDial):
         observed = Interface.of(world)
-        taken = Interface(policy.n_features, 0, policy.action_size)
-        if not fits(policy, world) or taken.action_size != observed.action_size:
-            taken.check(name, observed)
-        return
-    if not (fits(policy, world) and policy.n_actions == world.n_actions):
+        accepted = Interface(policy.n_features, 0, policy.action_size)
+        if not fits or accepted.action_size != observed.action_size:
+            accepted.check(name, observed)
+    elif not (fits and policy.n_actions == world.n_actions):
         raise UserError(
             f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
             f"{world.name} has {world.n_features} and {world.n_actions} (a clock adds a feature): "
             "name another policy"
         )
-
-
-def fits(policy: ValuePolicy | DialPolicy | ActorDial, world: Intersection | SceneWorld) -> bool:
-    """Whether a policy takes the observations of the world, with or without the time."""
-    return policy.n_features in (world.n_features, world.n_features + 1)
 
 
 def road_named(name: str) -> Intersection | SceneWorld:

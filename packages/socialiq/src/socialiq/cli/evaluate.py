@@ -5,20 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import gymnasium
 import numpy as np
 import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.pooled import pool, target_of
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
@@ -29,26 +25,25 @@ from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.learners.settings import check_seed
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import ValuePolicy
-from socialiq.policies.interface import Loaded
+from socialiq.policies.card import trained_angle
 from socialiq.policies.load import load_policy
-from socialiq.social.angle import check_angle
-from socialiq.social.angle_rule import AngleRule, load_rule
-from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS
-from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.environment import action_size, make_environment, sizes
+from socialiq.social.angle import angle_of, check_angle
+from socialiq.social.angle_rule import load_rule
+from socialiq.storage import kind_of
+from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS, environment, registry
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
 from socialiq.worlds.situation import load_driver
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
 
-ROADS = (IDS["intersection"], *CONTINUOUS_IDS.values())
-"""Ids of the intersection, whose environments show the time where a policy takes it."""
-
-Measure = Callable[[ValuePolicy], dict[str, Any]]
+TIMED = (*SCENE_IDS, *SCENE_IDS.values(), IDS["intersection"], *CONTINUOUS_IDS.values())
+"""Roads of highway-env, whose environments show the time where a policy takes it."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +95,7 @@ class Evaluate(Printing):
         """Evaluate and print."""
         check_angle(self.angle)
         if self.angle_rule is not None and (
-            self.data or self.world not in GRIDWORLDS or self.episodes
+            self.data or self.world not in registry.GRIDWORLDS or self.episodes
         ):
             raise UserError(
                 "--angle-rule is exact, in a gridworld without --episodes: at the intersection "
@@ -109,123 +104,87 @@ class Evaluate(Printing):
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
         if self.data is not None:
-            self._from_data(self.data)
-            return 0
+            from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
+
+            given = {"--episodes": self.episodes, "--processes": self.processes}
+            if options := [name for name, value in given.items() if value]:
+                raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
+            check_seed(self.seed)
+            policies = [str(path) for path in self.policies]
+            return evaluate_data(self, policies, self.data)
         rows = self.measured()
+        if len(rows) == 1:
+            return self.show(rows[0], listed(rows[0]))
+        pooled = pool(rows, [target_of(str(path)) for path in self.policies])
         if self.json:
-            print_json(
-                rows[0] if len(rows) == 1 else {"policies": rows, "pooled": self.pooled(rows)}
-            )
-        elif len(rows) == 1:
-            print_table([{"quantity": name, "value": value} for name, value in rows[0].items()])
-        else:
-            table = [
-                {"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)
-            ]
-            columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
-            columns = (*columns, "length")
-            print_table([{key: row[key] for key in columns if key in row} for row in table])
-            pooled = self.pooled(rows)
-            why = pooled.pop("angle_not_pooled", "")
-            print_table([{"pooled": name, "value": value} for name, value in pooled.items()])
-            if why:
-                sys.stdout.write(f"No pooled angle: {why}.\n")
+            print_json({"policies": rows, "pooled": pooled})
+            return 0
+        columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
+        columns = (*columns, "length")
+        named = [{"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)]
+        print_table([{key: row[key] for key in columns if key in row} for row in named])
+        why = pooled.pop("angle_not_pooled", "")
+        print_table(listed(pooled, "pooled"))
+        if why:
+            sys.stdout.write(f"No pooled angle: {why}.\n")
         return 0
-
-    def _from_data(self, data: Path) -> None:
-        """Estimate from episodes; nothing is rolled out, so options of rollouts are refused."""
-        from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
-
-        options = [
-            name
-            for name, value in (
-                ("--episodes", self.episodes),
-                ("--processes", self.processes),
-            )
-            if value
-        ]
-        if options:
-            raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
-        check_seed(self.seed)
-        evaluate_data(
-            [str(path) for path in self.policies],
-            data,
-            soft=self.soft,
-            seed=self.seed,
-            allow_code=self.allow_code,
-            json=self.json,
-        )
-
-    def pooled(self, rows: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return the means over the policies."""
-        return pool(rows, [target_of(str(path)) for path in self.policies])
 
     def measured(self) -> list[dict[str, Any]]:
         """Return a row for each policy."""
-        refuse_file(self.world)
+        registry.refuse_file(self.world)
         parts.check_processes(self.processes)
-        if self.processes and self.world in (*GRIDWORLDS, *CONTINUOUS):
+        if self.processes and self.world in (*registry.GRIDWORLDS, *CONTINUOUS):
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
+        if self.world in registry.GRIDWORLDS:
+            for path in self.policies:
+                if path.suffix in FOREIGN:
+                    raise UserError(
+                        f"{path}: `evaluate` reads {self.world}'s policies as `train` wrote"
+                        " them; `socialiq audit` drives other kinds too"
+                    )
+            measure = self.gridworld()
+            return [measure(load_driver(path)) for path in self.policies]
+        if self.episodes < 1:
+            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
+        names = [str(path) for path in self.policies]
         if self.world == "intersection" or self.world in CONTINUOUS:
-            return [self.intersection(str(path)) for path in self.policies]
-        if self.world not in GRIDWORLDS:
-            return self.environment()
-        for path in self.policies:
-            if path.suffix in FOREIGN:
-                raise UserError(
-                    f"{path}: `evaluate` reads {self.world}'s policies as `train` wrote"
-                    " them; `socialiq audit` drives other kinds too"
-                )
-        measure = self.gridworld()
-        return [measure(load_driver(path)) for path in self.policies]
-
-    def intersection(self, name: str) -> dict[str, Any]:
-        """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
-        self._check_episodes()
-        readout = "soft" if self.soft else "greedy"
-        if self.world in CONTINUOUS:
-            episodes = self._steered(name)
-        else:
-            episodes = self._split(name) if self.processes else self._played(name)
-        # With discrete actions the ego follows its lane.
-        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
-        method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
-        return method | {key: value for key, value in row.items() if key not in ("policy",)}
-
-    def _played(self, name: str) -> Episodes:
-        """Play the episodes in this process."""
-        batch = Batch(Options(), min(self.episodes, SIDE_BY_SIDE))
-        seeds = np.array(self._seeds)
-        return episodes_of(batch, driver_of(name, self.seed), seeds, deterministic=not self.soft)
-
-    def _steered(self, name: str) -> Episodes:
-        """Play the episodes of a policy with continuous actions."""
-        options = continuous_options(self.world)
-        batch, seeds = Batch(options, min(self.episodes, SIDE_BY_SIDE)), np.array(self._seeds)
-        world = Intersection(options)
-        driver = continuous_driver_of(name, world, self.angle, self.allow_code, self.seed)
-        with driver as loaded:
-            return episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
-
-    def _split(self, name: str) -> Episodes:
-        """Play the episodes in parts, as many side by side as in one."""
-        driver = driver_of(name)
-        if name == "random" or (self.soft and not isinstance(driver, SoftPolicy)):
-            raise parts.draws_in_order(name)
-        size = min(SIDE_BY_SIDE, self.episodes)
-        blocks = parts.blocks_of(self._seeds, self.processes)
-        split = [_RoadPart(name, self.soft, size, block) for block in blocks]
-        with Display() as display:
-            played = parts.in_parts(_play_road, split, self.processes, display.stage("episodes"))
-        return parts.joined(played)
+            return [self.intersection(name) for name in names]
+        return [self.sampled(self.environment(name)) for name in names]
 
     @property
     def _seeds(self) -> range:
         return range(self.seed, self.seed + self.episodes)
 
-    def gridworld(self) -> Measure:
+    def intersection(self, name: str) -> dict[str, Any]:
+        """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
+        readout = "soft" if self.soft else "greedy"
+        size, seeds = min(SIDE_BY_SIDE, self.episodes), np.array(self._seeds)
+        if self.world in CONTINUOUS:
+            options = registry.continuous_options(self.world)
+            batch, world = Batch(options, size), Intersection(options)
+            driver = continuous_driver_of(name, world, self.angle, self.allow_code, self.seed)
+            with driver as loaded:
+                episodes = episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
+        elif self.processes:  # as many side by side as in one
+            policy = driver_of(name)
+            if name == "random" or (self.soft and not isinstance(policy, SoftPolicy)):
+                raise parts.draws_in_order(name)
+            blocks = parts.blocks_of(self._seeds, self.processes)
+            split = [_RoadPart(name, self.soft, size, block) for block in blocks]
+            with Display() as display:
+                report = display.stage("episodes")
+                episodes = parts.joined(parts.in_parts(_play_road, split, self.processes, report))
+        else:
+            batch, policy = Batch(Options(), size), driver_of(name, self.seed)
+            episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
+        # With discrete actions the ego follows its lane.
+        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
+        method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
+        return method | {key: value for key, value in row.items() if key != "policy"}
+
+    def gridworld(self) -> Callable[[ValuePolicy], dict[str, Any]]:
         """Return exact or sampled metrics, with regret against the exact optimum."""
-        optimum = Optimum(tabulate(make_grid(self.world)).reachable_part())
+        optimum = Optimum(tabulate(registry.make_grid(self.world)).reachable_part())
         readout = "soft" if self.soft else "greedy"
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
@@ -240,22 +199,17 @@ class Evaluate(Printing):
                 chances = action_table(policy, states, readout)
                 metrics = evaluate_exactly(states, chances)
                 row = {"method": "exact", **metrics._asdict()}
-                row |= {} if rule is None else _at_rule(states, chances, rule)
+                if rule is not None:
+                    lost = evaluate_by_rule(states, chances, rule).loss
+                    row["decision_loss"] = float(lost.sum())
+                    for name, loss in zip(rule.contexts, lost.tolist(), strict=True):
+                        row[f"decision_loss where {name}"] = loss
             regret = optimum.regret(metrics, self.angle)
             return {**row, "readout": readout, "target_angle": self.angle, "regret": regret}
 
         return measure
 
-    def environment(self) -> list[dict[str, Any]]:
-        """Return sampled metrics in a Gymnasium environment."""
-        self._check_episodes()
-        rows = []
-        for path in map(str, self.policies):
-            rollout = self._in_environment(path)
-            rows.append(self.sampled(rollout))
-        return rows
-
-    def _in_environment(self, policy: str) -> Rollout:
+    def environment(self, policy: str) -> Rollout:
         """Play the episodes of a policy in an environment, in parts if there are processes.
 
         In parts environment and policy must keep nothing from one episode to the next, as
@@ -277,10 +231,6 @@ class Evaluate(Printing):
         table = dataclasses.replace(table, source=played[0].transitions.source)
         return Rollout(table, np.concatenate([rollout.speed for rollout in played]))
 
-    def _check_episodes(self) -> None:
-        if self.episodes < 1:
-            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
-
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Return the metrics of a rollout, without quantities that are not reported."""
         metrics = rollout.metrics()._asdict().items()
@@ -291,14 +241,6 @@ class Evaluate(Printing):
             "angle_low": estimate.low,
             "angle_high": estimate.high,
         }
-
-
-def _at_rule(part: Table, chances: np.ndarray, rule: AngleRule) -> dict[str, Any]:
-    """Return the decision loss at a rule of the angle, the whole and in each context."""
-    lost = evaluate_by_rule(part, chances, rule).loss
-    by_context = dict(zip(rule.contexts, lost.tolist(), strict=True))
-    row = {"decision_loss": float(lost.sum())}
-    return row | {f"decision_loss where {name}": value for name, value in by_context.items()}
 
 
 class _RoadPart(NamedTuple):
@@ -327,33 +269,58 @@ class _EnvironmentPart(NamedTuple):
 
 
 def _play_in_environment(part: _EnvironmentPart) -> Rollout:
-    with driven_in(part.world, part.policy, part.angle, part.allow_code) as (env, loaded):
+    """Play the episodes; on a road a file of this package may take the time as a feature."""
+    env = environment.make_environment(part.world, allow_code=part.allow_code, continuous=True)
+    size, width = environment.sizes(env), environment.action_size(env)
+    settings: dict[str, Any] = {"angle": part.angle, "allow_code": part.allow_code}
+    settings["clock"] = part.world in TIMED
+    with load_policy(part.policy, *size, action_size=width, **settings) as loaded:
+        if loaded.record.interface.n_features > size[0]:
+            env = environment.make_environment(part.world, {"clock": True}, continuous=True)
         first, count = int(part.seeds[0]), len(part.seeds)
         return rollout_env(env, loaded.policy, count, first, deterministic=not part.soft)
 
 
-@contextmanager
-def driven_in(
-    world: str, driver: str, angle: float, allow_code: bool
-) -> Iterator[tuple[gymnasium.Env[Any, Any], Loaded]]:
-    """Yield an environment and the policy that drives in it.
+def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:
+    """Return the means over policies of common numbers.
 
-    On a road of highway-env a file of this package may take the time as a further feature, which
-    the environment then shows, the intersection with continuous actions too.
+    The angle is that of the mean totals, if all policies were trained for one angle. Otherwise it
+    would describe none of them, and `angle_not_pooled` says why there is none.
 
     Args:
-        world: Name, as of `make_environment`.
-        driver: The policy, as of `load_policy`.
-        angle: Of a dial, in degrees.
-        allow_code: Whether a module that is named may be imported.
-
-    Raises:
-        UserError: If one can't be made, or they don't fit together.
+        rows: Metrics of each policy.
+        targets: Angle in degrees for which each was trained, None where it is not known.
     """
-    env = make_environment(world, allow_code=allow_code, continuous=True)
-    shows_time = world in (*SCENE_IDS, *SCENE_IDS.values(), *ROADS)
-    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": shows_time}
-    with load_policy(driver, *sizes(env), action_size=action_size(env), **settings) as loaded:
-        if loaded.record.interface.n_features > sizes(env)[0]:
-            env = make_environment(world, {"clock": True}, continuous=True)
-        yield env, loaded
+    names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
+    # Intervals belong to one policy's episodes: they can't be averaged.
+    names = [name for name in names if not name.endswith(("_low", "_high"))]
+    means: dict[str, Any] = {name: float(np.mean([row[name] for row in rows])) for name in names}
+    if len(set(targets)) == 1 and targets[0] is not None:
+        return means | {"angle": angle_of(means["r_env"], means["r_social"])}
+    means.pop("angle", None)
+    angles = sorted({target for target in targets if target is not None})
+    why = f"the policies were trained for {', '.join(f'{target:g}' for target in angles)} degrees"
+    if None in targets:
+        why = "it is not known whether the policies were trained for one angle"
+    return means | {"angle_not_pooled": why}
+
+
+def target_of(name: str) -> float | None:
+    """Return the angle in degrees for which a policy was trained, None if it is not known.
+
+    Args:
+        name: Name of a policy of the atlas, or a file; another driver has no such angle.
+    """
+    name = name.removeprefix("atlas:")
+    try:
+        if name in atlas.names():
+            policy = atlas.load(name)
+        elif name in atlas.names(atlas.CONTINUOUS_STUDIES):
+            policy = atlas.load_continuous(name)
+        elif kind_of(Path(name)) == ActorPolicy.KIND:
+            policy = ActorPolicy.load(Path(name))
+        else:
+            policy = load_driver(Path(name))
+        return trained_angle(policy.provenance)
+    except UserError:
+        return None

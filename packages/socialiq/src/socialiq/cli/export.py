@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import Printing
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
@@ -23,7 +23,6 @@ from socialiq.policies.load import read_native
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
-from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.situation import ContextPolicy
 
@@ -60,43 +59,47 @@ class Export(Printing):
             raise UserError("an evaluation goes into a card: add --format card, or bom")
         refuse_existing(self.out)
         policy, training = self.read()
-        content = self.made(policy, training)
+        if self.format not in ("onnx", "torch"):
+            content = self.described(policy, training)
+        elif isinstance(policy, ContextPolicy):
+            raise UserError(
+                "a policy with an angle rule is a network and a rule: export the dial at one "
+                "angle, or give --format card or bom"
+            )
+        else:
+            content = to_onnx(policy) if self.format == "onnx" else to_safetensors(policy)
         write_atomically(self.out, content, replace=False)
         written = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         written |= {"sha256": hashlib.sha256(content).hexdigest()}
-        return _print_written(written, self.json)
+        return self.show(written, [written])
 
     def read(self) -> tuple[Exported, dict[str, Any]]:
         """Return the policy, and further records of its training."""
-        if self.policy in atlas.names():
-            self._check_no_angle()
-            return atlas.load(self.policy), atlas.manifest()[self.policy]
-        path = Path(self.policy)
-        if not path.exists():
+        path, shipped = Path(self.policy), self.policy in atlas.names()
+        if not shipped and not path.exists():
             names = ", ".join(atlas.names())
             raise UserError(f"no policy '{one_line(self.policy)}': name a file, or one of {names}")
-        kind = kind_of(path)
+        kind = "" if shipped else kind_of(path)
         if kind in (DialPolicy.KIND, ActorDial.KIND):
             if self.angle is None:
                 raise UserError(f"{path} is a dial: add --angle")
             return read_native(path, None, self.angle)[0], {}
-        self._check_no_angle()
-        policy, _ = read_native(path, None)
-        return policy, {} if kind == ContextPolicy.KIND else _run_of(path, policy)
-
-    def _check_no_angle(self) -> None:
         if self.angle is not None:
             raise UserError(f"{one_line(self.policy)} is not a dial: leave --angle out")
+        if shipped:
+            return atlas.load(self.policy), atlas.manifest()[self.policy]
+        policy, _ = read_native(path, None)
+        record = path.parent / "run.json"
+        if kind == ContextPolicy.KIND or not record.is_file():
+            return policy, {}
+        training = _object(record)  # of a run beside the policy, if it belongs to it
+        listed = training.get("policies")
+        hashes = [entry.get("sha256") for entry in listed or () if isinstance(entry, dict)]
+        belongs = policy.sha256 in hashes
+        return policy, {**training, "made_by": "socialiq train"} if belongs else {}
 
-    def made(self, policy: Exported, training: dict[str, Any]) -> bytes:
-        """Return the file's bytes."""
-        if self.format in ("onnx", "torch"):
-            if isinstance(policy, ContextPolicy):
-                raise UserError(
-                    "a policy with an angle rule is a network and a rule: export the dial at one "
-                    "angle, or give --format card or bom"
-                )
-            return to_onnx(policy) if self.format == "onnx" else to_safetensors(policy)
+    def described(self, policy: Exported, training: dict[str, Any]) -> bytes:
+        """Return the model card, or the bill of materials."""
         evaluation, words = training.get("greedy"), ""
         if evaluation is not None:
             words = "By the study that made it, taking the best action always."
@@ -107,18 +110,16 @@ class Export(Printing):
                 f"By the file {one_line(self.evaluation.name, 80)}, SHA-256 {digest}. It does not "
                 "name its policy; the author of this card states it."
             )
-        name = Path(self.policy).stem if self.angle is None else f"{Path(self.policy).stem} at "
-        name = name if self.angle is None else f"{name}{self.angle:g} degrees"
-        if self.format == "bom":
-            file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
-            sha256 = sha256_of_file(file) if file is not None and file.is_file() else ""
-            return card_materials(
-                policy, name, file_sha256=sha256, training=training, evaluation=evaluation
-            )
-        card = model_card(
-            policy, name, training=training, evaluation=evaluation, evaluated_by=words
+        at = "" if self.angle is None else f" at {self.angle:g} degrees"
+        name, facts = (
+            f"{Path(self.policy).stem}{at}",
+            {"training": training, "evaluation": evaluation},
         )
-        return card.encode()
+        if self.format == "card":
+            return model_card(policy, name, evaluated_by=words, **facts).encode()
+        file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
+        sha256 = sha256_of_file(file) if file is not None and file.is_file() else ""
+        return card_materials(policy, name, file_sha256=sha256, **facts)
 
 
 def _object(path: Path) -> dict[str, Any]:
@@ -128,17 +129,6 @@ def _object(path: Path) -> dict[str, Any]:
             f"{path} is not a JSON object: write it with socialiq evaluate POLICY --json"
         )
     return content
-
-
-def _run_of(path: Path, policy: Exported) -> dict[str, Any]:
-    """Return the run record beside a policy, if it belongs to this policy."""
-    record = path.parent / "run.json"
-    if not record.is_file():
-        return {}
-    content = _object(record)
-    listed = content.get("policies")
-    hashes = [entry.get("sha256") for entry in listed or () if isinstance(entry, dict)]
-    return {**content, "made_by": "socialiq train"} if policy.sha256 in hashes else {}
 
 
 @dataclass(frozen=True)
@@ -165,25 +155,21 @@ class Turn(Printing):
                 "a dial is turned to one angle or by one rule: give --angle DEGREES, "
                 "or --angle-rule FILE"
             )
-        policy, turned = self.turned()
-        sha256 = policy.save(self.out, replace=False)
-        return _print_written({"out": str(self.out), **turned, "sha256": sha256}, self.json)
-
-    def turned(self) -> tuple[QPolicy | ActorPolicy | ContextPolicy, Row]:
-        """Return the policy, and what the dial was turned to."""
-        continuous = kind_of(self.dial) == ActorDial.KIND
-        if self.angle_rule is not None:
-            if continuous:
-                raise UserError(
-                    f"{self.dial} has continuous actions: a rule turns a dial of "
-                    "discrete ones; give --angle"
-                )
+        kind = ActorDial if kind_of(self.dial) == ActorDial.KIND else DialPolicy
+        if self.angle is not None:
+            policy, turned = kind.load(self.dial).at(self.angle), {"angle": self.angle}
+        elif kind is ActorDial or self.angle_rule is None:
+            raise UserError(
+                f"{self.dial} has continuous actions: a rule turns a dial of "
+                "discrete ones; give --angle"
+            )
+        else:
             rule = load_rule(self.angle_rule)
             policy = ContextPolicy.of(DialPolicy.load(self.dial), rule)
-            return policy, {"angle": "by rule", "contexts": "; ".join(rule.contexts)}
-        assert self.angle is not None
-        dial = ActorDial if continuous else DialPolicy
-        return dial.load(self.dial).at(self.angle), {"angle": self.angle}
+            turned = {"angle": "by rule", "contexts": "; ".join(rule.contexts)}
+        sha256 = policy.save(self.out, replace=False)
+        written = {"out": str(self.out), **turned, "sha256": sha256}
+        return self.show(written, [written])
 
 
 @dataclass(frozen=True)
@@ -209,13 +195,4 @@ class Ensemble(Printing):
         policy = EnsemblePolicy.of([load_values(path) for path in self.policies])
         sha256 = policy.save(self.out, replace=False)
         written = {"out": str(self.out), "members": len(policy.members), "sha256": sha256}
-        return _print_written(written, self.json)
-
-
-def _print_written(found: Row, as_json: bool) -> int:
-    """Print what was written; return the exit status."""
-    if as_json:
-        print_json(found)
-    else:
-        print_table([found])
-    return 0
+        return self.show(written, [written])

@@ -1,32 +1,33 @@
-"""`socialiq`: find the command, parse its options, run it, and print mistakes as one line."""
+"""`socialiq`: find the command, parse its options, run it, and print mistakes as one line.
+
+Standard output and error never decide the exit status, which is the verdict of `audit`: a reader
+that closes the pipe early, a full disk or a locale that lacks a character must not change it.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import importlib.metadata
 import io
 import itertools
+import os
 import re
 import sys
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from socialiq.cli.checks import check_words
-from socialiq.cli.commands import (
-    COMMANDS,
-    DESCRIPTION,
-    GROUPS,
-    command_class,
-    every_command,
-    help_page,
-    options_of,
-)
-from socialiq.cli.forward import OLD_WORDS, forwarded
-from socialiq.cli.streams import exit_status
-from socialiq.cli.suggest import option_names, unknown_command, unknown_option
+from socialiq import foreign
+from socialiq.cli import commands, words
+from socialiq.cli.checks import check_options, check_words
 from socialiq.errors import UserError
-from socialiq.foreign import cut
-from socialiq.foreign import one_line as one_line_of
+
+CRASHED = 70
+"""Exit status of a fault of the program (EX_SOFTWARE of sysexits.h)."""
+OUTPUT_LOST = 74
+"""Exit status of a command that did its work but could not write its output (EX_IOERR)."""
 
 _LONGEST_LINE = 1000
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
@@ -47,31 +48,30 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str] | None) -> int:
     try:
-        return _claimed(parse(arguments))
+        command = parse(arguments)
+        from socialiq.outputs import claimed
+
+        check_options(command)
+        out = getattr(command, "output", getattr(command, "out", None))
+        with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
+            return command.run()
     except KeyboardInterrupt:
         return _fail("stopped; nothing was saved", 130)
     except UserError as error:
         return _fail(str(error), error.exit_status)
     except MemoryError:
-        return _fail("not enough memory: ask for less at a time", UserError.exit_status)
+        return _fail("not enough memory: ask for less at a time")
     except OSError as error:
         if error.errno in _NO_ROOM:
-            line = f"cannot write: {error.strerror}; make room, or choose another place"
-            return _fail(line, UserError.exit_status)
+            return _fail(f"cannot write: {error.strerror}; make room, or choose another place")
         if error.filename is None:
             raise
-        return _fail(f"{error.strerror}: {cut(str(error.filename), 200)}", UserError.exit_status)
+        return _fail(f"{error.strerror}: {foreign.cut(str(error.filename), 200)}")
 
 
-def _claimed(command: Any) -> int:
-    """Check the numbers, claim the output, and run; a command without an output claims nothing."""
-    from socialiq.cli.checks import check_options
-    from socialiq.outputs import claimed
-
-    check_options(command)
-    out = getattr(command, "output", getattr(command, "out", None))
-    with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
-        return command.run()
+def _fail(line: str, status: int = UserError.exit_status) -> int:
+    sys.stderr.write(f"socialiq: {foreign.one_line(line, _LONGEST_LINE)}\n")
+    return status
 
 
 def parse(arguments: list[str] | None) -> Any:
@@ -83,51 +83,38 @@ def parse(arguments: list[str] | None) -> Any:
     """
     every = sys.argv[1:] if arguments is None else arguments
     check_words(every)
-    words = [word for word in every if word != "--json"]
-    first = words[0] if words else ""
+    line = [word for word in every if word != "--json"]
+    first = line[0] if line else ""
     if first in ("-h", "--help"):
-        _print_and_exit(help_page())
+        _print_and_exit(commands.help_page())
     if first == "--version":
-        _print_and_exit(f"socialiq {_version()}\n")
+        _print_and_exit(f"socialiq {importlib.metadata.version('socialiq')}\n")
     if first.startswith(("--tyro-print-completion", "--tyro-write-completion")):
-        return _options_of(every_command(), "socialiq", words, DESCRIPTION)
-    if first in OLD_WORDS:
-        learners = [name.partition(" ")[2] for name in COMMANDS if name.startswith("train ")]
-        words = forwarded(words, learners)
-        first = words[0]
+        return _options_of(commands.every_command(), "socialiq", line, commands.DESCRIPTION)
+    if first in words.OLD_WORDS:
+        line = words.forwarded(line)
+        first = line[0]
     for length in (2, 1):
-        name = " ".join(words[:length])
-        if name in COMMANDS:
-            command = _command(name, words[length:])
-            if "--json" in every:
-                _print_json(command, name)
-            return command
-    if first in GROUPS and words[1:2] in (["-h"], ["--help"]):
-        _print_and_exit(help_page(first))
-    raise unknown_command(words)
+        name = " ".join(line[:length])
+        if name not in commands.COMMANDS:
+            continue
+        # A mistyped option is refused before anything else is imported.
+        program, names = f"socialiq {name}", commands.options_of(name)
+        unknown = None if names is None else words.unknown_option(program, line[length:], names)
+        if unknown:
+            raise unknown
+        command = _options_of(commands.command_class(name), program, line[length:])
+        if "--json" in every:
+            if not hasattr(command, "json"):
+                raise UserError(f"socialiq {name} prints no result: leave --json out")
+            object.__setattr__(command, "json", True)
+        return command
+    if first in commands.GROUPS and line[1:2] in (["-h"], ["--help"]):
+        _print_and_exit(commands.help_page(first))
+    raise words.unknown_command(line)
 
 
-def _print_json(command: Any, name: str) -> None:
-    """Let a command print its result as JSON.
-
-    Raises:
-        UserError: If it prints none.
-    """
-    if not hasattr(command, "json"):
-        raise UserError(f"socialiq {name} prints no result: leave --json out")
-    object.__setattr__(command, "json", True)
-
-
-def _command(name: str, words: list[str]) -> Any:
-    """Parse a command's options; a mistyped one is refused before anything else is imported."""
-    program, names = f"socialiq {name}", options_of(name)
-    unknown = None if names is None else unknown_option(program, words, names)
-    if unknown:
-        raise unknown
-    return _options_of(command_class(name), program, words)
-
-
-def _options_of(kind: Any, program: str, words: list[str], description: str | None = None) -> Any:
+def _options_of(kind: Any, program: str, line: list[str], description: str | None = None) -> Any:
     """Parse the words after a command's name; the parser's boxed messages become one line."""
     import tyro
 
@@ -139,25 +126,15 @@ def _options_of(kind: Any, program: str, words: list[str], description: str | No
 
     try:
         with contextlib.redirect_stderr(complaint):
-            return parsed(words)
+            return parsed(line)
     except SystemExit as stop:
         if not stop.code:
             raise
-    leading = list(itertools.takewhile(lambda word: not word.startswith("-"), words))
-    names = option_names(lambda: parsed([*leading, "--help"]))
-    raise unknown_option(program, words, names) or UserError(one_line(complaint.getvalue()))
-
-
-def one_line(boxed: str) -> str:
-    """Return a boxed message of the parser as one line."""
-    lines = [_BOX.sub(" ", line).strip() for line in boxed.splitlines()]
-    return re.sub(r"\s+", " ", "; ".join(line.rstrip(":") for line in lines if line))
-
-
-def _version() -> str:
-    import importlib.metadata
-
-    return importlib.metadata.version("socialiq")
+    leading = list(itertools.takewhile(lambda word: not word.startswith("-"), line))
+    names = words.option_names(lambda: parsed([*leading, "--help"]))
+    lines = [_BOX.sub(" ", row).strip() for row in complaint.getvalue().splitlines()]
+    text = re.sub(r"\s+", " ", "; ".join(row.rstrip(":") for row in lines if row))
+    raise words.unknown_option(program, line, names) or UserError(text)
 
 
 def _print_and_exit(text: str) -> None:
@@ -165,8 +142,77 @@ def _print_and_exit(text: str) -> None:
     raise SystemExit(0)
 
 
-def _fail(line: str, status: int) -> int:
-    from socialiq.cli.output import complain
+class Stream:
+    """Text stream that remembers the first failed write, and ignores what follows it.
 
-    complain(one_line_of(line, _LONGEST_LINE))
+    Attributes:
+        failure: The failed write, if there was one.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        """Wrap a stream; None stands for one that was closed before the program began."""
+        self._stream = stream
+        self.failure: OSError | None = None
+        if stream is None:
+            self._stream, self.failure = io.StringIO(), BrokenPipeError()
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        """Write, unless a write has failed."""
+        self._try(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, unless a write has failed."""
+        self._try(self._stream.flush)
+
+    def _try(self, action: Callable[[], Any]) -> None:
+        if self.failure is None:
+            try:
+                action()
+            except OSError as error:
+                self.failure = error
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the stream, such as `isatty`."""
+        return getattr(self._stream, name)
+
+
+def exit_status(command: Callable[[], int]) -> int:
+    """Run a command; return its exit status, whatever becomes of its output.
+
+    Args:
+        command: Returns its exit status.
+
+    Returns:
+        The command's status; 70 after a fault of the program; 74 in the place of 0 if output was
+        lost because a disk is full, for instance, while a reader still waits for it.
+    """
+    before = sys.stdout, sys.stderr
+    out, errors = Stream(sys.stdout), Stream(sys.stderr)
+    sys.stdout, sys.stderr = out, errors  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        try:
+            status = command()
+        except Exception:  # a fault of ours, whatever it is, must not look like a failed audit
+            traceback.print_exc()
+            errors.write(
+                "socialiq: this is a fault of the program: please report the lines above\n"
+            )
+            status = CRASHED
+        out.flush()
+        if out.failure is not None and out.failure.errno not in (None, errno.EPIPE):
+            errors.write(f"socialiq: can't write the output: {out.failure.strerror}\n")
+            status = status or OUTPUT_LOST
+    finally:
+        sys.stdout, sys.stderr = before
+        for stream in (out, errors):
+            stream.flush()
+            # Empty the buffer of a failed stream; Python would exit with 120 at its last flush.
+            with contextlib.suppress(AttributeError, OSError, ValueError):
+                if stream.failure is not None:
+                    null = os.open(os.devnull, os.O_WRONLY)
+                    os.dup2(null, stream.fileno())
+                    os.close(null)
     return status

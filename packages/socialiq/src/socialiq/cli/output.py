@@ -1,19 +1,26 @@
-"""Output of commands: one JSON object, or tables."""
+"""Output of commands: one JSON object or tables, and on standard error the progress."""
 
 from __future__ import annotations
 
 import json
+import math
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import rich.table
 from rich.console import Console
-from rich.table import Table
+from rich.progress import BarColumn, Progress, TextColumn
 
+from socialiq.learners.callbacks import Report
 from socialiq.to_json import rounded
 
 _PIPED_WIDTH = 160  # width of a table in a file or a pipe
 _LEAST_WIDTH = 100  # a narrower terminal breaks lines, but numbers stay complete
+_PLAIN_SECONDS = 10.0  # between two plain lines of one stage
+_WIDE = 60  # columns of a terminal that has room for counts and units
 
 
 class Printing:
@@ -23,6 +30,16 @@ class Printing:
     """
 
     json = False
+
+    def show(
+        self, result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], title: str = ""
+    ) -> int:
+        """Print a result, as JSON or as a table of rows; return the exit status 0."""
+        if self.json:
+            print_json(result)
+        else:
+            print_table(rows, title)
+        return 0
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -37,31 +54,135 @@ def say(line: str) -> None:
 
 def complain(line: str) -> None:
     """Print one line on standard error."""
-    sys.stderr.write(f"socialiq: {line}\n")
+    say(f"socialiq: {line}")
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
     """Print rows of equal keys as a table, with numbers to three decimals."""
-    table = Table(header_style="bold", box=None, padding=(0, 2, 0, 0))
+    table = rich.table.Table(header_style="bold", box=None, padding=(0, 2, 0, 0))
     for name in rows[0]:
         numeric = all(isinstance(row[name], int | float) for row in rows)
         table.add_column(
             str(name).replace("_", " "),
             justify="right" if numeric else "left",
-            no_wrap=max(len(cell_text(row[name])) for row in rows) <= 12,
+            no_wrap=max(len(_cell(row[name])) for row in rows) <= 12,
             overflow="fold",
         )
     for row in rows:
-        table.add_row(*(cell_text(value) for value in row.values()))
+        table.add_row(*(_cell(value) for value in row.values()))
     if title:
         sys.stdout.write(f"{title}\n")
     width = max(Console().width, _LEAST_WIDTH) if sys.stdout.isatty() else _PIPED_WIDTH
     Console(width=width).print(table)
 
 
-def cell_text(value: Any) -> str:
-    """Return a cell's text."""
+def listed(values: Mapping[str, Any], heading: str = "quantity") -> list[dict[str, Any]]:
+    """Return a table with a row for each value."""
+    return [{heading: name, "value": value} for name, value in values.items()]
+
+
+def _cell(value: Any) -> str:
     if isinstance(value, float):
         text = f"{value:.3f}".rstrip("0").rstrip(".")
         return "0" if text == "-0" else text
     return str(value)
+
+
+class Display:
+    """Progress of the stages of a command, one after another; a context manager.
+
+    On a terminal stage, bar, rate and the time left come first, and named losses follow as far as
+    there is room. Elsewhere a plain line appears every ten seconds.
+
+    Args:
+        quiet: Show nothing.
+        console: Terminal to write to; by default standard error.
+    """
+
+    def __init__(self, quiet: bool = False, console: Console | None = None) -> None:
+        console = console or Console(stderr=True)
+        self._live = not quiet and console.is_terminal
+        self._plain = not quiet and not self._live
+        self._wide = console.width >= _WIDE
+        self._stage, self._bar = (20, 16) if self._wide else (11, 5)
+        stage = rich.table.Column(no_wrap=True, overflow="ellipsis", max_width=self._stage)
+        fields = ("count", "rate", "left", "losses")
+        self.progress = Progress(
+            TextColumn("{task.description}", table_column=stage),
+            BarColumn(bar_width=self._bar),
+            *(TextColumn(f"{{task.fields[texts][{name}]}}", markup=False) for name in fields),
+            console=console,
+            disable=not self._live,
+        )
+
+    def __enter__(self) -> Display:
+        self.progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.progress.stop()
+
+    def stage(self, name: str) -> Callable[[Report], None]:
+        """Begin a stage; returns the callback that its training calls after each chunk."""
+        empty = {"count": "", "rate": "starting", "left": "", "losses": ""}
+        task = self.progress.add_task(name, total=None, texts=empty)
+        printed = [time.monotonic() - _PLAIN_SECONDS, 0]
+
+        def show(report: Report) -> None:
+            texts = {
+                "count": f"{report.done}/{report.total}" if self._wide else "",
+                "rate": rate_of(report, self._wide),
+                "left": _remaining(report.seconds_left),
+            }
+            used = min(len(name), self._stage) + self._bar + sum(map(len, texts.values())) + 5
+            texts["losses"] = fitted(_losses(report), self.progress.console.width - used)
+            self.progress.update(task, total=report.total, completed=report.done, texts=texts)
+            for failure in report.failures[printed[1] :]:
+                self.progress.console.print(f"  {failure}", style="red", highlight=False)
+            printed[1] = len(report.failures)
+            due = time.monotonic() - printed[0] >= _PLAIN_SECONDS or report.done == report.total
+            if self._plain and due:
+                printed[0] = time.monotonic()
+                count, losses = f"{report.done}/{report.total}", " ".join(_losses(report))
+                texts = [count, rate_of(report), _remaining(report.seconds_left), losses]
+                say(f"{name}: {', '.join(text for text in texts if text)}")
+
+        return show
+
+
+def fitted(words: Sequence[str], room: int) -> str:
+    """Return as many of the first words, separated by blanks, as there is room for."""
+    text = ""
+    for word in words:
+        longer = f"{text} {word}".strip()
+        if len(longer) > room:
+            break
+        text = longer
+    return text
+
+
+def rate_of(report: Report, with_unit: bool = True) -> str:
+    """Return the rate, with its unit or in short."""
+    rate = f"{report.rate:,.0f}" if report.rate >= 10 else f"{report.rate:.1f}"
+    unit = report.unit if "/" in report.unit else f"{report.unit}/s"
+    return f"{rate} {unit}" if with_unit else f"{rate}/{unit.rpartition('/')[2]}"
+
+
+def _remaining(seconds: float) -> str:
+    """Return the time that is left in words; "" if it is not known."""
+    if not math.isfinite(seconds):
+        return ""
+    return f"{seconds:.0f} s left" if seconds < 100 else f"{seconds / 60:.0f} min left"
+
+
+def _losses(report: Report) -> list[str]:
+    """Return named loss terms, max |Q|, and α̂ with the least and greatest value of the runs."""
+    terms = {name: value for name, value in report.terms.items() if name != "max_q"}
+    texts = [f"{name} {value:.3g}" for name, value in terms.items()]
+    if "max_q" in report.terms:
+        texts.append(f"max|Q| {report.terms['max_q']:.3g}")
+    if "greedy_angle" in report.monitored:
+        angles = report.monitored["greedy_angle"]
+        low, high = np.min(angles), np.max(angles)
+        texts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
+    return texts

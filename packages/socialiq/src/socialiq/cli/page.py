@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.cli.code_options import CodeOptions
+from socialiq.cli.audit import CodeOptions
 from socialiq.cli.drivers import refuse_misfit
 from socialiq.cli.output import say
 from socialiq.nn.dial_policy import DialPolicy
@@ -83,15 +83,16 @@ class View:
             check_angle(self.angle)
         check_extra()
         content = opened(self.what, self.angle, self.code.trust) if self.what else None
+
+        def show(address: str) -> None:
+            say(f"{address}\nCtrl-C ends it")
+            if self.open:
+                webbrowser.open(address)
+
         try:
-            serve(content, self.port, self._opened)
+            serve(content, self.port, show)
         finally:
             if content is not None:
                 content.close()
         say("stopped")
         return 0
-
-    def _opened(self, address: str) -> None:
-        say(f"{address}\nCtrl-C ends it")
-        if self.open:
-            webbrowser.open(address)

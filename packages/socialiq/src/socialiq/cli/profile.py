@@ -6,15 +6,14 @@ import datetime
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.profile.profile import Margin
-from socialiq.audit.profile.profile import Profile as Declaration
+from socialiq.audit.profile import profile
 from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.template import declare, possible_loss
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
@@ -63,27 +62,31 @@ class New:
         """Write the file and print its declaration."""
         if os.path.lexists(self.out) and not self.replace:
             raise UserError(f"{self.out} exists already: name another --out, or add --replace")
+        date = datetime.datetime.now(datetime.UTC).date()
+        if self.date:
+            try:
+                date = datetime.date.fromisoformat(self.date)
+            except ValueError as error:
+                raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
+        loss = self.largest_loss
+        # The limits of the rewards are those of a constant angle.
+        if loss is None and self.world in NAMES and not self.angle_rule:
+            loss = possible_loss(make(self.world), self.angle)
+            # A margin beyond it excludes nothing, which the audit says.
+            loss = loss if loss and loss > self.margin else None
         declared = declare(
             self.angle,
             self.owner,
             self.world,
-            Margin(self.margin, self.degrees, self._largest_loss()),
-            _date(self.date),
+            profile.Margin(self.margin, self.degrees, loss),
+            date,
             confidence=self.confidence,
             allow_code=self.allow_code,
             rule=None if self.angle_rule is None else load_rule(self.angle_rule),
         )
         write_atomically(self.out, declared.source, self.replace)
-        _show(self.out, declared)
+        print_table(_table(_facts(declared)), str(self.out))
         return 0
-
-    def _largest_loss(self) -> float | None:
-        # The limits of the rewards are those of a constant angle.
-        if self.largest_loss is not None or self.world not in NAMES or self.angle_rule:
-            return self.largest_loss
-        possible = possible_loss(make(self.world), self.angle)
-        # A margin beyond it excludes nothing, which the audit says.
-        return possible if possible and possible > self.margin else None
 
 
 @dataclass(frozen=True)
@@ -103,23 +106,11 @@ class Check(Printing):
         declared = load(self.file)
         if declared.scenario.world not in NAMES:
             declared.world(self.allow_code)
-        if self.json:
-            print_json({"file": str(self.file), **_facts(declared)})
-        else:
-            _show(self.file, declared)
-        return 0
+        facts = _facts(declared)
+        return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
 
 
-def _date(text: str) -> datetime.date:
-    if not text:
-        return datetime.datetime.now(datetime.UTC).date()
-    try:
-        return datetime.date.fromisoformat(text)
-    except ValueError as error:
-        raise UserError(f"'{text}' is not a date: write it as 2026-01-31") from error
-
-
-def _facts(declared: Declaration) -> dict[str, str | float | None]:
+def _facts(declared: profile.Profile) -> dict[str, Any]:
     rule = {} if declared.rule is None else {"angle_rule": declared.rule.words}
     return {
         "angle": declared.angle,
@@ -134,7 +125,6 @@ def _facts(declared: Declaration) -> dict[str, str | float | None]:
     }
 
 
-def _show(path: Path, declared: Declaration) -> None:
-    facts = {name: "none" if value is None else value for name, value in _facts(declared).items()}
-    rows = [{"declared": name, "value": value} for name, value in facts.items()]
-    print_table(rows, str(path))
+def _table(facts: dict[str, Any]) -> list[dict[str, Any]]:
+    values = {name: "none" if value is None else value for name, value in facts.items()}
+    return listed(values, "declared")

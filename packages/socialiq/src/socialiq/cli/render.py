@@ -15,7 +15,7 @@ from socialiq.evaluation.rollout import rollout_table
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
-from socialiq.worlds.enumerate import Table, expert_policy, tabulate
+from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
@@ -48,8 +48,6 @@ class Render:
 
     def run(self) -> int:
         """Draw and write."""
-        if self.seed < 0:
-            raise UserError(f"seed must be at least 0, got {self.seed}")
         one_of("world", self.world, WORLDS)
         on_road = self.world not in GRIDWORLDS
         suffixes = (".png", *FILMS) if on_road else (".png",)
@@ -65,7 +63,10 @@ class Render:
         if self.angle is None:
             figure = picture(table.world, table.world.start[0][0])
         else:
-            figure = filmstrip(table.world, _episode(table, self.angle, self.seed))
+            policy = expert_policy(table, self.angle)
+            steps = rollout_table(table, policy, 1, self.seed).transitions
+            states = np.vstack([steps.observation, steps.next_observation[-1:]])
+            figure = filmstrip(table.world, states.astype(int).tolist())
         write_atomically(self.out, png({"picture": figure})["picture"])
         return 0
 
@@ -81,18 +82,11 @@ class Render:
                 raise UserError(f"{self.world} has no --angle of its own: add --driver, a dial")
             batch.reset([self.seed])
             figure = sheet.picture(render.present_scene(batch), world.view)
-            write_atomically(self.out, png({"picture": figure})["picture"])
-            return
-        driver = driver_on(world, self.driver, self.angle, self.seed)
-        episode = render.episode_scenes(batch, driver, self.seed)
-        if self.out.suffix in FILMS:
-            sheet.save(self.out, episode, world.view, world.options.simulation_frequency)
-            return
-        figure = render.filmstrip(episode[:: world.options.frames], world.view)
+        else:
+            driver = driver_on(world, self.driver, self.angle, self.seed)
+            episode = render.episode_scenes(batch, driver, self.seed)
+            if self.out.suffix in FILMS:
+                sheet.save(self.out, episode, world.view, world.options.simulation_frequency)
+                return
+            figure = render.filmstrip(episode[:: world.options.frames], world.view)
         write_atomically(self.out, png({"picture": figure})["picture"])
-
-
-def _episode(table: Table, angle: float, seed: int) -> list[list[int]]:
-    steps = rollout_table(table, expert_policy(table, angle), 1, seed).transitions
-    states = np.vstack([steps.observation, steps.next_observation[-1:]])
-    return states.astype(int).tolist()

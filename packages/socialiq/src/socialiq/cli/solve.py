@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of, target_norm
 from socialiq.mdp.horizon import horizon_optimum
@@ -60,11 +60,7 @@ class Solve(Printing):
             "states": table.mdp.n_states,
             "reachable_states": reachable.mdp.n_states,
         }
-        if self.json:
-            print_json(result)
-        else:
-            print_table([{"quantity": name, "value": value} for name, value in result.items()])
-        return 0
+        return self.show(result, listed(result))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import importlib.metadata
 import json
 import math
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,7 +130,7 @@ def _details(policy: Exported, facts: Mapping[str, Any]) -> list[tuple[str, str]
         ("Made by", facts.get("made_by")),
         ("Learner", policy.provenance.get("learner")),
         ("Input", f"{policy.n_features} numbers, float32"),
-        ("The first layer reads", _each(policy, _view)),
+        ("The first layer reads", "; ".join(dict.fromkeys(map(_view, _networks(policy))))),
         ("Network", _network(policy)),
         ("Output", _outputs(policy)),
     ]
@@ -150,13 +150,11 @@ def _outputs(policy: Exported) -> str:
 
 def _network(policy: Exported) -> str:
     """Return the widths and activation of a network, or of each network of an ensemble."""
-
-    def describe(network: QPolicy | ActorPolicy) -> str:
+    texts, members = [], _networks(policy)
+    for network in members:
         widths = [network.weights[0].shape[1], *(len(bias) for bias in network.biases)]
-        return f"{'-'.join(map(str, widths))}, {network.activation}"
-
-    members = _networks(policy)
-    text = _each(policy, describe)
+        texts.append(f"{'-'.join(map(str, widths))}, {network.activation}")
+    text = "; ".join(dict.fromkeys(texts))
     return text if len(members) == 1 else f"mean of the values of {len(members)}: {text}"
 
 
@@ -167,11 +165,6 @@ def _view(network: QPolicy | ActorPolicy) -> str:
         return "one place for each value of each feature"
     how = "as a set" if network.view.choice.pooled else "side by side"
     return f"vehicles seen from the ego, {how}"
-
-
-def _each(policy: Exported, describe: Callable[[Any], str]) -> str:
-    """Return the descriptions of a policy's networks, each once."""
-    return "; ".join(dict.fromkeys(map(describe, _networks(policy))))
 
 
 def _networks(policy: Exported) -> tuple[Any, ...]:
@@ -201,11 +194,7 @@ def _text(value: Any) -> str:
 
 
 def _measured(evaluation: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the names and scalars of an evaluation.
-
-    Raises:
-        UserError: If it is of several policies, or nested.
-    """
+    """Return the names and scalars of an evaluation; `UserError` if it is nested or of several."""
     if evaluation is None:
         return {}
     if "policies" in evaluation:
@@ -289,13 +278,15 @@ def bill_of_materials(
         limits: Known limitations, as sentences.
         properties: Further facts, by names of this package's own ("socialiq:...").
     """
+
+    def named(facts: Mapping[str, str]) -> list[dict[str, str]]:
+        return [{"name": name, "value": value} for name, value in facts.items()]
+
     parameters: dict[str, Any] = {"task": "choose the action of a vehicle for an observation"}
     parameters |= {"modelArchitecture": architecture} if architecture else {}
     if data:
-        contents = {"properties": _properties(data)}
-        parameters["datasets"] = [
-            {"type": "dataset", "name": "training data", "contents": contents}
-        ]
+        dataset = {"type": "dataset", "name": "training data"}
+        parameters["datasets"] = [dataset | {"contents": {"properties": named(data)}}]
     parameters |= {"inputs": [{"format": inputs}]} if inputs else {}
     parameters |= {"outputs": [{"format": outputs}]} if outputs else {}
     card: dict[str, Any] = {"modelParameters": parameters}
@@ -304,16 +295,12 @@ def bill_of_materials(
         card["quantitativeAnalysis"] = {"performanceMetrics": rows}
     if limits:
         card["considerations"] = {"technicalLimitations": list(limits)}
-    component: dict[str, Any] = {
-        "bom-ref": "policy",
-        "type": "machine-learning-model",
-        "name": name,
-        "modelCard": card,
-    }
+    component: dict[str, Any] = {"bom-ref": "policy", "type": "machine-learning-model"}
+    component |= {"name": name, "modelCard": card}
     if file_sha256:
         component["hashes"] = [{"alg": "SHA-256", "content": file_sha256}]
     if properties:
-        component["properties"] = _properties(properties)
+        component["properties"] = named(properties)
     tool = {"type": "application", "name": "socialiq", "version": version}
     content = {
         "$schema": "http://cyclonedx.org/schema/bom-1.7.schema.json",
@@ -328,7 +315,3 @@ def bill_of_materials(
     space = uuid.uuid5(uuid.NAMESPACE_URL, "https://socialiq.example/bill-of-materials/1")
     content["serialNumber"] = f"urn:uuid:{uuid.uuid5(space, text)}"
     return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-
-
-def _properties(facts: Mapping[str, str]) -> list[dict[str, str]]:
-    return [{"name": name, "value": value} for name, value in facts.items()]

@@ -54,7 +54,7 @@ def to_onnx(policy: Exported) -> bytes:
         if isinstance(policy, EnsemblePolicy):
             graph.mean(policy.members)
         else:
-            graph.network(policy)
+            graph.layers(policy, policy.weights, policy.biases)
         graph.add("ArgMax", [SCORES], ACTIONS, axis=1, keepdims=0)
         temperature = repr(policy.temperature)
         scores = info(SCORES, kinds.FLOAT, ["batch", policy.n_actions])
@@ -120,41 +120,49 @@ class _Graph:
         factor = self.constant(f"{name}.factor", np.array(scales, np.float32))
         return self.add("Mul", [value, factor], name)
 
-    def network(self, policy: QPolicy) -> None:
-        """Add a network, from the observation to its values."""
-        self.layers(policy, list(zip(policy.weights, policy.biases, strict=True)), SCORES)
-
     def layers(
-        self, policy: QPolicy | ActorPolicy, layers: list[tuple[np.ndarray, np.ndarray]], name: str
+        self, policy: QPolicy | ActorPolicy, weights: Any, biases: Any, name: str = SCORES
     ) -> str:
         """Add the view of a policy, and layers with its activation between them.
 
         Args:
             policy: The policy.
-            layers: Weights and biases.
+            weights: Of the layers.
+            biases: Of the layers.
             name: Name of the last layer's output; "" for its own.
 
         Returns:
             That name.
         """
-        value = INPUT
-        if isinstance(policy.view, OneHot):
-            value = self._one_hot(policy.view)
-        elif policy.view is not None:
-            value = self._view(policy.view)
-        for number, (weight, bias) in enumerate(layers):
+        value, view = INPUT, policy.view
+        if isinstance(view, OneHot):
+            places = np.repeat(np.arange(view.n_features), view.sizes).tolist()
+            starts = zip(view.lows, view.sizes, strict=True)
+            steps = [low + step for low, size in starts for step in range(size)]
+            self.constant("one_hot.values", np.array(steps, np.float32))
+            value = self._places(self.gather(places, "one_hot.read"), steps, "one_hot")
+        elif view is not None:
+            value = self._view(view)
+        for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
             if number:
                 value = self.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
-            output = name if number == len(layers) - 1 else ""
+            output = name if number == len(weights) - 1 else ""
             value = self.affine(value, weight, bias, f"layer_{number}", output)
         return value
 
+    def _places(self, read: str, values: list[int], name: str) -> str:
+        """Add the comparison of read features with values, 1 where they are equal."""
+        constant = self.constant(f"{name}.values", np.array(values, np.float32))
+        equal = self.add("Equal", [read, constant], f"{name}.equal")
+        return self.add("Cast", [equal], name, to=self._onnx.TensorProto.FLOAT)
+
     def actor(self, policy: ActorPolicy) -> None:
         """Add an actor, from the observation to the deterministic action."""
-        size, layers = policy.action_size, list(zip(policy.weights, policy.biases, strict=True))
-        weight, bias = layers[-1]
-        layers[-1] = weight[:size], bias[:size]  # the means, without deviations
-        value = self.layers(policy, layers, "")
+        size = policy.action_size
+        *weights, weight = policy.weights
+        *biases, bias = policy.biases
+        means = [*weights, weight[:size]], [*biases, bias[:size]]  # without deviations
+        value = self.layers(policy, *means, "")
         if policy.squash == "tanh":
             self.add("Tanh", [value], ACTIONS)
             return
@@ -168,49 +176,38 @@ class _Graph:
         """Add several networks and the mean of their values, in the order of `EnsemblePolicy`."""
         total = ""
         for number, member in enumerate(members):
-            graph = _Graph(self._onnx)
-            graph.network(member)
-            value = self._take(graph, f"member_{number}.")
+            graph, prefix = _Graph(self._onnx), f"member_{number}."
+            graph.layers(member, member.weights, member.biases)
+            for node in graph.nodes:
+                inputs = [name if name == INPUT else prefix + name for name in node.input]
+                node.name = prefix + node.output[0]
+                node.input[:], node.output[:] = inputs, [node.name]
+            self.nodes += graph.nodes
+            self.constants |= {prefix + name: array for name, array in graph.constants.items()}
+            value = prefix + SCORES
             total = self.add("Add", [total, value], f"sum_{number}") if number else value
         count = self.constant("members", np.array([len(members)], np.float32))
         self.add("Div", [total, count], SCORES)
-
-    def _take(self, graph: _Graph, prefix: str) -> str:
-        """Add all of another graph under names with a prefix; return the name of its values."""
-        for node in graph.nodes:
-            inputs = [name if name == INPUT else prefix + name for name in node.input]
-            node.name = prefix + node.output[0]
-            node.input[:], node.output[:] = inputs, [node.name]
-        self.nodes += graph.nodes
-        self.constants |= {prefix + name: array for name, array in graph.constants.items()}
-        return prefix + SCORES
-
-    def _one_hot(self, view: OneHot) -> str:
-        places = np.repeat(np.arange(view.n_features), view.sizes).tolist()
-        values = [
-            low + step
-            for low, size in zip(view.lows, view.sizes, strict=True)
-            for step in range(size)
-        ]
-        constant = self.constant("one_hot.values", np.array(values, np.float32))
-        equal = self.add("Equal", [self.gather(places, "one_hot.read"), constant], "one_hot.equal")
-        return self.add("Cast", [equal], "one_hot", to=self._onnx.TensorProto.FLOAT)
 
     def _view(self, view: View) -> str:
         """Add the ego's row and the other vehicles: encoded, summed and maximised, or listed."""
         scale = view.choice.scale
         ego = self.gather(list(range(1, ROW)), "own.read")
         ego = self.scaled(ego, [scale] * 4 + [1.0] * 2, "own")
-        if view.choice.relative:
-            self._ego()
+        # The reference for the relative view: headings are rotated, but not shifted.
+        for label, places in _TURNS.items() if view.choice.relative else ():
+            read = self.gather(list(places), f"ego.{label}.read")
+            self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")
+            cos = label == "along"
+            heading = self.gather([5 if cos else 6] * 6, f"ego.{label}.heading.read")
+            signs = [1.0, 1.0 if cos else -1.0] * 3
+            self.scaled(heading, signs, f"ego.{label}.heading")
         numbers = range(1, view.n_features // ROW)
         rows = [self._vehicle(view, number) for number in numbers]
         first = [ego]
         if view.times:  # the last feature, one place for each value
             read = self.gather([view.n_features - 1] * view.times, "time.read")
-            values = self.constant("time.values", np.arange(view.times, dtype=np.float32))
-            equal = self.add("Equal", [read, values], "time.equal")
-            first = [self.add("Cast", [equal], "time", to=self._onnx.TensorProto.FLOAT), ego]
+            first = [self._places(read, list(range(view.times)), "time"), ego]
         if not view.choice.pooled:
             return self.add("Concat", [*first, *rows], "view", axis=1)
         total = most = rows[0]
@@ -275,25 +272,12 @@ class _Graph:
         ahead = self.add("Mul", [close, f"{name}.ahead.plus"], f"{name}.close_ahead")
         return self.add("Concat", [close, ahead], f"{name}.closeness", axis=1)
 
-    def _ego(self) -> None:
-        """Add the reference for the relative view; headings are rotated, but not shifted."""
-        for label, places in _TURNS.items():
-            read = self.gather(list(places), f"ego.{label}.read")
-            self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")
-            cos = label == "along"
-            heading = self.gather([5 if cos else 6] * 6, f"ego.{label}.heading.read")
-            signs = [1.0, 1.0 if cos else -1.0] * 3
-            self.scaled(heading, signs, f"ego.{label}.heading")
-
 
 def as_torch_module(policy: Exported) -> Any:
     """Return the policy's network as a `torch.nn.Module` of (batch, features), float32.
 
     It gives Q values, whose greedy action is `argmax(dim=1)`; of an actor the deterministic action
     in [-1, 1]. Its weights are copies and can be trained.
-
-    Args:
-        policy: Any policy or ensemble.
 
     Raises:
         UserError: If PyTorch is not installed.
@@ -326,9 +310,6 @@ def to_safetensors(policy: Exported) -> bytes:
     """Return `state_dict` as a plain safetensors file, for `safetensors.torch.load_file`.
 
     Its metadata hold the activation, the view and the provenance, as JSON.
-
-    Args:
-        policy: Any policy or ensemble.
     """
     _, header = policy.content()
     metadata = {"format": "pt", "policy_sha256": policy.sha256, "policy": json.dumps(header)}

@@ -121,11 +121,7 @@ class Interface(NamedTuple):
         return actions.astype(np.float32)
 
     def check(self, source: str, world: Interface) -> None:
-        """Refuse a policy that was made for another world.
-
-        Raises:
-            UserError: If either number is not the world's.
-        """
+        """Refuse, by a `UserError`, a policy that was made for another world."""
         if self == world:
             return
         if self.action_size or world.action_size:
@@ -165,18 +161,7 @@ class BatchPolicy:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions for one observation, shape (features,), or a batch (batch, features).
-
-        Args:
-            observation: s.
-            state: Passed through; the policy has no memory.
-            episode_start: Ignored, for the same reason.
-            deterministic: Passed on.
-
-        Raises:
-            UserError: If an observation is not of the interface or not finite, or the answer is
-                not one action for each.
-        """
+        """Choose actions, as `types.Policy`; other answers than one action for each are refused."""
         batch = checked_batch(np.atleast_2d(observation), self.interface.n_features)
         answer = self.decide(batch, deterministic)
         actions = self.interface.checked(answer, len(batch), self.source)
@@ -255,11 +240,7 @@ MOST_BYTES = 32 * 1024 * 1024
 
 
 def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a regular file of bounded size.
-
-    Raises:
-        UserError: If it is missing, not a regular file, unreadable or too large.
-    """
+    """Read a file of at most `most` bytes; `UserError` if it is no such file."""
     return read_bytes(shipped(path), most)
 
 

@@ -1,4 +1,4 @@
-"""Isolation of foreign code with bubblewrap: the command line of its sandbox.
+"""A policy's code: the hash of its files, and the command line of its sandbox (bubblewrap).
 
 A sandboxed process has its own processes, network, interprocess communication, host name and files.
 It sees the system's programs and libraries, the folder of its interpreter, and what its hash
@@ -9,6 +9,7 @@ that it starts outlives it.
 from __future__ import annotations
 
 import functools
+import hashlib
 import os
 import secrets
 import shutil
@@ -16,7 +17,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
@@ -44,6 +45,140 @@ _ENVIRONMENT = {
     "LANG": "C.UTF-8",
 }
 _SECONDS = 20  # of the trial
+
+MOST_FILES = 100_000
+"""Largest number of files below the named folders."""
+
+CACHE = "__pycache__"
+"""Folders with this name are derived from the sources beside them, and are not covered."""
+
+
+class CodeHash(NamedTuple):
+    """Hash of a policy's code, and what it covers.
+
+    Attributes:
+        sha256: SHA-256 over words, paths and contents.
+        covers: Description for people.
+        paths: The named files and folders, absolute.
+        caches: Folders below them that are not covered.
+    """
+
+    sha256: str
+    covers: str
+    paths: tuple[Path, ...]
+    caches: tuple[Path, ...]
+
+
+def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[tuple[str, Path]]:
+    """Return the files and folders that a command names.
+
+    They are its program, its words, and what follows the first "=" of a word (`--option=FILE`).
+
+    Args:
+        command: Program and arguments.
+        files: Further files and folders, which the command doesn't name.
+
+    Raises:
+        UserError: If one of `files` doesn't exist.
+    """
+    program = Path(shutil.which(command[0]) or command[0])
+    entries = [(command[0], program)] if program.is_file() else []
+    for word in command[1:]:
+        path = next(filter(_is_there, (word, word.partition("=")[2])), "")
+        entries += [(word, Path(path))] if path else []
+    return entries + further_files(files)
+
+
+def further_files(files: Sequence[str]) -> list[tuple[str, Path]]:
+    """Return files and folders that the user names; `UserError` if one doesn't exist."""
+    for word in files:
+        if not _is_there(word):
+            raise UserError(f"no such file: {one_line(word)}")
+    return [(word, Path(word)) for word in files]
+
+
+def _is_there(word: str) -> bool:
+    """Whether a word names a file or a folder; of `os.path`, because a word may be too long."""
+    return bool(word) and (os.path.isfile(word) or os.path.isdir(word))  # noqa: PTH112, PTH113
+
+
+def hash_files(words: Sequence[str], named: Sequence[tuple[str, Path]]) -> CodeHash:
+    """Hash words, and files and folders with their paths; each part is preceded by its length.
+
+    Args:
+        words: Words of the specification, in their order.
+        named: Files and folders, each with the word that names it.
+
+    Raises:
+        UserError: If a file can't be read, a folder has too many files, or a link leaves it.
+    """
+    digest, caches, files, size = hashlib.sha256(), [], 0, 0
+    for word in words:
+        _add(digest, "word", word)
+    for word, path in named:
+        _add(digest, "path", word)
+        try:
+            below = _below(path, path.resolve(), "", caches)
+            for entry in [_file(path, "")] if path.is_file() else below:
+                _add(digest, entry.kind, entry.name, entry.content)
+                files, size = files + (entry.kind == "file"), size + entry.size
+                if files > MOST_FILES:
+                    raise UserError(
+                        f"{one_line(word)} has more than {MOST_FILES:,} files: name the policy's "
+                        "own folder"
+                    )
+        except OSError as error:
+            name = one_line(str(error.filename or path))
+            raise UserError(f"cannot read {name}: {error.strerror}") from error
+    covers = (
+        f"the words, and whole the {files} files ({size:,} bytes) that they name; "
+        "not what programs load besides: the interpreter's folder and shared libraries"
+    )
+    paths = tuple(dict.fromkeys(path.absolute() for _, path in named))
+    return CodeHash(digest.hexdigest(), covers, paths, tuple(caches))
+
+
+class _Entry(NamedTuple):
+    """A file, link or folder: its path below the named one, what is hashed, and its bytes."""
+
+    kind: str
+    name: str
+    content: str = ""
+    size: int = 0
+
+
+def _below(folder: Path, root: Path, prefix: str, caches: list[Path]) -> Iterator[_Entry]:
+    """Yield what is in a folder in the order of the names; collect its caches."""
+    for path in sorted(folder.iterdir()):
+        name = f"{prefix}{path.name}"
+        if path.is_symlink():
+            if not path.resolve().is_relative_to(root):
+                raise UserError(
+                    f"{one_line(str(path))} is a link that leaves the policy's folder: replace it "
+                    "by what it points to"
+                )
+            yield _Entry("link", name, str(path.readlink()))
+        elif path.is_dir() and path.name == CACHE:
+            caches.append(path.absolute())
+        elif path.is_dir():
+            yield _Entry("folder", name)
+            yield from _below(path, root, f"{name}/", caches)
+        elif path.is_file():
+            yield _file(path, name)
+        else:
+            raise UserError(f"{one_line(str(path))} is not a plain file: leave it out")
+
+
+def _file(path: Path, name: str) -> _Entry:
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        return _Entry("file", name, hashlib.file_digest(file, "sha256").hexdigest(), size)
+
+
+def _add(digest: Any, *texts: str) -> None:
+    for text in texts:
+        content = os.fsencode(text)
+        digest.update(len(content).to_bytes(8) + content)
 
 
 class Isolation(NamedTuple):
@@ -84,36 +219,18 @@ def isolation_of(mode: str) -> Isolation:
     return isolation
 
 
-class CodeHash(NamedTuple):
-    """Hash of a policy's code, and what it covers.
-
-    Attributes:
-        sha256: SHA-256 over words, paths and contents.
-        covers: Description for people.
-        paths: The named files and folders, absolute.
-        caches: Folders below them that are not covered.
-    """
-
-    sha256: str
-    covers: str
-    paths: tuple[Path, ...]
-    caches: tuple[Path, ...]
-
-
-NO_FILES = CodeHash("", "", (), ())
-
-
 @functools.cache
 def _tried(program: str) -> Isolation:
     """Start an empty sandbox once: a system can have the program and forbid its use."""
-    command = sandboxed([sys.executable, "-I", "-S", "-c", "pass"], NO_FILES, program)
+    trial = [sys.executable, "-I", "-S", "-c", "pass"]
+    command = sandboxed(trial, CodeHash("", "", (), ()), program)
     try:
         version = subprocess.run([program, "--version"], capture_output=True, timeout=_SECONDS)
-        trial = subprocess.run(command, capture_output=True, timeout=_SECONDS)
+        outcome = subprocess.run(command, capture_output=True, timeout=_SECONDS)
     except (OSError, subprocess.TimeoutExpired) as error:
         return Isolation(NONE, f"bubblewrap does not start: {one_line(str(error))}")
-    if trial.returncode:
-        message = one_line(trial.stderr.strip().rsplit(b"\n", 1)[-1])
+    if outcome.returncode:
+        message = one_line(outcome.stderr.strip().rsplit(b"\n", 1)[-1])
         return Isolation(NONE, f"bubblewrap makes no sandbox here: {message}")
     return Isolation(one_line(version.stdout.strip()))
 

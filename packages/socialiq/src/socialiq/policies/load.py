@@ -3,35 +3,35 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+import sys
+from collections.abc import Sequence
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
-from socialiq.foreign import one_line
+from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.nn.dial_policy import Dial
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.saved import FORMS, Header, refusal
-from socialiq.policies.code import (
-    OWN_FOLDER,
-    command_of_python,
-    files_named_by,
-    hash_files,
-    hash_of_python,
-    read_callable,
+from socialiq.policies import isolation as code
+from socialiq.policies.interface import (
+    BatchPolicy,
+    Interface,
+    Loaded,
+    Record,
+    read_content,
+    sha256_of,
 )
-from socialiq.policies.interface import Interface, Loaded, Record, read_content, sha256_of
-from socialiq.policies.isolation import NOT_ASKED, CodeHash, Isolation, sandboxed
+from socialiq.policies.isolation import NOT_ASKED, Isolation
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
 from socialiq.policies.sb3_load import read_sb3
 from socialiq.storage import kind_of, load_arrays
-from socialiq.types import Policy
 from socialiq.worlds.situation import ContextPolicy
 
 KINDS = (
@@ -63,9 +63,8 @@ def load_policy(
     """Load a policy from a file, a command or a Python module, for a world.
 
     Args:
-        spec: One of `KINDS`. A .safetensors is a file of this package (a policy, an
-            ensemble, a dial or a table), a .zip one of Stable-Baselines3. A command is run, and a
-            Python module imported.
+        spec: One of `KINDS`. A .safetensors is a file of this package (a policy, an ensemble, a
+            dial or a table), a .zip one of Stable-Baselines3.
         n_features: Length of the world's observations.
         n_actions: Number of the world's actions; 0 if they are continuous.
         angle: Angle of a dial, in degrees.
@@ -80,32 +79,14 @@ def load_policy(
         clock: Whether a file of this package may take the time as a further feature.
 
     Returns:
-        The policy and its record. Close it, or use it as a context manager: a process runs
-            until then.
+        The policy and its record, a context manager: a process runs until it is closed.
 
     Raises:
         UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
     world, source = Interface(n_features, n_actions, action_size), one_line(spec)
-    head, colon, words = spec.partition(":")
-    if colon and head == "process":
-        command = command_of(words.strip())
-        code = _Code(source, command, lambda: hash_files(command, files_named_by(command, files)))
-        return code.started(world, limits or Limits(), isolation or NOT_ASKED)
-    if colon and head == "python":
-        if (isolation is None or not isolation.works) and not allow_code:
-            raise UserError(
-                f"{source} would run its author's code with your rights: allow that, or audit it "
-                "as ONNX or isolated by bubblewrap"
-            )
-        if isolation is None:
-            policy, text = read_callable(words, source, world)
-            covers = "the module's source, not what it imports"
-            record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
-            return Loaded(policy, record)
-        command = command_of_python(words, source)
-        code = _Code(source, command, lambda: hash_of_python(words, source, files), (OWN_FOLDER,))
-        return code.started(world, limits or Limits(), isolation)
+    if spec.startswith(("process:", "python:")):
+        return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)
     if files:
         raise UserError(
             f"{source} is one file: leave --files out, which are of a process or Python"
@@ -130,7 +111,7 @@ def load_policy(
 
 def _read_with_clock(
     path: Path, world: Interface, angle: float | None, clock: bool
-) -> tuple[Policy, dict[str, Any]]:
+) -> tuple[Any, dict[str, Any]]:
     """Read a file of this package, which may take the time too if there is a clock."""
     try:
         return read_native(path, world, angle)
@@ -205,42 +186,145 @@ def _details(network: Any, header: Header) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class _Code:
-    """A command that is a policy.
+def _load_code(
+    spec: str,
+    world: Interface,
+    allow_code: bool,
+    limits: Limits,
+    isolation: Isolation | None,
+    files: Sequence[str],
+) -> Loaded:
+    """Hash the files of a command or a Python module, and start it as a process.
 
-    Attributes:
-        source: Its name in messages, as it was specified.
-        command: Program and arguments.
-        hashed: Returns the hash of its files.
-        folders: Folders that an isolated one sees besides.
+    A module without a request for isolation is imported into this process.
     """
-
-    source: str
-    command: Sequence[str]
-    hashed: Callable[[], CodeHash]
-    folders: Sequence[Path] = ()
-
-    def started(self, world: Interface, limits: Limits, isolation: Isolation) -> Loaded:
-        """Hash its files, start it, and return it with its record."""
-        covered, command = self.hashed(), self.command
-        if isolation.works:
-            command = sandboxed(command, covered, folders=self.folders)
-        policy, details, child = start_process(command, self.source, world, limits)
-        record = Record(
-            kind=self.source.partition(":")[0],
-            source=self.source,
-            sha256=covered.sha256,
-            covers=covered.covers,
-            interface=world,
-            soft=False,
-            details=details,
-            isolation=isolation,
+    source, (kind, _, words) = one_line(spec), spec.partition(":")
+    is_python = kind == "python"
+    if is_python and (isolation is None or not isolation.works) and not allow_code:
+        raise UserError(
+            f"{source} would run its author's code with your rights: allow that, or audit it "
+            "as ONNX or isolated by bubblewrap"
         )
-        return Loaded(policy, record, child.close, partial(self._check, covered))
+    if is_python and isolation is None:
+        policy, text = read_callable(words, source, world)
+        covers = "the module's source, not what it imports"
+        record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
+        return Loaded(policy, record)
+    isolation = isolation or NOT_ASKED
+    command = command_of_python(words, source) if is_python else command_of(words.strip())
 
-    def _check(self, before: CodeHash) -> None:
-        if self.hashed().sha256 != before.sha256:
+    def hashed() -> code.CodeHash:
+        if is_python:
+            return hash_of_python(words, source, files)
+        return code.hash_files(command, code.files_named_by(command, files))
+
+    def check_unchanged() -> None:
+        if hashed().sha256 != covered.sha256:
             raise UserError(
-                f"{self.source} changed while it was audited: audit files that stay as they are"
+                f"{source} changed while it was audited: audit files that stay as they are"
             )
+
+    covered, started = hashed(), command
+    if isolation.works:
+        folders = (OWN_FOLDER,) if is_python else ()
+        started = code.sandboxed(command, covered, folders=folders)
+    policy, details, child = start_process(started, source, world, limits)
+    facts = (kind, source, covered.sha256, covered.covers, world, False, details, isolation)
+    return Loaded(policy, Record(*facts), child.close, check_unchanged)
+
+
+OWN_FOLDER = Path(__file__).parents[1]
+"""Folder of this package: its child program, and what a policy may import of it."""
+
+
+def hash_of_python(name: str, source: str, files: Sequence[str]) -> code.CodeHash:
+    """Hash the files of `MODULE:ATTRIBUTE`: the module's file, or its whole top-level package.
+
+    Args:
+        name: As above; MODULE may be a file's path that ends in .py.
+        source: Its name in messages.
+        files: Further files and folders.
+
+    Raises:
+        UserError: If the module isn't found, or a file can't be read.
+    """
+    module, attribute = _split(name, source)
+    # A file's name, not its path: the same policy in another folder has the same hash.
+    words = ["python", Path(module).name, attribute]
+    if module.endswith(".py"):
+        if not Path(module).is_file():
+            raise UserError(f"no such file: {one_line(module)}")
+        return code.hash_files(words, [(words[1], Path(module)), *code.further_files(files)])
+    top = module.partition(".")[0]
+    # This finder looks at names of files only; `find_spec` of a submodule would import its package.
+    spec = PathFinder.find_spec(top) if top.isidentifier() else None
+    if spec is None:
+        raise UserError(
+            f"no such module: {one_line(module)}; name the path of its file, ending in .py"
+        )
+    paths = list(spec.submodule_search_locations or ()) or [str(spec.origin)]
+    entries = [(top, Path(path)) for path in paths]
+    return code.hash_files(words, [*entries, *code.further_files(files)])
+
+
+def _split(name: str, source: str) -> tuple[str, str]:
+    """Return module and attribute of `MODULE:ATTRIBUTE`; `UserError` for another form."""
+    module, _, attribute = name.rpartition(":")
+    if not module or not attribute.isidentifier():
+        raise UserError(
+            f"{source} is not MODULE:ATTRIBUTE: write for instance mine.policies:careful"
+        )
+    return module, attribute
+
+
+def command_of_python(name: str, source: str) -> list[str]:
+    """Return the command that runs `MODULE:ATTRIBUTE` as a process, with this interpreter."""
+    module, attribute = _split(name, source)
+    if module.endswith(".py"):
+        module = str(Path(module).absolute())
+    child = str(Path(__file__).with_name("python_child.py"))
+    paths = json.dumps([str(Path(path).absolute()) for path in sys.path])
+    return [sys.executable, "-I", "-B", child, module, attribute, paths]
+
+
+def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:
+    """Load the policy `MODULE:ATTRIBUTE`; MODULE may be a file's path that ends in .py.
+
+    The attribute is a policy (it has `predict`), a class that makes one without arguments, or a
+    function from observations, float32 (batch, features), to one action for each.
+
+    Args:
+        name: As above.
+        source: Its name in messages.
+        world: The interface for the check of its answers.
+
+    Returns:
+        The policy, and the source text of its module.
+
+    Raises:
+        UserError: If the module or attribute is missing, or its code fails.
+    """
+    module_name, attribute = _split(name, source)
+    try:
+        if module_name.endswith(".py"):
+            read_content(Path(module_name))
+        module = imported(module_name)
+        policy: Any = getattr(module, attribute)
+        policy = policy() if inspect.isclass(policy) else policy
+        text = read_content(Path(module.__file__ or ""))
+    except UserError:
+        raise
+    except FAILURES as error:
+        raise failure(source, error) from error
+    if not callable(getattr(policy, "predict", policy)):
+        raise UserError(f"{source} is not a policy: it must be a function or have `predict`")
+
+    def decide(batch: Any, deterministic: bool) -> Any:
+        try:
+            if hasattr(policy, "predict"):
+                return policy.predict(batch, deterministic=deterministic)[0]
+            return policy(batch)
+        except FAILURES as error:
+            raise failure(source, error) from error
+
+    return BatchPolicy(source, world, decide), text

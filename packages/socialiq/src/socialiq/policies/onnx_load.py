@@ -8,7 +8,7 @@ policy's author tests with it. It gets the checked model, serialised again, neve
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ MOST_FIELDS = 20_000
 IR_VERSION = 10
 """Newest version of ONNX's file format that is passed to onnxruntime."""
 
+_NEEDED_BY = "ONNX policies"
 _DOMAINS = ("", "ai.onnx")
 _ACTIONS = "actions"
 
@@ -50,11 +51,9 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
 
     Raises:
         UserError: If the extra `onnx` is not installed; if the file is damaged, does more than the
-            rules of `onnx.graph` allow, or is made for another world.
+            rules of `onnx_graph` allow, or is made for another world.
     """
-    onnx, onnxruntime = (
-        optional(name, "onnx", "ONNX policies") for name in ("onnx", "onnxruntime")
-    )
+    onnx, onnxruntime = (optional(name, "onnx", _NEEDED_BY) for name in ("onnx", "onnxruntime"))
     check_fields(content, source)
     try:
         model = onnx.ModelProto.FromString(content)
@@ -89,13 +88,11 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
 
     def decide(batch: Float32[np.ndarray, "batch feature"], _deterministic: bool) -> np.ndarray:
         outputs = _run(session, names, batch.reshape(-1, *inputs), source)
-        if answers == "actions":
-            return outputs.reshape(-1)
-        if answers == "scores":
-            if not np.isfinite(outputs).all():
-                raise UserError(f"{source} answered NaN or infinity: name a sound network")
-            return outputs.argmax(axis=1)  # of equal ones the first
-        return outputs
+        if answers != "scores":
+            return outputs.reshape(-1) if integers else outputs
+        if not np.isfinite(outputs).all():
+            raise UserError(f"{source} answered NaN or infinity: name a sound network")
+        return outputs.argmax(axis=1)  # of equal ones the first
 
     return BatchPolicy(source, interface, decide), {"operators": operators, "answers": answers}
 
@@ -116,7 +113,15 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     free = [value for value in graph.input if value.name not in values.constants]
     if len(free) != 1:
         raise GraphFault(f"has {len(free)} inputs, not one")
-    inputs = _input_shape(onnx, free[0])
+    kind = free[0].type.tensor_type
+    dims = list(kind.shape.dim)
+    if kind.elem_type != onnx.TensorProto.FLOAT or not 2 <= len(dims) <= 4:
+        raise GraphFault("takes an input that is not float32 of shape (batch, features)")
+    if dims[0].HasField("dim_value"):
+        raise GraphFault(f"takes {dims[0].dim_value} observations at a time, not any number")
+    inputs = tuple(dim.dim_value for dim in dims[1:])
+    if any(not 1 <= size <= onnx_graph.MOST_DIMENSION for size in inputs):
+        raise GraphFault(f"takes observations of shape {inputs}")
     values.add_row(free[0].name, inputs)
     if len(graph.node) > onnx_graph.MOST_NODES:
         raise GraphFault(f"has more than {onnx_graph.MOST_NODES:,} nodes")
@@ -171,19 +176,6 @@ def _array(onnx: Any, tensor: Any) -> np.ndarray:
     return onnx.numpy_helper.to_array(tensor)
 
 
-def _input_shape(onnx: Any, value: Any) -> Shape:
-    kind = value.type.tensor_type
-    dims = list(kind.shape.dim)
-    if kind.elem_type != onnx.TensorProto.FLOAT or not 2 <= len(dims) <= 4:
-        raise GraphFault("takes an input that is not float32 of shape (batch, features)")
-    if dims[0].HasField("dim_value"):
-        raise GraphFault(f"takes {dims[0].dim_value} observations at a time, not any number")
-    shape = tuple(dim.dim_value for dim in dims[1:])
-    if any(not 1 <= size <= onnx_graph.MOST_DIMENSION for size in shape):
-        raise GraphFault(f"takes observations of shape {shape}")
-    return shape
-
-
 def _session(onnxruntime: Any, model: Any, source: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -235,24 +227,12 @@ _REFUSED = {
     ("model", 20): "training steps",
     ("model", 25): "functions",
 }
-_NAMES = {
-    id(message): name
-    for name, message in (
-        ("tensor", _TENSOR),
-        ("graph", _GRAPH),
-        ("attribute", _ATTRIBUTE),
-        ("model", _MODEL),
-        ("node", _NODE),
-    )
-}
+_NAMES = {id(_TENSOR): "tensor", id(_GRAPH): "graph", id(_ATTRIBUTE): "attribute"}
+_NAMES |= {id(_MODEL): "model", id(_NODE): "node"}
 
 
 def check_fields(content: bytes, source: str) -> None:
     """Refuse a file with unknown or too many fields; cheap in time and memory.
-
-    Args:
-        content: The file.
-        source: Its name in messages.
 
     Raises:
         UserError: At the first such field, or where the file is damaged.
@@ -260,8 +240,9 @@ def check_fields(content: bytes, source: str) -> None:
     try:
         count, waiting = 0, [(_MODEL, 0, len(content))]
         while waiting:
-            message, start, end = waiting.pop()
-            for number, begin, after in _fields(content, start, end):
+            message, position, end = waiting.pop()
+            while position < end:
+                number, begin, position = _field(content, position, end)
                 count += 1
                 if count > MOST_FIELDS:
                     raise UserError(f"{source} has more than {MOST_FIELDS} fields: simplify it")
@@ -273,35 +254,32 @@ def check_fields(content: bytes, source: str) -> None:
                     )
                 inner = message[number]
                 if inner is not None:
-                    waiting.append((inner, begin, after))
+                    waiting.append((inner, begin, position))
     except (IndexError, ValueError) as error:
         raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
 
 
-def _fields(content: bytes, start: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield number, begin and end of each field of a message, by Protocol Buffers' wire format.
+def _field(content: bytes, position: int, end: int) -> tuple[int, int, int]:
+    """Return number, begin and end of a field, by Protocol Buffers' wire format.
 
     Raises:
-        ValueError: If one reaches beyond the message, or is of a kind that ONNX doesn't use.
+        ValueError: If it reaches beyond the message, or is of a kind that ONNX doesn't use.
         IndexError: If the file ends within a number.
     """
-    position = start
-    while position < end:
-        key, begin = _varint(content, position)
-        kind = key & 7
-        if kind == 0:
-            _, after = _varint(content, begin)
-        elif kind == 2:
-            length, begin = _varint(content, begin)
-            after = begin + length
-        elif kind in (1, 5):
-            after = begin + (8 if kind == 1 else 4)
-        else:
-            raise ValueError("group")
-        if after > end:
-            raise ValueError("beyond the message")
-        yield key >> 3, begin, after
-        position = after
+    key, begin = _varint(content, position)
+    kind = key & 7
+    if kind == 0:
+        _, after = _varint(content, begin)
+    elif kind == 2:
+        length, begin = _varint(content, begin)
+        after = begin + length
+    elif kind in (1, 5):
+        after = begin + (8 if kind == 1 else 4)
+    else:
+        raise ValueError("group")
+    if after > end:
+        raise ValueError("beyond the message")
+    return key >> 3, begin, after
 
 
 def _varint(content: bytes, position: int) -> tuple[int, int]:

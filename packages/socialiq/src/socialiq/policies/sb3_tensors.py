@@ -243,9 +243,19 @@ class _Machine:
             case "SETITEMS":
                 self._fill(self._to_mark())
             case "BUILD":
-                push(_with_attributes(*self._pop(2)))
+                target, attributes = self._pop(2)
+                if not isinstance(target, dict) or not isinstance(attributes, dict):
+                    raise _Refused("attributes of something else")
+                if set(attributes) != {"_metadata"}:  # torch's versions of modules
+                    raise _Refused("attributes other than _metadata")
+                push(target)
             case "BINPERSID":
-                push(_storage(*self._pop(1)))
+                ((tag, kind, member, _device, length),) = self._pop(1)
+                if tag != "storage" or kind is not _Known.FLOATS:
+                    raise _Refused("a storage of other numbers than float32")
+                if not re.fullmatch(r"\d{1,4}", member) or type(length) is not int or length < 0:
+                    raise _Refused("a storage without a place")
+                push(_Storage(member, length))
             case "REDUCE":
                 push(_called(*self._pop(2)))
             case "PROTO" | "STOP":
@@ -275,25 +285,6 @@ class _Machine:
             if not isinstance(name, str) or name in target:
                 raise _Refused("a name that is not text, or occurs twice")
             target[name] = value
-
-
-def _with_attributes(target: Any, attributes: Any) -> dict[str, Any]:
-    """Return a dictionary after its only attribute, `_metadata`, torch's versions of modules."""
-    if not isinstance(target, dict) or not isinstance(attributes, dict):
-        raise _Refused("attributes of something else")
-    if set(attributes) != {"_metadata"}:
-        raise _Refused("attributes other than _metadata")
-    return target
-
-
-def _storage(words: Any) -> _Storage:
-    """Return the storage of ("storage", kind, member, device, length)."""
-    tag, kind, member, _device, length = words
-    if tag != "storage" or kind is not _Known.FLOATS:
-        raise _Refused("a storage of other numbers than float32")
-    if not re.fullmatch(r"\d{1,4}", member) or type(length) is not int or length < 0:
-        raise _Refused("a storage without a place")
-    return _Storage(member, length)
 
 
 def _called(function: Any, arguments: Any) -> Any:

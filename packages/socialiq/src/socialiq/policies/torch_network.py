@@ -137,7 +137,12 @@ class ViewModule(torch.nn.Module):
         present = vehicles[..., :1]
         columns = [present, self._absolute(vehicles)]
         if self.choice.relative:
-            columns += self._relative(ego, vehicles)
+            scale, along = self.choice.scale, ego[..., 5:]
+            position = _turned(vehicles[..., 1:3] - ego[..., 1:3], along)
+            velocity = _turned(vehicles[..., 3:5] - ego[..., 3:5], along)
+            columns += [scale * position, scale * velocity, _turned(vehicles[..., 5:], along)]
+            if self.choice.ahead:
+                columns.append(_closeness(position, velocity))
         value = torch.cat(columns, dim=-1) * present
         of_ego = self._absolute(ego)[:, 0]
         if not self.choice.pooled:
@@ -149,13 +154,6 @@ class ViewModule(torch.nn.Module):
 
     def _absolute(self, rows: torch.Tensor) -> torch.Tensor:
         return torch.cat([rows[..., 1:5] * self.choice.scale, rows[..., 5:]], dim=-1)
-
-    def _relative(self, ego: torch.Tensor, others: torch.Tensor) -> list[torch.Tensor]:
-        scale, along = self.choice.scale, ego[..., 5:]
-        position = _turned(others[..., 1:3] - ego[..., 1:3], along)
-        velocity = _turned(others[..., 3:5] - ego[..., 3:5], along)
-        columns = [scale * position, scale * velocity, _turned(others[..., 5:], along)]
-        return [*columns, _closeness(position, velocity)] if self.choice.ahead else columns
 
 
 def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from socialiq.cli.progress import Display
+from socialiq.cli.output import Display
 from socialiq.worlds.highway.core import compile as compiling
 from socialiq.worlds.highway.core.geometry import longitudinal
 from socialiq.worlds.intersection.core.geometry import LANES

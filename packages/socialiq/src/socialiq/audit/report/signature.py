@@ -27,10 +27,12 @@ from cryptography.hazmat.primitives.serialization import (
 
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.errors import UserError
-from socialiq.policies.model_signature import PASSPHRASE
 from socialiq.reading import read_bytes
 
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
+
+PASSPHRASE = "SOCIALIQ_KEY_PASSPHRASE"
+"""Name of the environment variable with the passphrase of an encrypted key."""
 
 PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
 from socialiq.cli.drivers import road_named
 from socialiq.cli.output import Printing
-from socialiq.cli.train.options import RunOptions, SizeOptions
-from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
+from socialiq.cli.train import shared
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -27,7 +25,7 @@ from socialiq.learners.offline import config as offline
 from socialiq.learners.policy_iteration import dial as iteration
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.types import Row, Simulator
+from socialiq.types import Row
 from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.options import Options
@@ -37,26 +35,6 @@ ROADS = ("intersection", *SCENES)
 """Worlds on highway-env's roads, with discrete actions."""
 ON_ROADS = "intersection"
 """Preset of these worlds."""
-
-
-class Setting(NamedTuple):
-    """Parts of a world that a training needs.
-
-    Attributes:
-        static: Structure for this world.
-        data: Sets of demonstrations, with the time if the network sees it.
-        sizes: Features of an observation and number of actions.
-        simulator: World within JAX; None offline or on a road.
-        collector: Collects experience outside JAX; None elsewhere.
-        chunk: Updates between two rounds of reports and collection.
-    """
-
-    static: Any
-    data: list[Demonstrations]
-    sizes: tuple[int, int]
-    simulator: Simulator | None
-    collector: Any
-    chunk: int
 
 
 @dataclass(frozen=True)
@@ -86,59 +64,63 @@ class Dial(Printing):
     in units of reward; the strength that takes is found while training."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
-    size: tyro.conf.OmitArgPrefixes[SizeOptions] = field(default_factory=SizeOptions)
-    options: tyro.conf.OmitArgPrefixes[RunOptions] = field(default_factory=RunOptions)
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         check_seeds(self.seed)
-        self._check_world()
         name, preset = self._preset()
-        configs = (self._narrowed(preset.structure), preset.numbers)
-        structure, numbers = self.options.apply(configs, self.size.given())
+        structure = preset.structure
+        if self.angle is not None:
+            narrow = {"low": self.angle, "high": self.angle, "margin": 0.0}
+            structure = dataclasses.replace(structure, high_share=None, knots=0, **narrow)
+        elif self.budget is not None:
+            raise UserError("a budget is of the regret at one angle: add --angle")
+        static, numbers = self.options.apply((structure, preset.numbers), self.size.given())
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
-        budget = self._dual_ascent(name, structure, runs)
-        data = self._demonstrations(name, structure.demonstrations)
+        budget = self._dual_ascent(name, static, runs)
+        data = self._demonstrations(name, static.demonstrations)
+        simulator, collector, chunk = None, None, shared.CHUNK
         if self.world in ROADS:
-            setting = on_road(self.world, structure, runs, data)
+            world, chunk = road_named(self.world), road_training.CHUNK
+            clock = static.redraw_times > 0
+            if clock:
+                # Data of `collect` lack the time, which is the number of the step.
+                times, reward = world.options.decisions, world.options.timeout_weight
+                static = dataclasses.replace(static, redraw_times=times, timeout_reward=reward)
+                plain = world.n_features
+                data = [rows.with_clock() if rows.n_features == plain else rows for rows in data]
+            sizes = (world.n_features + clock, world.n_actions)
+            if static.online:
+                rounds = (static.environments, road_training.STEPS_PER_UPDATE)
+                collector = road_training.dial_collector(static, runs, world, *rounds)
         else:
-            setting = in_gridworld(self.world, preset.clock, structure, data)
-        static, data, sizes, simulator, collector, chunk = setting
+            world = make_grid(self.world)
+            world = world.with_clock() if preset.clock else world
+            times = world.horizon if static.redraw_times else 0
+            static = dataclasses.replace(static, one_hot=world.one_hot, redraw_times=times)
+            sizes = (world.n_features, world.n_actions)
+            simulator = world if static.online else None
         check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = RunFolder(self.out, "dial", self.options, self.json)
-        labels = [{"seed": seed} for seed in self.seed]
-        with folder.callbacks(labels) as callbacks:
+        folder = shared.RunFolder(self.out, "dial", self.options, self.json)
+        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
+            options = {"chunk": ASCENT_EVERY if budget else chunk, "before_chunk": collector}
             trained = train(
-                static,
-                runs,
-                data,
-                simulator,
-                sizes,
-                callbacks,
-                chunk=ASCENT_EVERY if budget else chunk,
-                before_chunk=collector,
-                budget=budget,
+                static, runs, data, simulator, sizes, callbacks, budget=budget, **options
             )
-        dials = saved_dials(folder, trained, budget)
-        record = {
-            "preset": name,
-            "world": self.world,
-            "data": self.data and described_file(self.data),
-            "budget": self.budget,
-            "budget_path": [
-                {
-                    "updates": look.updates,
-                    "regret": look.regret.tolist(),
-                    "multiplier": look.multiplier.tolist(),
-                }
-                for look in (budget.path if budget else ())
-            ],
-        }
-        folder.finish(trained, labels, dials, record)
-        return folder.report(trained, dials)
+        data_file = self.data and shared.described_file(self.data)
+        record = {"preset": name, "world": self.world, "data": data_file}
+        record |= {"budget": self.budget, "budget_path": []}
+        return finish_dials(folder, trained, record, budget)
 
-    def _check_world(self) -> None:
-        """Refuse worlds that this learner doesn't know; the line names the learner that does."""
+    def _preset(self) -> tuple[str, Any]:
+        """Return the name and the preset; by default that of the world.
+
+        Raises:
+            UserError: If the world is of another learner, which the line names, or the preset is
+                unknown or of another world.
+        """
         if self.world in CONTINUOUS:
             raise UserError(
                 f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
@@ -150,13 +132,6 @@ class Dial(Printing):
                 "demonstrations alone: name that learner"
             )
         one_of("world", self.world, (*GRIDWORLDS, *ROADS))
-
-    def _preset(self) -> tuple[str, Any]:
-        """Return the name and the preset; by default that of the world.
-
-        Raises:
-            UserError: If it is unknown, or of another world.
-        """
         presets = {**PRESETS, ON_ROADS: INTERSECTION}
         road = self.world in ROADS
         name = self.preset or (ON_ROADS if road else "online")
@@ -184,20 +159,6 @@ class Dial(Printing):
             raise UserError(f"preset '{preset}' takes no demonstrations: leave the file out")
         return [files.load(self.data)] if self.data else []
 
-    def _narrowed(self, static: Any) -> Any:
-        """Return the preset's structure, for the one angle if there is one.
-
-        Raises:
-            UserError: If a budget has no angle.
-        """
-        if self.budget is not None and self.angle is None:
-            raise UserError("a budget is of the regret at one angle: add --angle")
-        if self.angle is None:
-            return static
-        return dataclasses.replace(
-            static, low=self.angle, high=self.angle, margin=0.0, high_share=None, knots=0
-        )
-
     def _dual_ascent(self, preset: str, static: Any, runs: list[Any]) -> Budget | None:
         """Return the search of the strength for the budget, if there is one.
 
@@ -214,54 +175,26 @@ class Dial(Printing):
         return Budget(exact_regret(ground, static, runs), np.full(len(runs), self.budget))
 
 
-def in_gridworld(name: str, clock: bool, structure: Any, data: Sequence[Demonstrations]) -> Setting:
-    """Return the setting of a gridworld."""
-    plain = make_grid(name)
-    world = plain.with_clock() if clock else plain
-    times = world.horizon if structure.redraw_times else 0
-    static = dataclasses.replace(structure, one_hot=world.one_hot, redraw_times=times)
-    sizes = (world.n_features, world.n_actions)
-    return Setting(static, list(data), sizes, world if static.online else None, None, CHUNK)
-
-
-def on_road(
-    name: str, structure: Any, runs: Sequence[Any], data: Sequence[Demonstrations]
-) -> Setting:
-    """Return the setting of the intersection or another road, with its default options.
-
-    Data of `collect` lack the time, which is the number of the step.
-    """
-    world = road_named(name)
-    clock = structure.redraw_times > 0
-    if clock:
-        structure = dataclasses.replace(
-            structure,
-            redraw_times=world.options.decisions,
-            timeout_reward=world.options.timeout_weight,
-        )
-    plain = world.n_features
-    sizes = (plain + clock, world.n_actions)
-    timed = [table.with_clock() if clock and table.n_features == plain else table for table in data]
-    collector = None
-    if structure.online:
-        collector = road_training.dial_collector(
-            structure, runs, world, structure.environments, road_training.STEPS_PER_UPDATE
-        )
-    return Setting(structure, timed, sizes, None, collector, road_training.CHUNK)
-
-
-def saved_dials(folder: RunFolder, trained: Trained, budget: Budget | None = None) -> list[Row]:
-    """Write the dials; return each one's file, seed, last loss and outcome of the budget."""
+def finish_dials(
+    folder: shared.RunFolder, trained: Trained, record: Row, budget: Budget | None = None
+) -> int:
+    """Write the dials and their record, with the outcome of the budget; return the exit status."""
     losses = np.asarray(trained.history.array("loss"))[-1]
-    dials = []
+    dials, labels = [], []
     for run, saved in enumerate(folder.save_policies(trained)):
-        seed = trained.hyperparameters[run].seed
-        loss, sha256 = float(losses[run]), saved["sha256"]
-        dials.append({"file": saved["file"], "seed": seed, "loss": loss, "sha256": sha256})
+        labels.append({"seed": trained.hyperparameters[run].seed})
+        row = {"file": saved["file"], **labels[-1], "loss": float(losses[run])}
+        dials.append(row | {"sha256": saved["sha256"]})
         if budget is not None:
             regret = float(budget.path[-1].regret[run])
             dials[-1] |= {"multiplier": float(trained.kept[run]), "regret": regret}
-    return dials
+    if budget is not None:
+        record["budget_path"] = [
+            {"updates": look.updates}
+            | {"regret": look.regret.tolist(), "multiplier": look.multiplier.tolist()}
+            for look in budget.path
+        ]
+    return folder.finish(trained, labels, dials, record)
 
 
 @dataclass(frozen=True)
@@ -282,7 +215,7 @@ class ImproveDial(Printing):
     """Gradient steps; by default 20,000."""
     environments: int = 256
     """Episodes side by side in which states are labelled."""
-    options: tyro.conf.OmitArgPrefixes[RunOptions] = field(default_factory=RunOptions)
+    options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out.
@@ -304,11 +237,8 @@ class ImproveDial(Printing):
         labellers = [
             road_training.dial_labeller(static, scenario, self.environments, clock) for _ in runs
         ]
-        folder = RunFolder(self.out, "dial", self.options, self.json)
-        labels = [{"seed": seed} for seed in self.seed]
-        with folder.callbacks(labels) as callbacks:
+        folder = shared.RunFolder(self.out, "dial", self.options, self.json)
+        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             sizes, chunk = road_training.sizes_of(scenario, clock), road_training.CHUNK
             trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
-        dials = saved_dials(folder, trained)
-        folder.finish(trained, labels, dials, {"start": described_file(self.dial)})
-        return folder.report(trained, dials)
+        return finish_dials(folder, trained, {"start": shared.described_file(self.dial)})

@@ -5,7 +5,6 @@ Demonstrations of continuous actions are passed on to `cli.train.actors`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,42 +12,20 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import Printing
-from socialiq.cli.train import actors
-from socialiq.cli.train.options import (
-    GridOptions,
-    PlainGridOptions,
-    RunOptions,
-    ScalingOptions,
-    SizeOptions,
-    label,
-)
-from socialiq.cli.train.run_folder import CHUNK, RunFolder, described_file
+from socialiq.cli.train import actors, shared
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
+from socialiq.learners import extensions
 from socialiq.learners.collect import acting_in
-from socialiq.learners.extensions import (
-    LEARNERS,
-    checked_divergence,
-    checked_prior,
-    find_learner,
-    load,
-)
+from socialiq.learners.extensions import LEARNERS
 from socialiq.learners.iq_learn.presets import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.settings import check_seeds
-from socialiq.learners.state import Runs
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker
-from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import GRIDWORLDS, make_grid, refuse_file
-
-Data = Annotated[Path, tyro.conf.Positional]
-Grid = tyro.conf.OmitArgPrefixes[GridOptions]
-Size = tyro.conf.OmitArgPrefixes[SizeOptions]
-Scaling = tyro.conf.OmitArgPrefixes[ScalingOptions]
-Run = tyro.conf.OmitArgPrefixes[RunOptions]
 
 
 @dataclass(frozen=True)
@@ -60,7 +37,7 @@ class IQLearn(Printing):
     Example: socialiq train iq-learn mixed.safetensors --world crossing7 --angle 45 --out run
     """
 
-    data: Data
+    data: shared.Data
     """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
     world: str = ""
@@ -84,61 +61,44 @@ class IQLearn(Printing):
     allow_code: bool = False
     """Import the environment's module, or files of --prior, --divergence, --loss: their author's
     code runs with your rights."""
-    grid: Grid = field(default_factory=GridOptions)
-    size: Size = field(default_factory=SizeOptions)
-    scaling: Scaling = field(default_factory=ScalingOptions)
-    options: Run = field(default_factory=RunOptions)
+    grid: shared.Grid = field(default_factory=shared.GridOptions)
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
+    options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         check_seeds(self.grid.seed)
         data = files.load(self.data, continuous=True)
+        names = ("prior", "value_term", "divergence")
+        values = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        given = {"online": bool(self.world)}
         if data.action_size:
-            self._refuse_own_code()
-            task = actors.Task(self.out, self.world, self.allow_code, self.preset, self.data)
-            return task.run("iq-learn", data, self, self._named(()))
+            if self.loss:
+                raise UserError("--loss is of discrete actions: leave it out")
+            for name in ("prior", "divergence"):
+                if ":" in values.get(name, ""):
+                    raise UserError(
+                        f"a {name} of your own with continuous actions is for Python: pass it to "
+                        "learners.continuous.train"
+                    )
+            task = actors.Task(self, data, self.world, self.allow_code, self.preset)
+            return task.run("iq-learn", values | given)
         self.scaling.refuse()
-        functions = self._own_code()
+        functions = {}
+        for name in ("loss", "prior", "divergence"):
+            place = self.loss if name == "loss" else values.get(name, "")
+            if ":" in place or place.endswith(".py") or (place and name == "loss"):
+                functions[name] = extensions.load(place, f"--{name}", self.allow_code)
+                values.pop(name, None)
+        if "prior" in functions:
+            functions["prior"] = extensions.checked_prior(functions["prior"])
+        if "divergence" in functions:
+            functions["divergence"] = extensions.checked_divergence(functions["divergence"])
         one_of("preset", self.preset or "grid", tuple(PRESETS))
-        settings = self._named(functions) | self.size.given()
+        settings = values | given | self.size.given()
         static, numbers = self.options.apply(PRESETS[self.preset or "grid"], settings)
         return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
-
-    def _named(self, own: Any) -> dict[str, Any]:
-        """Return the named settings that were given, without those that are code."""
-        names = ("prior", "value_term", "divergence")
-        values = {name: getattr(self, name) for name in names if name not in own}
-        values = {name: value for name, value in values.items() if value is not None}
-        return values | {"online": bool(self.world)}
-
-    def _own_code(self) -> dict[str, Any]:
-        """Import and try the user's own prior, divergence and loss, if named.
-
-        Raises:
-            UserError: If the code may not run, is not found, or fails.
-        """
-        places = {"loss": self.loss}
-        for name in ("prior", "divergence"):
-            file = getattr(self, name) or ""
-            places[name] = file if ":" in file or file.endswith(".py") else ""
-        functions: dict[str, Any] = {
-            name: load(file, f"--{name}", self.allow_code) for name, file in places.items() if file
-        }
-        for name, check in (("prior", checked_prior), ("divergence", checked_divergence)):
-            if name in functions:
-                functions[name] = check(functions[name])
-        return functions
-
-    def _refuse_own_code(self) -> None:
-        """Refuse a loss, prior or divergence of the user's own with continuous actions."""
-        if self.loss:
-            raise UserError("--loss is of discrete actions: leave it out")
-        for name in ("prior", "divergence"):
-            if ":" in (getattr(self, name) or ""):
-                raise UserError(
-                    f"a {name} of your own with continuous actions is for Python: pass it to "
-                    "learners.continuous.train"
-                )
 
 
 @dataclass(frozen=True)
@@ -150,21 +110,21 @@ class Cloning(Printing):
     Example: socialiq train behaviour-cloning mixed.safetensors --out clone
     """
 
-    data: Data
+    data: shared.Data
     """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
-    grid: tyro.conf.OmitArgPrefixes[PlainGridOptions] = field(default_factory=PlainGridOptions)
-    size: Size = field(default_factory=SizeOptions)
-    scaling: Scaling = field(default_factory=ScalingOptions)
-    options: Run = field(default_factory=RunOptions)
+    grid: shared.PlainGrid = field(default_factory=shared.PlainGridOptions)
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
+    options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         data = files.load(self.data, continuous=True)
         if data.action_size:
-            return actors.Task(self.out, data=self.data).run("behaviour-cloning", data, self)
+            return actors.Task(self, data).run("behaviour-cloning")
         self.scaling.refuse()
         return _trained_offline(self, data, LEARNERS["behaviour-cloning"])
 
@@ -176,14 +136,14 @@ class ConservativeQ(Printing):
     Example: socialiq train cql mixed.safetensors --angle 0 45 --out run
     """
 
-    data: Data
+    data: shared.Data
     """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
-    grid: Grid = field(default_factory=GridOptions)
-    size: Size = field(default_factory=SizeOptions)
-    options: Run = field(default_factory=RunOptions)
+    grid: shared.Grid = field(default_factory=shared.GridOptions)
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
@@ -199,21 +159,23 @@ class Own(Printing):
 
     learner: Annotated[str, tyro.conf.Positional]
     """FILE.py:NAME, a class that derives from `learners.kernel.Learner`."""
-    data: Data
+    data: shared.Data
     """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
     allow_code: bool = False
     """Import the file: its author's code runs with your rights."""
-    grid: Grid = field(default_factory=GridOptions)
-    size: Size = field(default_factory=SizeOptions)
-    options: Run = field(default_factory=RunOptions)
+    grid: shared.Grid = field(default_factory=shared.GridOptions)
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         data = files.load(self.data)
-        return _trained_offline(self, data, find_learner(self.learner, "LEARNER", self.allow_code))
+        return _trained_offline(
+            self, data, extensions.find_learner(self.learner, "LEARNER", self.allow_code)
+        )
 
 
 def _trained_offline(command: Any, data: Demonstrations, learner: type[Any]) -> int:
@@ -232,31 +194,22 @@ def _trained(
     world: str = "",
 ) -> int:
     """Train with discrete actions, and write the folder; return the exit status."""
-    simulator, before_chunk = _experience(command, static, runs, data, world)
+    simulator, collector, monitor = None, None, None
+    if world:
+        refuse_file(world)
+    if world in GRIDWORLDS:  # stepped in the compiled program
+        simulator = make_grid(world)
+    elif world:
+        make = environment_maker(world, (data.n_features, data.n_actions), command.allow_code)
+        collector = acting_in(make, static, runs, shared.CHUNK)
     if "learner" not in own:
-        check_fit(static, runs, [data], simulator, before_chunk is not None)
-    folder = RunFolder(command.out, "policy", command.options, command.json)
-    monitor = None
+        check_fit(static, runs, [data], simulator, collector is not None)
+    folder = shared.RunFolder(command.out, "policy", command.options, command.json)
     if simulator is not None:
         table = tabulate(simulator).reachable_part()
         monitor = exact_monitor(table, [numbers.temperature for numbers in runs])
-    labels = [label(numbers) for numbers in runs]
-    with folder.callbacks(labels, monitor) as callbacks:
-        trained = train(static, runs, [data], simulator, callbacks, CHUNK, before_chunk, **own)
-    described = described_file(command.data) | {"transitions": data.n_transitions}
+    with folder.callbacks([shared.label(numbers) for numbers in runs], monitor) as callbacks:
+        trained = train(static, runs, [data], simulator, callbacks, shared.CHUNK, collector, **own)
+    described = shared.described_file(command.data) | {"transitions": data.n_transitions}
     record = {"world": world, "data": described} | trained.learner.functions()
-    return folder.finish_policies(trained, labels, record)
-
-
-def _experience(
-    command: Any, static: Any, runs: list[Any], data: Demonstrations, world: str
-) -> tuple[GridWorld | None, Callable[[Runs, int], Runs] | None]:
-    """Return a gridworld to step in the compiled program, or a collector for a Gymnasium id."""
-    if not world:
-        return None, None
-    refuse_file(world)
-    if world in GRIDWORLDS:
-        return make_grid(world), None
-    sizes = (data.n_features, data.n_actions)
-    make = environment_maker(world, sizes, command.allow_code)
-    return None, acting_in(make, static, runs, CHUNK)
+    return folder.finish_policies(trained, record)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.cli.progress import Display
-from socialiq.cli.train.options import SetOptions, SizeOptions
-from socialiq.cli.train.run_folder import CHUNK, described_file
+from socialiq.cli.output import Display, Printing
+from socialiq.cli.train import shared
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -42,7 +40,7 @@ class OfflineDial(Printing):
     Example: socialiq train offline-dial mixed.safetensors --world intersection --out run
     """
 
-    data: Annotated[Path, tyro.conf.Positional]
+    data: shared.Data
     """Demonstrations file, of `socialiq collect` or `socialiq data world`."""
     _: KW_ONLY
     world: str
@@ -52,8 +50,8 @@ class OfflineDial(Printing):
     """Folder to make: dials, metrics.csv, run.json."""
     seed: tuple[int, ...] = (0,)
     """Training seeds, a dial each."""
-    size: tyro.conf.OmitArgPrefixes[SizeOptions] = field(default_factory=SizeOptions)
-    options: tyro.conf.OmitArgPrefixes[SetOptions] = field(default_factory=SetOptions)
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    options: tyro.conf.OmitArgPrefixes[shared.SetOptions] = field(default_factory=shared.SetOptions)
 
     def run(self) -> int:
         """Train a dial for each seed, write the folder, print what came out."""
@@ -66,11 +64,7 @@ class OfflineDial(Printing):
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
         with whole_folder(self.out) as folder:
             dials = self.write(folder, static, runs, data)
-        if self.json:
-            print_json({"out": str(self.out), "dials": dials})
-        else:
-            print_table(dials)
-        return 0
+        return self.show({"out": str(self.out), "dials": dials}, dials)
 
     def write(
         self, folder: Path, static: Any, runs: Sequence[Any], data: Demonstrations
@@ -84,14 +78,20 @@ class OfflineDial(Printing):
             file = f"dial_{number}.safetensors"
             sha256 = stages["dial"].policy(0).save(folder / file)
             dials.append({"file": file, "seed": numbers.seed, "sha256": sha256})
-            metrics += _losses(stages, numbers.seed)
+            for stage, trained in stages.items():
+                losses = np.asarray(trained.history.array("loss"))[:, 0]
+                start = {"seed": numbers.seed, "stage": stage}
+                metrics += [
+                    start | {"updates": updates, "loss": rounded(float(loss))}
+                    for updates, loss in zip(trained.history.updates, losses, strict=True)
+                ]
         write_atomically(folder / "metrics.csv", as_csv(metrics))
         record = {
             "structure": dataclasses.asdict(static),
             "numbers": [dataclasses.asdict(numbers) for numbers in runs],
             "preset": PRESET,
             "world": self.world,
-            "data": described_file(self.data),
+            "data": shared.described_file(self.data),
             "practice": self.practised(),
             "versions": versions(),
             "dials": dials,
@@ -116,7 +116,11 @@ class OfflineDial(Printing):
             display: Shows the progress.
         """
         del number  # of use to trainings that practise
-        return train(static, numbers, data, _progress(display), CHUNK)
+
+        def progress(stage: str) -> Callbacks:
+            return Callbacks(on_report=display.stage(stage))
+
+        return train(static, numbers, data, progress, shared.CHUNK)
 
 
 def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
@@ -135,21 +139,3 @@ def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
         f"the demonstrations have {sizes[0]} features and {sizes[1]} actions, {name} has "
         f"{world.n_features} and {world.n_actions}: they belong to another world"
     )
-
-
-def _progress(display: Display) -> Callable[[str], Callbacks]:
-    """Return callbacks that show each stage's progress."""
-    return lambda stage: Callbacks(on_report=display.stage(stage))
-
-
-def _losses(stages: dict[str, Trained], seed: int) -> list[Row]:
-    """Return the mean loss of each chunk of each stage."""
-    return [
-        {"seed": seed, "stage": stage, "updates": updates, "loss": rounded(float(loss))}
-        for stage, trained in stages.items()
-        for updates, loss in zip(
-            trained.history.updates,
-            np.asarray(trained.history.array("loss"))[:, 0],
-            strict=True,
-        )
-    ]

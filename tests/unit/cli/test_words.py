@@ -2,9 +2,7 @@
 
 import pytest
 
-from socialiq.cli.forward import forwarded
-
-LEARNERS = ("iq-learn", "dial", "cql")
+from socialiq.cli.words import forwarded
 
 
 @pytest.mark.parametrize(
@@ -29,7 +27,7 @@ LEARNERS = ("iq-learn", "dial", "cql")
     ],
 )
 def test_old_words_are_forwarded_with_one_line(old, new, capsys):
-    assert forwarded(old.split(), LEARNERS) == new.split()
+    assert forwarded(old.split()) == new.split()
     line = capsys.readouterr().err
     assert line == f"socialiq: these words are now: socialiq {' '.join(new.split()[:4])} ...\n"
 
@@ -38,5 +36,5 @@ def test_old_words_are_forwarded_with_one_line(old, new, capsys):
     "words", ["train cql d", "train --help", "train", "train clq d", "solve x"]
 )
 def test_other_words_stay(words, capsys):
-    assert forwarded(words.split(), LEARNERS) == words.split()
+    assert forwarded(words.split()) == words.split()
     assert capsys.readouterr().err == ""

@@ -1,0 +1,298 @@
+"""What the learners of `train` share: options, settings laid over a config, the folder of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.cli.checks import check_options
+from socialiq.cli.output import Display, complain, print_json, print_table
+from socialiq.errors import UserError
+from socialiq.learners.callbacks import Callbacks, EventFiles, Report
+from socialiq.learners.kernel import Trained
+from socialiq.learners.settings import check_seeds
+from socialiq.outputs import new_folder
+from socialiq.reading import sha256_of_file
+from socialiq.results_folder import as_csv, versions
+from socialiq.settings import assignments, laid_over
+from socialiq.storage import write_atomically, write_json
+from socialiq.to_json import rounded
+from socialiq.types import Row
+
+CHUNK = 500
+"""Updates between two rows of metrics.csv."""
+DECIDED = ("angle", "strength", "seed", "dataset", "online", "one_hot", "demonstrators")
+"""Fields of learners' configs that other options, the data or the world decide."""
+GRID = ("angle", "strength", "seed")
+"""Settings in which the runs of a training differ."""
+PLURALS = {"policy": "policies", "dial": "dials"}
+"""Kinds of policies, and their key in run.json."""
+
+
+@dataclass(frozen=True)
+class PlainGridOptions:
+    """A run for each combination."""
+
+    angle: tuple[float, ...] = (0.0,)
+    """Target angles in degrees."""
+    seed: tuple[int, ...] = (0,)
+    """Training seeds."""
+
+    def runs(self, base: Any) -> list[Any]:
+        """Return hyperparameters for each angle, strength and seed.
+
+        Raises:
+            UserError: If the learner doesn't have one that was given.
+        """
+        check_seeds(self.seed)
+        for name in GRID:
+            if not hasattr(base, name) and getattr(self, name, ()) not in ((), (0.0,), (0,)):
+                raise UserError(f"this learner has no '{name}': leave --{name} out")
+        names = [name for name in GRID if hasattr(base, name) and getattr(self, name, ())]
+        return [
+            dataclasses.replace(base, **dict(zip(names, values, strict=True)))
+            for values in itertools.product(*(getattr(self, name) for name in names))
+        ]
+
+
+@dataclass(frozen=True)
+class GridOptions(PlainGridOptions):
+    """A run for each combination."""
+
+    strength: tuple[float, ...] = ()
+    """λ; by default the preset's."""
+
+
+@dataclass(frozen=True)
+class SizeOptions:
+    """Size of the training and of the network."""
+
+    updates: int | None = None
+    """Gradient steps; by default the preset's."""
+    hidden: tuple[int, ...] = ()
+    """Widths of the hidden layers; by default the preset's."""
+
+    def given(self) -> dict[str, Any]:
+        """Return the settings that were given."""
+        updates = {} if self.updates is None else {"updates": self.updates}
+        return updates | ({"hidden": self.hidden} if self.hidden else {})
+
+
+@dataclass(frozen=True)
+class SetOptions:
+    """Settings of the learner."""
+
+    set: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
+    """KEY=VALUE ... of any setting that has no option, with commas between several values; an
+    unknown key is answered with the list of those that the learner has."""
+
+    def apply(self, configs: Sequence[Any], given: Mapping[str, Any]) -> list[Any]:
+        """Return the learner's configs with the given options and --set laid over them.
+
+        Raises:
+            UserError: If there is no such setting, or a value is refused.
+        """
+        words = assignments([word for words in self.set for word in words])
+        for name in words.keys() & {*DECIDED}:
+            raise UserError(f"{name} is no setting: other options, the data or the world decide it")
+        changed = laid_over(configs, {**given, **words}, DECIDED)
+        for config in changed:
+            check_options(config)
+        return changed
+
+
+@dataclass(frozen=True)
+class RunOptions(SetOptions):
+    """Settings of the learner, and records of the run."""
+
+    resume: bool = False
+    """Go on with a run that was stopped."""
+    tensorboard: Path | None = None
+    """Folder for TensorBoard's event files too, one for each policy; metrics.csv is always
+    written."""
+
+
+@dataclass(frozen=True)
+class ScalingOptions:
+    """Features of continuous actions' observations."""
+
+    standardise: bool = False
+    """Of continuous actions: let the networks see each feature with mean 0 and deviation 1 over
+    the demonstrations, without any over 1,000 steps at random in the world, which the replay
+    doesn't hold; the policies take observations as they are."""
+    leave_out: tuple[int, ...] = ()
+    """With --standardise: features, counted from 0, that the networks do not see."""
+
+    def refuse(self) -> None:
+        """Refuse them with discrete actions."""
+        if self.standardise or self.leave_out:
+            raise UserError(
+                "--standardise and --leave-out are of continuous actions, and these are discrete"
+            )
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Output folder of `train`.
+
+    Attributes:
+        out: The folder.
+        kind: Of its policies: "policy" or "dial".
+        options: Whether a stopped training goes on, and where event files go.
+        as_json: Whether the policies are printed as one JSON object.
+    """
+
+    out: Path
+    kind: str
+    options: RunOptions
+    as_json: bool
+
+    @contextmanager
+    def callbacks(self, runs: Sequence[Row], monitor: Any = None) -> Iterator[Callbacks]:
+        """Make the folder; yield the callbacks of the training, with its progress shown.
+
+        A folder that the training made and wrote nothing into is removed when it fails.
+
+        Args:
+            runs: By run, the settings in which it differs from the others.
+            monitor: Measures the policies after each chunk.
+
+        Raises:
+            UserError: If the folder has content, or a training to resume is finished.
+        """
+        listeners: list[Callable[[Report], None]] = []
+
+        def remove_if_empty(failed: type[BaseException] | None, *_: Any) -> None:
+            if failed is not None:
+                with suppress(OSError):
+                    self.out.rmdir()
+
+        def report_to_all(report: Report) -> None:
+            for listener in listeners:
+                listener(report)
+
+        with ExitStack() as stack:
+            if self.options.tensorboard is not None:
+                names = [
+                    "_".join(f"{name}_{value:g}" for name, value in row.items()) for row in runs
+                ]
+                listeners.append(stack.enter_context(EventFiles(self.options.tensorboard, names)))
+            if not self.options.resume:
+                if not self.out.exists():
+                    stack.push(remove_if_empty)
+                new_folder(self.out)
+            elif (self.out / "run.json").exists():
+                raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
+            listeners.insert(0, stack.enter_context(Display()).stage("training"))
+            yield Callbacks(
+                on_report=report_to_all,
+                monitor=monitor,
+                checkpoint=self.out / "checkpoint.safetensors",
+                resume=self.options.resume,
+            )
+
+    def save_policies(
+        self, trained: Trained, change: Callable[[Any], Any] | None = None
+    ) -> list[Row]:
+        """Write the policy of each run, changed if need be; return the files' names and hashes."""
+        names = [f"{self.kind}_{run}.safetensors" for run in range(len(trained.hyperparameters))]
+        policies = [trained.policy(run) for run in range(len(names))]
+        return [
+            {"file": name, "sha256": (change(policy) if change else policy).save(self.out / name)}
+            for name, policy in zip(names, policies, strict=True)
+        ]
+
+    def finish_policies(
+        self,
+        trained: Trained,
+        record: Mapping[str, Any],
+        change: Callable[[Any], Any] | None = None,
+    ) -> int:
+        """Write and print the policies of a grid and their record; return the exit status.
+
+        Args:
+            trained: The training's outcome.
+            record: Further entries of run.json.
+            change: Applied to each policy before it is written.
+        """
+        arrays = {name: trained.history.array(name) for name in trained.history.values}
+        columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
+        labels = [label(numbers) for numbers in trained.hyperparameters]
+        saved = self.save_policies(trained, change)
+        policies = [
+            {**row, **file}
+            | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
+            for run, (row, file) in enumerate(zip(labels, saved, strict=True))
+        ]
+        renamed = [
+            {"angle_target" if name == "angle" else name: value for name, value in row.items()}
+            for row in labels
+        ]
+        return self.finish(trained, renamed, policies, record)
+
+    def finish(
+        self,
+        trained: Trained,
+        runs: Sequence[Row],
+        policies: Sequence[Row],
+        record: Mapping[str, Any],
+    ) -> int:
+        """Write metrics.csv and run.json, remove the checkpoint, print; return the exit status.
+
+        Args:
+            trained: The training's outcome.
+            runs: By run, the settings in which it differs, as columns of metrics.csv.
+            policies: By run, its entry in run.json.
+            record: Further entries of run.json.
+        """
+        history = trained.history
+        arrays = {name: history.array(name) for name in history.values}
+        rows = [
+            {"updates": updates}
+            | row
+            | {name: rounded(float(array[chunk, run])) for name, array in arrays.items()}
+            for chunk, updates in enumerate(history.updates)
+            for run, row in enumerate(runs)
+        ]
+        write_atomically(self.out / "metrics.csv", as_csv(rows))
+        settings = {
+            "structure": dataclasses.asdict(trained.static),
+            "numbers": [dataclasses.asdict(numbers) for numbers in trained.hyperparameters],
+        }
+        end = {"versions": versions(), "failures": trained.failures, PLURALS[self.kind]: policies}
+        write_json(self.out / "run.json", rounded({**settings, **record, **end}))
+        (self.out / "checkpoint.safetensors").unlink(missing_ok=True)
+        if self.as_json:
+            print_json({"out": str(self.out), PLURALS[self.kind]: policies})
+        else:
+            hidden = "sha256" if self.kind == "policy" else ""
+            print_table([{k: v for k, v in row.items() if k != hidden} for row in policies])
+        for failure in trained.failures:
+            complain(failure)
+        return 1 if trained.failures else 0
+
+
+def label(hyperparameters: Any) -> Row:
+    """Return what a run differs in from the others of its grid."""
+    return {name: getattr(hyperparameters, name) for name in GRID if hasattr(hyperparameters, name)}
+
+
+def described_file(path: Path) -> Row:
+    """Return the name and the SHA-256 of a file, for run.json."""
+    return {"file": str(path), "sha256": sha256_of_file(path)}
+
+
+Data = Annotated[Path, tyro.conf.Positional]
+"""File of demonstrations; the fields below are groups of options."""
+Grid = tyro.conf.OmitArgPrefixes[GridOptions]
+PlainGrid = tyro.conf.OmitArgPrefixes[PlainGridOptions]
+Size = tyro.conf.OmitArgPrefixes[SizeOptions]
+Scaling = tyro.conf.OmitArgPrefixes[ScalingOptions]
+Run = tyro.conf.OmitArgPrefixes[RunOptions]
