@@ -19,7 +19,6 @@ from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
 
 if TYPE_CHECKING:
-    from socialiq.worlds.enumerate import Table
     from socialiq.worlds.highway.render import View
 
 _NONE = np.zeros(0)
@@ -192,8 +191,8 @@ class World(abc.ABC):
         """Return the world whose observations end with the time, if it has to be another one."""
         return self
 
-    def table(self) -> Table:
-        """Return the exact transitions of a world that `is_exact`; refuse others."""
+    def table(self) -> Any:
+        """Return the exact transitions, `enumerate.Table`, of a world that `is_exact`."""
         raise UserError(f"the states of {self.name} can't be listed, so nothing about it is exact")
 
     def driver(self, name: str, seed: int = 0) -> Policy:
