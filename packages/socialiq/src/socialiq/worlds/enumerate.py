@@ -19,9 +19,9 @@ from socialiq.mdp.tabular import TabularMDP
 from socialiq.nn.saved import Arrays, Header, Saved
 from socialiq.social.angle import score, weights
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld, Outcome
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.registry import GRIDWORLDS, make_grid
 from socialiq.worlds.world import observed_with_time, rows_of
 
 jax: Any = Later("jax")
@@ -288,9 +288,10 @@ class TabularPolicy(Saved):
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> TabularPolicy:
         """Build a table from a file's content, as `Saved.checked`."""
         name = header.get("world")
-        if not isinstance(name, str) or name not in GRIDWORLDS:
-            raise UserError(f"{path} is not for a world of {', '.join(GRIDWORLDS)}: make it again")
-        world = make_grid(name)
+        worlds = {"crossing5": crossing5.make, "crossing7": crossing7.make}
+        if not isinstance(name, str) or name not in worlds:
+            raise UserError(f"{path} is not for a world of {', '.join(worlds)}: make it again")
+        world = worlds[name]()
         if header.get("description") != world.description:
             raise UserError(f"{path} was made for other options of {name}: make it for the default")
         chances = arrays.get("probabilities", np.zeros(0))
