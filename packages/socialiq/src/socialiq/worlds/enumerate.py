@@ -32,21 +32,13 @@ _CHANCE = 5190  # makes draws of chance independent of other draws from the same
 
 @dataclass(frozen=True)
 class Table:
-    """Enumerated world: its MDP, and the quantities of each state and action for evaluation.
-
-    Attributes:
-        world: The world.
-        mdp: Exact transitions and expected reward pair, float64.
-        states: The state of each index.
-        speed: Expected ego speed in cells per step.
-        signals: Expected value of each named signal.
-    """
+    """Enumerated world: its MDP, and the quantities of each state and action for evaluation."""
 
     world: GridWorld
-    mdp: TabularMDP
-    states: Int[np.ndarray, "state feature"]
-    speed: Float[np.ndarray, "state action"]
-    signals: dict[str, Float[np.ndarray, "state action"]]
+    mdp: TabularMDP  # exact transitions and expected reward pair, float64
+    states: Int[np.ndarray, "state feature"]  # of each index
+    speed: Float[np.ndarray, "state action"]  # expected, of the ego, cells per step
+    signals: dict[str, Float[np.ndarray, "state action"]]  # expected value of each named signal
 
     def observe(
         self, state: Int[np.ndarray, " row"], time: Int[np.ndarray, " row"]
@@ -93,11 +85,8 @@ def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float
     """Return the smallest and the largest weighted sum of an episode's rewards, exactly.
 
     By dynamic programming over all actions and all possible chance outcomes: limits of every
-    driver's every episode, and each is reached in some episode.
-
-    Args:
-        world: The world.
-        weights: Weights of r_env and r_social.
+    driver's every episode, and each is reached in some episode. The weights are of r_env and
+    r_social.
     """
     outcome, possible = _outcomes(world), np.asarray(world.chance) > 0.0
     signals = {name: np.asarray(values, np.float64) for name, values in outcome.signals.items()}
@@ -253,21 +242,14 @@ def _drawn(
 
 @dataclass(frozen=True)
 class TabularPolicy(Saved):
-    """Action probabilities by state, in the order of the world's state numbers.
-
-    Attributes:
-        world: The world; that of a saved table is one of the registry with its default options.
-        probabilities: Of each action in each state.
-        rng: Source of the draws.
-        sha256: SHA-256 of the file's content, for a table that was loaded.
-    """
+    """Action probabilities by state, in the order of the world's state numbers."""
 
     KIND = "table"
 
-    world: GridWorld
+    world: GridWorld  # of a saved table one of the registry with its default options
     probabilities: Float[np.ndarray, "state action"]
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    sha256: str = ""
+    sha256: str = ""  # of the file's content, for a table that was loaded
 
     @property
     def n_features(self) -> int:

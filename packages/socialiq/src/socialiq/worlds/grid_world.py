@@ -66,40 +66,23 @@ class GridWorld(World):
 
     The exact transition table (`worlds.enumerate`), the Gymnasium environment (`worlds.gym`) and
     the pictures (`worlds.pictures`) all come from `rules`, `env_weights` and `social_weights`.
-
-    Attributes:
-        name: Name in the registry.
-        options: Options of the world, a frozen dataclass.
-        features: Coordinates of a state; the observation is the state itself as float32.
-        actions: Names of the actions, in the order of their numbers.
-        start: Initial states with their probabilities.
-        chance: Probability of each chance outcome, the same in every state.
-        horizon: Steps after which an episode is truncated (Ending.TIMEOUT).
-        max_speed: The ego's greatest speed in cells per step.
-        rules: (state, action, chance outcome) -> Outcome; traceable by JAX.
-        env_weights: Weight of each signal in r_env.
-        social_weights: Weight of each signal in r_social.
-        places: State -> places of the road users that are present.
-        size: Number of columns and of rows; the roads cross in the middle.
-        units: Names of the options that define the rewards.
-        clock: Whether the time is observed too, as a last feature. The thesis' agents don't see
-            it; docs/dial.md gives its effect.
     """
 
     name: str
-    options: Any
-    features: tuple[Feature, ...]
-    actions: tuple[str, ...]
-    start: tuple[tuple[tuple[int, ...], float], ...]
-    chance: tuple[float, ...]
-    horizon: int
-    max_speed: int
-    rules: Callable[[Any, Any, Any], Outcome]
-    env_weights: Mapping[str, float]
-    social_weights: Mapping[str, float]
-    places: Callable[[Sequence[int]], list[Place]]
-    size: int
-    units: tuple[str, ...] = ()
+    options: Any  # a frozen dataclass
+    features: tuple[Feature, ...]  # of a state; the observation is the state itself as float32
+    actions: tuple[str, ...]  # names, in the order of their numbers
+    start: tuple[tuple[tuple[int, ...], float], ...]  # initial states with their probabilities
+    chance: tuple[float, ...]  # of each chance outcome, the same in every state
+    horizon: int  # steps after which an episode is truncated (Ending.TIMEOUT)
+    max_speed: int  # of the ego, cells per step
+    rules: Callable[[Any, Any, Any], Outcome]  # of state, action, chance outcome; traceable by JAX
+    env_weights: Mapping[str, float]  # of each signal in r_env
+    social_weights: Mapping[str, float]  # of each signal in r_social
+    places: Callable[[Sequence[int]], list[Place]]  # of the road users that are present in a state
+    size: int  # number of columns and of rows; the roads cross in the middle
+    units: tuple[str, ...] = ()  # names of the options that define the rewards
+    # Whether the time is observed too, as a last feature. The thesis' agents don't see it.
     clock: bool = False
 
     is_exact: ClassVar[bool] = True
@@ -117,9 +100,8 @@ class GridWorld(World):
     @property
     def observed(self) -> tuple[Feature, ...]:
         """Features of an observation: those of the state, and the time if there is a clock."""
-        return (
-            (*self.features, Feature("time", 0, self.horizon + 1)) if self.clock else self.features
-        )
+        time = (Feature("time", 0, self.horizon + 1),) if self.clock else ()
+        return self.features + time
 
     @property
     def one_hot(self) -> tuple[tuple[int, int], ...]:

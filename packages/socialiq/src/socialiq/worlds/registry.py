@@ -97,11 +97,7 @@ def refuse_file(name: str) -> None:
 
 
 def open_world(name: str, **options: Any) -> World:
-    """Return any world of this package or another distribution: by name, or from a file.
-
-    Args:
-        name: One of `NAMES`, a scene of highway-env, or a file.
-        options: Of a named world; a file has none.
+    """Return any world: one of `NAMES` or a scene with options, or one from a file, which has none.
 
     Raises:
         UserError: If the world, an option or a value is unknown, or a file is damaged.
@@ -114,11 +110,7 @@ def open_world(name: str, **options: Any) -> World:
 
 
 def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
-    """Build a world by name, with its options as keyword arguments.
-
-    Args:
-        name: One of `NAMES`.
-        options: Fields of that world's `Options`.
+    """Build a world of `NAMES`, with fields of its `Options` as keyword arguments.
 
     Raises:
         UserError: If the world, an option or an option's value is unknown.
@@ -167,11 +159,7 @@ def default_options(name: str) -> dict[str, Any]:
 
 
 def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
-    """Return the options of an intersection with continuous actions.
-
-    Args:
-        name: One of `worlds.CONTINUOUS`.
-        given: Values by name of the field.
+    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field.
 
     Raises:
         UserError: If the name, an option or an option's value is unknown.

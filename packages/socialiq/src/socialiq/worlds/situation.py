@@ -147,12 +147,9 @@ TIMED = ("intersection",)
 
 
 def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
-    """Check that a rule reads features of its world, and that this is the wanted one.
+    """Check that a rule reads features of its world, and that this is one named, if any.
 
-    Args:
-        rule: The rule.
-        world: World of the policy or declaration; "" for the rule's own.
-        clock: Whether the time is known.
+    Without a clock it must not read the time.
 
     Raises:
         UserError: If a feature is unknown, or the rule is of another world.
@@ -177,12 +174,9 @@ def plain_features(world: str) -> int:
 def features_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
 ) -> dict[str, Float64[np.ndarray, " row"]]:
-    """Return the features that a rule reads.
+    """Return the features that a rule reads of observations of its world, without the time.
 
-    Args:
-        rule: The rule.
-        observation: Observations of its world, without the time.
-        time: Decisions since the start of each row, if the rule reads it.
+    The time is decisions since the start of each row, if the rule reads it.
     """
     values = np.asarray(observation, np.float64)
     if rule.world == "intersection":
@@ -212,12 +206,6 @@ class ContextPolicy(ValuePolicy):
 
     It decides as if the angle stayed as it is now; it doesn't foresee that the situation, and with
     it the angle, will change (`evaluation.context`).
-
-    Attributes:
-        dial: The dial.
-        rule: The rule.
-        rng: Generator of the stochastic policy's draws.
-        sha256: SHA-256 of the file's content, for a policy that was loaded.
     """
 
     KIND = "context-policy"
@@ -225,7 +213,7 @@ class ContextPolicy(ValuePolicy):
     dial: DialPolicy
     rule: AngleRule
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    sha256: str = ""
+    sha256: str = ""  # of the file's content, for a policy that was loaded
 
     @classmethod
     def of(cls, dial: DialPolicy, rule: AngleRule) -> ContextPolicy:

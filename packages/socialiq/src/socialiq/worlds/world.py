@@ -107,23 +107,15 @@ class Actor(Protocol):
 
 
 class World(abc.ABC):
-    """World that policies drive in; capabilities that a world lacks have the defaults below.
+    """World that policies drive in; capabilities that a world lacks have the defaults below."""
 
-    Attributes:
-        name: Its name, in hashes and reports too.
-        is_exact: Whether its states can be listed, so that `table` makes optima exact.
-        shows_time: Whether policies may take the time, in decisions, as a further feature.
-        draws_by_seed: Whether a policy's random draws depend on the seed of the episode alone.
-        drivers: Names of its rule-based drivers, for `driver`.
-        references: Those of them that every audit compares a policy with.
-    """
-
-    name: str
-    is_exact: ClassVar[bool] = False
-    shows_time: ClassVar[bool] = True
+    name: str  # in hashes and reports too
+    is_exact: ClassVar[bool] = False  # whether states can be listed, so that `table` has all
+    shows_time: ClassVar[bool] = True  # whether policies may take the time, in decisions, too
+    # whether a policy's random draws depend on the seed of the episode alone
     draws_by_seed: ClassVar[bool] = False
-    drivers: ClassVar[tuple[str, ...]] = ()
-    references: ClassVar[tuple[str, ...]] = ()
+    drivers: ClassVar[tuple[str, ...]] = ()  # names of its rule-based drivers, for `driver`
+    references: ClassVar[tuple[str, ...]] = ()  # drivers that audits compare every policy with
 
     @property
     def whole_episode(self) -> int:
@@ -168,10 +160,7 @@ class World(abc.ABC):
     @property
     @abc.abstractmethod
     def reward(self) -> dict[str, Any]:
-        """Definition of the reward pair as JSON: weights and units, or hashes of its code.
-
-        Two worlds with equal definitions give the same rewards for the same event.
-        """
+        """Definition of the reward pair as JSON, by weights and units, or hashes of its code."""
 
     @property
     def reward_id(self) -> str:

@@ -41,16 +41,9 @@ class RoadBatch(abc.ABC):
         buffers: Arrays that the road's core reads and writes, with a row for each episode.
         settings: Record of the options, as the core reads it.
         threads: Number of threads. A single thread is best for small batches.
-
-    Attributes:
-        options: As given.
-        buffers: As given.
-        size: Number of episodes.
-        begun: Rows whose random stream has begun, bool (batch,).
-        n_actions: Number of discrete actions of the road.
     """
 
-    n_actions: ClassVar[int]
+    n_actions: ClassVar[int]  # of the road, discrete
 
     def __init__(
         self, options: RoadOptions, buffers: Buffers, settings: np.ndarray, threads: int
@@ -61,7 +54,7 @@ class RoadBatch(abc.ABC):
         self._settings, self._threads = settings, threads
         self.size = size = len(buffers.episodes)
         self._waiting = np.ones(size, bool)  # for a reset
-        self.begun = np.zeros(size, bool)
+        self.begun = np.zeros(size, bool)  # rows whose random stream has begun
 
     @abc.abstractmethod
     def _core(self) -> tuple[Any, Any]:
@@ -79,8 +72,7 @@ class RoadBatch(abc.ABC):
     def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
         """Return a batch of copies of some episodes, which may repeat; this one is not changed.
 
-        A copy has the hidden state of the episode and its random numbers, so all copies meet the
-        same drivers and the same later traffic.
+        Copies have the same hidden state and random numbers: the same drivers and later traffic.
         """
         copies = self.like(len(rows))
         copies.restore(self.save().rows(rows))
@@ -95,11 +87,7 @@ class RoadBatch(abc.ABC):
         run_in_parts(run, self._threads, self.size, self.buffers, *arguments)
 
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return a whole number for each episode, int64.
-
-        Raises:
-            UserError: If they have another shape or type, or one is out of range.
-        """
+        """Return a whole number for each episode, int64; refuse other actions."""
         chosen = np.asarray(actions)
         if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
             raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
@@ -126,15 +114,10 @@ class RoadBatch(abc.ABC):
     def reset(
         self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
     ) -> Float32[np.ndarray, "batch feature"]:
-        """Start new episodes.
+        """Start new episodes in some rows, an index or a mask, and return all observations.
 
-        Args:
-            seeds: A seed for each row, or one number: row i gets seed + i. None continues the
-                rows' streams.
-            rows: Rows to reset, as an index or a mask; all by default.
-
-        Returns:
-            The observation of all rows.
+        The seeds are one for each row, or one number: row i gets seed + i. None continues the rows'
+        streams.
 
         Raises:
             UserError: If a seed is negative, or a stream to continue was never seeded.
@@ -151,14 +134,11 @@ class RoadBatch(abc.ABC):
         return self.observation
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
-        """Take one decision in every episode, or in some.
+        """Take one decision in every episode, or in some rows, an index or a mask.
 
-        Args:
-            actions: An action for each episode.
-            auto_reset: Start a new episode where one ended; `observation` then belongs to it.
-                Otherwise episodes that ended must be reset before the next step.
-            rows: Episodes to advance, as an index or a mask; all by default. The results of the
-                others are those of their last decision.
+        Results of the others are those of their last decision. With `auto_reset` a new episode
+        starts where one ended, and `observation` belongs to it. Otherwise episodes that ended must
+        be reset before the next step.
 
         Raises:
             UserError: If an action is not one of the road, or an episode has not begun or has
@@ -198,14 +178,10 @@ class RoadBatch(abc.ABC):
         return State(*(column.copy() for column in self._columns))
 
     def restore(self, state: State) -> None:
-        """Restore a saved state. Episodes continue from it with identical bits.
-
-        Args:
-            state: State with as many rows as the batch, saved with the same options;
-                `State.rows` repeats or picks rows, for branching.
+        """Restore a state saved with the same options; episodes go on from it with identical bits.
 
         Raises:
-            UserError: If the shapes differ.
+            UserError: If it has not as many rows as the batch, or other shapes.
         """
         columns = self._columns
         for column, saved in zip(columns, state, strict=True):
@@ -220,11 +196,7 @@ class RoadBatch(abc.ABC):
 
 
 def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
-    """Return a seed for each of `count` rows, uint64.
-
-    Args:
-        seeds: A seed for each, or the first of consecutive ones.
-        count: Number of rows.
+    """Return a seed for each of `count` rows, uint64, given each or the first of consecutive ones.
 
     Raises:
         UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.

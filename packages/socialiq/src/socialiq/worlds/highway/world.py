@@ -57,15 +57,7 @@ class RoadWorld(World):
 class Batch(RoadBatch):
     """Episodes of one scene side by side; see `RoadBatch`.
 
-    Args:
-        scene: The scene.
-        options: Its options.
-        size: Number of episodes.
-        threads: Number of threads.
-        traced: Record the vehicles of every sub-step in `buffers.trace`, for films.
-
-    Raises:
-        UserError: If a number is not positive.
+    With `traced`, `buffers.trace` has the vehicles of every sub-step, for films.
     """
 
     n_actions = len(ACTIONS)
@@ -123,11 +115,7 @@ class SceneWorld(RoadWorld):
 
 
 def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
-    """Return a scene as a world.
-
-    Args:
-        scene: A scene, or the name of one of `scenes.SCENES`.
-        options: Fields of `RoadOptions`; the others are the scene's own.
+    """Return a scene, or one of `SCENES` by name, as a world; other options are the scene's own.
 
     Raises:
         UserError: If the scene, an option or a value is unknown.
