@@ -65,11 +65,7 @@ def compare_episode(
 ) -> Compared:
     """Run the episode of a seed on both sides, up to its end or the first discrete difference.
 
-    Args:
-        core: Batch of one episode.
-        real: The same road of highway-env.
-        choose: Returns the next action of the batch.
-        seed: Seed of the episode.
+    The core is a batch of one episode; `choose` returns its next action.
     """
     observation = core.reset([seed])
     worst = np.array([0.0, np.abs(real.reset(seed) - observation[0]).max(), 0.0])
@@ -124,15 +120,7 @@ class Driver(IDMVehicle):
 
 
 class RealScene:
-    """The real scene (`RealRoad`).
-
-    Args:
-        scene: The scene.
-        options: Its options.
-
-    Attributes:
-        environment: highway-env's environment itself.
-    """
+    """The real scene (`RealRoad`); `environment` is highway-env's own."""
 
     uncompared = frozenset(
         {
@@ -217,12 +205,7 @@ def compare_scene(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
     """Run seeded episodes of a scene on the core and on highway-env, and compare every decision.
 
     Actions are drawn; in every fourth episode the ego keeps its lane and goes faster, in another
-    it only changes its speed.
-
-    Args:
-        scene: Name of the scene.
-        episodes: Number of episodes.
-        seed: Seed of the first episode; episode i has seed + i.
+    it only changes its speed. Episode i has seed + i.
 
     Raises:
         UserError: If `episodes` is below 1, or the scene is unknown.
@@ -266,13 +249,9 @@ def compare_intersection(
 ) -> Iterator[Compared]:
     """Run seeded episodes on the core and on highway-env, and compare after every decision.
 
-    Args:
-        options: The scenario.
-        episodes: Number of episodes.
-        seed: Seed of the first episode; episode i has seed + i.
-        driver: Policy of the ego. By default go, idle, wait and random drive in turn. Continuous
-            actions are drawn: full acceleration without steering; acceleration at random with
-            little steering, in float32 and in float64; all at random.
+    Without a driver go, idle, wait and random drive in turn. Continuous actions are drawn: full
+    acceleration without steering; acceleration at random with little steering, in float32 and in
+    float64; all at random. Episode i has seed + i.
 
     Raises:
         UserError: If `episodes` is below 1.

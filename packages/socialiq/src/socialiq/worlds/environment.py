@@ -76,10 +76,7 @@ def make_environment(
 
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
-    """Return the length of an observation and the number of actions of a made environment.
-
-    The number is 0 if actions are arrays.
-    """
+    """Return the length of an observation and the number of actions, 0 if these are arrays."""
     space, actions = env.observation_space, env.action_space
     assert isinstance(space, spaces.Box)
     return int(space.shape[0]), int(actions.n) if isinstance(actions, spaces.Discrete) else 0
@@ -92,10 +89,7 @@ def action_size(env: gymnasium.Env[Any, Any]) -> int:
 
 
 def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
-    """Return the bounds of a made environment's actions in its own units, as JSON under their name.
-
-    They are `{"action_bounds": {"low": [...], "high": [...]}}`; nothing if actions are discrete.
-    """
+    """Return the bounds of a made environment's actions, in its own units, as JSON; or nothing."""
     if not isinstance(env, UnitActions):
         return {}
     ends = {"low": env.bounds.low, "high": env.bounds.high}
@@ -107,12 +101,8 @@ def environment_maker(
 ) -> Callable[[], gymnasium.Env[Any, Any]]:
     """Return a function that makes an environment to learn in, and checks that its data fit.
 
-    Args:
-        name: As of `make_environment`.
-        demonstrated: Number of features of the demonstrations, and of actions, or if these are
-            continuous their length; None without demonstrations.
-        allow_code: As of `make_environment`.
-        continuous: Whether actions are continuous.
+    `demonstrated` is the number of features of the demonstrations, and of actions, or if these are
+    continuous their length; None without demonstrations.
     """
 
     def make() -> gymnasium.Env[Any, Any]:

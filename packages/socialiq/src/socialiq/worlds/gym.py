@@ -317,13 +317,6 @@ def _info(decisions: Decisions, mask: np.ndarray) -> dict[str, Any]:
 def learning_env(
     world: RoadWorld, count: int, clock: bool = False, threads: int = 1
 ) -> RoadVectorEnv:
-    """Return episodes of a road to learn in: they are reset in the same step.
-
-    Args:
-        world: The road.
-        count: Episodes side by side.
-        clock: Whether observations end with the time.
-        threads: Threads that share the episodes.
-    """
+    """Return so many episodes of a road to learn in: they are reset in the same step."""
     mode = AutoresetMode.SAME_STEP
     return RoadVectorEnv(world, count, threads=threads, autoreset_mode=mode, clock=clock)

@@ -128,11 +128,7 @@ def called(what: str, function: Callable[..., Any], *given: Any, **named: Any) -
 
 
 def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None:
-    """Raise an error for an environment that policies cannot drive in.
-
-    Args:
-        env: The environment.
-        continuous: Whether actions may be arrays too.
+    """Refuse an environment that policies cannot drive in; arrays as actions may be allowed.
 
     Raises:
         UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
@@ -173,14 +169,7 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
 class UnitActions(gymnasium.ActionWrapper):
     """Environment whose actions are float32 vectors in [-1, 1], the ends being its own bounds.
 
-    Attributes:
-        bounds: The environment's own space of actions.
-
-    Args:
-        env: With a `Box` of actions within finite bounds.
-
-    Raises:
-        UserError: In a step, if an action is not such a vector.
+    Its own space, `bounds`, is a `Box` within finite bounds. A step refuses other actions.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
@@ -205,11 +194,7 @@ class UnitActions(gymnasium.ActionWrapper):
 
 
 def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:
-    """Return the space of flattened observations, float32.
-
-    Raises:
-        UserError: If it is not a `Box`.
-    """
+    """Return the space of flattened observations, float32; refuse what is no `Box`."""
     if not isinstance(space, spaces.Box):
         raise UserError("only observations of kind Box can be flattened")
     with np.errstate(over="ignore"):  # a bound beyond float32 is no bound
@@ -229,10 +214,6 @@ class AbsorbingStates(gymnasium.Wrapper):
     follow, with reward 0 and whatever action, then the episode is truncated. Time limits stay as
     they are. A learner that bootstraps through them values the absorbing state by itself, of the
     demonstrations' and its own alike. r_env and r_social of the steps there are 0.
-
-    Args:
-        env: With observations that are arrays (`spaces.Box`).
-        stay: Steps in the absorbing state, at least 1.
 
     Raises:
         UserError: If `stay` is below 1, or observations are of another kind.

@@ -143,11 +143,7 @@ class Network:
         return sum(len(self._graph[first][last]) for first, last in before) + number
 
     def lanes(self, task: Sequence[str] = ()) -> np.ndarray:
-        """Return all lanes, LANE.
-
-        Args:
-            task: Nodes of the ego's way, if its progress is measured along roads.
-        """
+        """Return all lanes, LANE; progress is measured along the ego's way, given by its nodes."""
         nodes, rows = sorted({node for road in self.roads for node in road}), []
         for number, (start, end) in enumerate(self.roads):
             parallel = self._graph[start][end]
@@ -181,10 +177,9 @@ class Network:
         return table
 
     def routes(self, destinations: Sequence[str]) -> np.ndarray:
-        """Return the shortest way from each road to each node, -1 beyond its last road.
+        """Return the shortest way from each road to each node, (roads, destinations, most).
 
-        Returns:
-            Roads, the first among them, (roads, destinations, most).
+        It is of roads, the first among them, and -1 beyond the last.
         """
         ways = [[self._way(road, node) for node in destinations] for road in self.roads]
         most = max((len(way) for row in ways for way in row), default=1)

@@ -12,6 +12,7 @@ import numpy as np
 from socialiq.errors import one_of
 from socialiq.worlds.highway import network
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, Lane, Network, sine, straight
+from socialiq.worlds.highway.state import DRIVER, FLAGS, MOTION, PUSH
 
 ACTIONS = ("lane_left", "idle", "lane_right", "faster", "slower")
 """Actions: to the next lane, keep, or one target speed up or down from the present speed."""
@@ -20,23 +21,10 @@ LANE_LEFT, IDLE, LANE_RIGHT, FASTER, SLOWER = range(len(ACTIONS))
 
 CAR = np.dtype(
     [
-        ("x", np.float64),  # centre, m; x to the east, y to the south
-        ("y", np.float64),
-        ("heading", np.float64),  # rad, clockwise as drawn, from east
-        ("along_x", np.float64),  # cosine and sine of the heading
-        ("along_y", np.float64),
-        ("speed", np.float64),  # m/s
-        ("steering", np.float64),  # held command: front wheel angle, rad
-        ("acceleration", np.float64),  # held command, m/s²
-        ("target_speed", np.float64),
-        ("time_headway", np.float64),  # s
-        ("jam_distance", np.float64),  # m
-        ("max_acceleration", np.float64),  # m/s²
-        ("comfort_deceleration", np.float64),  # m/s², positive
-        ("exponent", np.float64),  # of the free-road term
+        *MOTION,
+        *DRIVER,
         ("timer", np.float64),  # s since the driver last thought of changing lanes
-        ("push_x", np.float64),  # m; displacement by a collision in the next sub-step
-        ("push_y", np.float64),
+        *PUSH,
         ("identity", np.int32),  # its entry; obstacles follow
         ("lane", np.int16),  # closest lane
         ("target_lane", np.int16),  # lane it steers along
@@ -44,8 +32,7 @@ CAR = np.dtype(
         ("destination", np.int16),
         ("leg", np.int16),  # completed roads of its way
         ("obstacle", np.bool_),
-        ("crashed", np.bool_),
-        ("pushed", np.bool_),  # push_x and push_y are pending
+        *FLAGS,
     ],
     align=True,
 )

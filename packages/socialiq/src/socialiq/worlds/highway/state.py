@@ -20,6 +20,29 @@ FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 """Numbers of one row of the observation."""
 
 
+MOTION = [
+    ("x", np.float64),  # centre, m; x to the east, y to the south
+    ("y", np.float64),
+    ("heading", np.float64),  # rad, clockwise as drawn, from east
+    ("along_x", np.float64),  # cosine and sine of the heading: its unit vector
+    ("along_y", np.float64),
+    ("speed", np.float64),  # m/s, negative in reverse
+    ("steering", np.float64),  # held command: front wheel angle, rad
+    ("acceleration", np.float64),  # held command, m/s²
+    ("target_speed", np.float64),  # m/s
+]
+DRIVER = [
+    ("time_headway", np.float64),  # s
+    ("jam_distance", np.float64),  # m
+    ("max_acceleration", np.float64),  # m/s²
+    ("comfort_deceleration", np.float64),  # m/s², positive
+    ("exponent", np.float64),  # of the free-road term
+]
+PUSH = [("push_x", np.float64), ("push_y", np.float64)]  # m, by a collision, in the next sub-step
+FLAGS = [("crashed", np.bool_), ("pushed", np.bool_)]  # a push is pending
+"""Fields of the records of vehicles of all roads."""
+
+
 class Contact(enum.IntEnum):
     """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""
 

@@ -52,12 +52,8 @@ def commands(actions: Float[np.ndarray, "batch value"]) -> list[Float[np.ndarray
 class Batch(RoadBatch):
     """Episodes of one scenario side by side; see `RoadBatch`.
 
-    Args:
-        options: Scenario and reward options.
-        size: Number of episodes.
-        threads: Number of threads. A single thread is best for small batches.
-        back_end: "core", or "highway_env" for the real environment, hundreds of times slower.
-        traced: Record the vehicles of every sub-step in `buffers.trace`, for films.
+    The back end "highway_env" is the real environment, hundreds of times slower. With `traced`,
+    `buffers.trace` has the vehicles of every sub-step, for films.
 
     Raises:
         UserError: If a number is not positive, or highway-env is requested and not installed.

@@ -67,13 +67,7 @@ def entry_point(function: Callable[..., Any]) -> Any:
 
 
 def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
-    """Call an entry point on equal parts of the rows, each on a thread of its own.
-
-    Args:
-        run: Entry point whose last two arguments are the first row and the end of its part.
-        threads: Number of threads; 0 takes all there are.
-        rows: Number of rows.
-        arguments: The entry point's other arguments.
+    """Call an entry point on equal parts of the rows, each on a thread of its own; 0 takes all.
 
     Raises:
         UserError: If there are fewer threads.
@@ -123,11 +117,8 @@ def fingerprint(*files: str) -> int:
     """Return a number that changes with any source file that an entry point depends on.
 
     Numba's cache checks the file of the entry point only; it would miss an edit to a kernel that
-    the entry point calls. The entry point therefore closes over this number.
-
-    Args:
-        files: Of the entry point and what it calls beyond the shared kernels: all files of their
-            folders count, and the tables above.
+    the entry point calls. The entry point therefore closes over this number. The files are those
+    beyond the shared kernels: all files of their folders count, and the tables above.
     """
     digest = hashlib.sha256()
     for folder in sorted({Path(name).parent for name in (__file__, *files)}):

@@ -25,12 +25,8 @@ _ALL, _CROSS, _APPROACHING = range(len(get_args(Counted)))
 def in_zone(kind, along, length, travelled, settings):
     """Whether the ego is in the influence zone: the end of its approach, or the junction.
 
-    Args:
-        kind: Kind of the ego's lane: APPROACH, EXIT, or another.
-        along: Coordinate along that lane, m.
-        length: Length of that lane, m.
-        travelled: Metres along its route since the episode began.
-        settings: SETTINGS record.
+    Kind, coordinate and length, m, are those of its lane; it has travelled so many metres along its
+    route since the episode began.
     """
     if kind == EXIT:
         return False
@@ -49,11 +45,8 @@ def in_zone(kind, along, length, travelled, settings):
 def counts(apart, same_origin, kind, settings):
     """Whether a neighbour is within the conflict distance and of the kind that counts.
 
-    Args:
-        apart: Distance from the ego, m.
-        same_origin: Whether the neighbour entered by the ego's approach.
-        kind: Kind of the neighbour's target lane: APPROACH, EXIT, or another.
-        settings: SETTINGS record.
+    It is so far from the ego, m, and may have entered by the ego's approach; the kind is of its
+    target lane: APPROACH, EXIT, or another.
     """
     if apart > settings.conflict_distance:
         return False
@@ -67,17 +60,8 @@ def counts(apart, same_origin, kind, settings):
 _N_ENV, _N_SIGNALS = len(ENV_SIGNALS), len(SIGNALS)
 _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
 _OVERRIDE, _ADD = range(len(get_args(Crash)))
-(
-    _PROGRESS,
-    _SPEED,
-    _STEP,
-    _COLLISION,
-    _ARRIVAL,
-    _TIMEOUT,
-    _YIELDING,
-    _DISRUPTION,
-    _NEIGHBOUR_COLLISION,
-) = range(len(SIGNALS))
+_PROGRESS, _SPEED, _STEP, _COLLISION, _ARRIVAL, _TIMEOUT = range(_N_ENV)
+_YIELDING, _DISRUPTION, _NEIGHBOUR_COLLISION = range(_N_ENV, _N_SIGNALS)
 _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = (
     int(kind)
     for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER)
@@ -274,5 +258,4 @@ def _write(vehicle, x, y, vx, vy, sight, row):
 
 @kernel
 def _scaled(value, bound):
-    """Map [-bound, bound] to [-1, 1], and clip."""
     return clip(-1.0 + (value + bound) * 2.0 / (2.0 * bound), -1.0, 1.0)

@@ -46,23 +46,13 @@ def clip(value, low, high):
 
 @kernel
 def steering(vehicle, lane):
-    """Return the front wheel angle in rad that steers to the centre of a lane."""
-    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
-    return wheels(vehicle, heading_at(lane, ahead), lateral(lane, vehicle.x, vehicle.y))
-
-
-@kernel
-def wheels(vehicle, direction, offset):
     """Return the front wheel angle in rad that steers to the centre of a lane.
 
     The lateral offset gives a lateral speed, this a heading, this a turning rate, and this an angle
     of the wheels.
-
-    Args:
-        vehicle: Record of a vehicle.
-        direction: Heading of the lane a little ahead, rad.
-        offset: Metres to the right of the lane's centre.
     """
+    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
+    direction, offset = heading_at(lane, ahead), lateral(lane, vehicle.x, vehicle.y)
     speed = not_zero(vehicle.speed)
     correction = asin(clip(-LATERAL_GAIN * offset / speed, -1.0, 1.0))
     aimed = direction + clip(correction, -math.pi / 4, math.pi / 4)
@@ -84,12 +74,7 @@ def speed_index(speed, settings):
 def free_acceleration(vehicle, limit, exponent):
     """Return the acceleration in m/s² of the Intelligent Driver Model without a leader.
 
-    Source: Treiber, Hennecke, Helbing 2000.
-
-    Args:
-        vehicle: Record of a vehicle.
-        limit: Of the speed it aims at, m/s.
-        exponent: Of the free-road term.
+    Source: Treiber, Hennecke, Helbing 2000. The speed it aims at is limited, m/s.
     """
     target = abs(not_zero(clip(vehicle.target_speed, 0.0, limit)))
     free = math.pow(max(vehicle.speed, 0.0) / target, exponent)
@@ -123,14 +108,6 @@ def desired_gap(vehicle, other):
 
 
 @kernel
-def turned(vehicle, heading):
-    """Set a vehicle's heading and cache its unit vector, which many kernels read."""
-    if heading != vehicle.heading:
-        vehicle.heading = heading
-        vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
-
-
-@kernel
 def advance(vehicle, dt):
     """Advance the kinematic bicycle model; a pending push moves the vehicle and marks a crash."""
     if vehicle.crashed:
@@ -155,7 +132,10 @@ def advance(vehicle, dt):
         vehicle.pushed = False
         vehicle.push_x = 0.0
         vehicle.push_y = 0.0
-    turned(vehicle, vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt)
+    heading = vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt
+    if heading != vehicle.heading:  # its unit vector is read by many kernels
+        vehicle.heading = heading
+        vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
     vehicle.speed += vehicle.acceleration * dt
 
 
