@@ -165,7 +165,7 @@ def test_unknown_options_and_values_are_refused(make):
 def test_names_and_sizes_agree():
     world = registry.make("intersection", observed_vehicles=6)
     assert isinstance(world, Intersection)
-    assert world.n_actions == len(world.actions) == 3
+    assert world.n_actions == 3
     assert world.n_features == 42 == world.batch(2).reset(0).shape[1]
     assert len(set(world.signal_names)) == len(world.signal_names) == 9
     assert "observed_vehicles=6" in world.description
