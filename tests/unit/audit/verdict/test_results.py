@@ -18,7 +18,7 @@ from socialiq.audit.verdict.results import (
 )
 from socialiq.audit.verdict.verdict import judge
 from socialiq.types import Ending
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 
 
 class Always:

@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
-from socialiq.worlds.highway.pictures import render, sheet
+from socialiq.worlds.highway import render, sheet
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.views import REACH

@@ -27,10 +27,9 @@ from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, write_json
 from socialiq.types import Ending
 from socialiq.worlds.highway.state import EPISODE
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
 from socialiq.worlds.intersection.policies import policy as reference_policy
-from socialiq.worlds.intersection.state import VEHICLE, buffers_of
+from socialiq.worlds.intersection.world import Batch
 
 KEPT = ("episodes", "vehicles", "observation", "rewards", "ending")
 """Arrays of a replay; all of them together are what an episode shows and goes on from."""
