@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.columns import Bounds
+from socialiq.datasets.arrays import Bounds, of_steps
 from socialiq.datasets.minari import read_minari, write_minari
 from socialiq.datasets.step_files import read_steps, write_steps
 from socialiq.demonstrations import files

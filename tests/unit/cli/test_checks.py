@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from socialiq.cli.checks import check_options, check_words, refuse_unused
+from socialiq.cli.words import check_options, check_words, refuse_unused
 from socialiq.errors import UserError
 
 

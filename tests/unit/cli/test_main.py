@@ -123,8 +123,8 @@ def test_a_mistake_is_one_line_that_names_the_near_word(words, mend, capsys):
 def test_aliases_lead_to_options_or_settings():
     known = {option for name in COMMANDS for option in options_of(name) or ()}
     known |= {name.replace("_", "-") for name in commands.learner_settings()}
-    for word, targets in ALIASES.items():
-        assert known & set(targets), word
+    for word, target in ALIASES.items():
+        assert target in known, word
         assert word not in known, word
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.cli.train import offline_dial
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.callbacks import Stopped
+from socialiq.learners.offline import train as offline_training
 from socialiq.learners.offline.config import PRESETS
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
@@ -66,7 +66,7 @@ def test_a_training_that_is_stopped_leaves_nothing(crossing, tmp_path, monkeypat
     def interrupted(*_given):
         raise Stopped("stopped after 10 of 20 updates; nothing was saved")
 
-    monkeypatch.setattr(offline_dial, "train", interrupted)
+    monkeypatch.setattr(offline_training, "train", interrupted)
     out = tmp_path / "run"
     if made_before:
         out.mkdir()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.columns import Bounds, actions_of
+from socialiq.datasets.arrays import Bounds, actions_of, of_steps
 from socialiq.datasets.step_files import read_steps, write_steps
 from socialiq.datasets.trajectories import of_trajectories, read_trajectories
 from socialiq.demonstrations import files

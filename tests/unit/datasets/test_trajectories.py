@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq.datasets.trajectories import of_condensed, of_trajectories
+from socialiq.datasets.trajectories import condensed, of_trajectories
 from socialiq.errors import UserError
 
 
@@ -87,7 +87,7 @@ def test_old_archives_hold_trajectories_end_to_end():
         "terminal": np.array([True, False]),
         "indices": np.array([2]),
     }
-    table = of_condensed(arrays, n_actions=2, social="none")
+    table = of_trajectories(condensed(arrays), n_actions=2, social="none")
     assert table.observation.tolist() == [[0], [1], [5]]
     assert table.next_observation.tolist() == [[1], [2], [6]]
     assert table.ending.tolist() == [0, 4, 0] and table.episode.tolist() == [0, 0, 1]
@@ -102,10 +102,10 @@ def test_old_archives_hold_trajectories_end_to_end():
         {"rews": arrays["rews"][:2]},
     ):
         with pytest.raises(UserError, match=r"indices must hold|obs has"):
-            of_condensed(arrays | changed, n_actions=2, social="none")
+            of_trajectories(condensed(arrays | changed), n_actions=2, social="none")
     del arrays["acts"]
     with pytest.raises(UserError, match="no acts: save"):
-        of_condensed(arrays, n_actions=2)
+        of_trajectories(condensed(arrays), n_actions=2)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def without(*modules):
 
 
 def test_the_package_imports_without_them():
-    rooms = ("policies.load", "policies.process", "cli.data", "cli.collect")
+    rooms = ("policies.load", "policies.process", "cli.data")
     modules = [*(f"socialiq.{room}" for room in rooms), "socialiq_recordings.cli.files"]
     program = without("fcntl", "resource") + "; ".join(f"import {module}" for module in modules)
     done = subprocess.run(

@@ -11,15 +11,9 @@ class UserError(Exception):
 
 
 def one_of(what: str, value: object, known: tuple[str, ...] | list[str]) -> None:
-    """Raise an error for a name that is not among the known names.
+    """Raise an error, which lists the known names, for a value that is none of them.
 
-    Args:
-        what: Kind of thing that the name denotes, in the user's words ("world", "target kind").
-        value: The name given; of a file, it may be of any type.
-        known: The valid names.
-
-    Raises:
-        UserError: If `value` is not in `known`; the line lists the valid names.
+    `what` is the kind of thing that the name denotes, in the user's words ("world", "target kind").
     """
     if value not in known:
         text = str(value)

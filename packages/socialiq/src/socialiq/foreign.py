@@ -23,9 +23,6 @@ def imported(place: str) -> ModuleType:
     Args:
         place: A name that Python can import, or the path of a file that ends in .py; a file runs
             again only if it has changed.
-
-    Raises:
-        UserError: If there is no such file. Other exceptions of the code are passed on.
     """
     if not place.endswith(".py"):
         return importlib.import_module(place)
@@ -34,23 +31,19 @@ def imported(place: str) -> ModuleType:
         raise UserError(f"no such file: {one_line(place)}")
     content = path.read_bytes()
     if (path, content) not in _RUN:
-        _RUN[path, content] = _run(path)
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec and spec.loader
+        module = importlib.util.module_from_spec(spec)
+        # Dataclasses and Gymnasium's entry points look their module up there.
+        there = sys.modules.get(path.stem)
+        if there is None or getattr(there, "__file__", None) == str(path):
+            sys.modules[path.stem] = module
+        spec.loader.exec_module(module)
+        _RUN[path, content] = module
     return _RUN[path, content]
 
 
 _RUN: dict[tuple[Path, bytes], ModuleType] = {}
-
-
-def _run(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    # Dataclasses and Gymnasium's entry points look their module up there.
-    there = sys.modules.get(path.stem)
-    if there is None or getattr(there, "__file__", None) == str(path):
-        sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def optional(module: str, extra: str, needed_by: str, distribution: str = "socialiq") -> Any:
@@ -61,9 +54,6 @@ def optional(module: str, extra: str, needed_by: str, distribution: str = "socia
         extra: Name of the extra.
         needed_by: Name of the feature, the first words of the error message.
         distribution: Name of the distribution that has the extra.
-
-    Raises:
-        UserError: If the library is not installed.
     """
     library = module.partition(".")[0]
     try:
@@ -76,11 +66,7 @@ def optional(module: str, extra: str, needed_by: str, distribution: str = "socia
 
 
 class Later:
-    """Module of JAX, imported when something of it is first used: acting on roads needs none.
-
-    Args:
-        module: Its name.
-    """
+    """Module of JAX, imported when something of it is first used: acting on roads needs none."""
 
     def __init__(self, module: str) -> None:
         self._module = module
@@ -90,12 +76,7 @@ class Later:
 
 
 def failure(source: str, error: BaseException) -> UserError:
-    """Return an exception of foreign code as a `UserError` of one line that names its source.
-
-    Args:
-        source: Name of the code in messages.
-        error: The exception.
-    """
+    """Return an exception of foreign code as a `UserError` of one line that names its source."""
     return UserError(
         f"{source} raised {type(error).__name__}: {one_line(str(error))}; correct its code"
     )
@@ -135,9 +116,7 @@ _MARKED = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_[]{}<>|&#~$!"})
 def markdown(value: Any, most: int) -> Any:
     """Return a string as one line in which Markdown and HTML find no markup.
 
-    Args:
-        value: Any value; only strings other than `Markdown` are changed.
-        most: Largest number of characters before escaping.
+    Other values, and `Markdown`, are not changed. `most` counts characters before escaping.
     """
     if not isinstance(value, str) or isinstance(value, Markdown):
         return value
@@ -146,10 +125,10 @@ def markdown(value: Any, most: int) -> Any:
 
 @functools.cache
 def templates(package: str, most: int = 0) -> Any:
-    """Return the Jinja environment of a package's templates.
+    """Return the Jinja environment of the folder `templates` of a package.
 
     Args:
-        package: Package with a folder `templates`.
+        package: The package.
         most: Largest number of characters of a value in Markdown, where all values are escaped
             by `markdown`; 0 for HTML, where they are escaped by Jinja.
     """

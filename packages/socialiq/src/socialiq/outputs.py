@@ -24,11 +24,7 @@ _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def refuse_existing(path: Path) -> None:
-    """Refuse an output file that exists, before any work is done.
-
-    Raises:
-        UserError: If something is there, be it a link to nothing.
-    """
+    """Refuse an output file that exists, be it a link to nothing, before any work is done."""
     if os.path.lexists(path):
         raise UserError(f"{path} exists already: name a new file, or remove it first")
 
@@ -39,9 +35,6 @@ def claimed(out: Path) -> Iterator[None]:
 
     The claim is a locked hidden file beside the output. The system releases the lock of a process
     that dies, so that no claim outlives it.
-
-    Raises:
-        UserError: If another process has the claim, or the path has no name.
     """
     if out.name in ("", ".", ".."):
         raise UserError(f"{out} is no new place: name another --out")
@@ -68,12 +61,7 @@ def claimed(out: Path) -> Iterator[None]:
 
 
 def move_file(temporary: Path, path: Path, replace: bool) -> None:
-    """Move a finished file into place.
-
-    Args:
-        temporary: The file, beside its place.
-        path: Its place.
-        replace: Whether a file there is replaced.
+    """Move a finished file from beside its place into it.
 
     Raises:
         FileExistsError: If something is there that is not to be replaced.
@@ -91,29 +79,8 @@ def move_file(temporary: Path, path: Path, replace: bool) -> None:
         temporary.replace(path)
 
 
-def move_folder(temporary: Path, folder: Path) -> None:
-    """Move a finished folder into place, if nothing but an empty folder is there.
-
-    Raises:
-        FileExistsError: If the place is taken.
-        OSError: If the move fails.
-    """
-    try:
-        with contextlib.suppress(FileNotFoundError):
-            folder.rmdir()
-        temporary.rename(folder)
-    except OSError as error:
-        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
-            raise FileExistsError(errno.EEXIST, "exists already", str(folder)) from error
-        raise
-
-
 def new_folder(path: Path) -> Path:
-    """Make a new output folder; an empty folder is accepted.
-
-    Raises:
-        UserError: If it exists and is not empty, or can't be made.
-    """
+    """Make a new output folder; an empty one is accepted, any other refused."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise UserError(f"{path} exists already: name a new folder, or remove it first")
     try:
@@ -124,11 +91,7 @@ def new_folder(path: Path) -> Path:
 
 
 def part_beside(folder: Path) -> Path:
-    """Make an empty folder for the later content of `folder` (see `swap_folder`).
-
-    Raises:
-        UserError: If it can't be made.
-    """
+    """Make an empty folder for the later content of `folder` (see `swap_folder`)."""
     try:
         return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     except OSError as error:
@@ -137,15 +100,9 @@ def part_beside(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def whole_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
-    """Give a temporary folder to fill; it becomes `folder` on success, and is removed on failure.
+    """Give a temporary folder to fill; it becomes `folder` on success, or is removed on failure.
 
-    Args:
-        folder: The folder.
-        replace: Whether content there is replaced. If not, what appears meanwhile stays.
-
-    Raises:
-        UserError: If it can't be made or moved, or the place is taken; the old folder is then as
-            it was.
+    Without `replace` a folder with content, even one that appears meanwhile, stays as it is.
     """
     temporary = part_beside(folder)
     try:
@@ -161,9 +118,6 @@ def check_output_folder(folder: Path, replace: bool) -> bool:
 
     Returns:
         Whether the folder has content, which may be replaced.
-
-    Raises:
-        UserError: If it has content and may not be replaced, is not a folder, or can't be made.
     """
     if not folder.parent.is_dir():
         new_folder(folder.parent)
@@ -180,20 +134,16 @@ def check_output_folder(folder: Path, replace: bool) -> bool:
 
 
 def swap_folder(temporary: Path, folder: Path, replace: bool = True) -> None:
-    """Move a finished folder into place. The old folder is removed last, and restored on failure.
+    """Move a finished folder from beside its place into it.
 
-    Args:
-        temporary: The finished folder, beside its place.
-        folder: Its place.
-        replace: Whether content there is replaced.
-
-    Raises:
-        UserError: If the move fails, or the place is taken; the old folder is then as it was.
+    The old folder is removed last, and restored on failure. Without `replace` one with content stays.
     """
     old = temporary.with_name(f"{temporary.name}.old")
     try:
         if not replace:
-            move_folder(temporary, folder)
+            with contextlib.suppress(FileNotFoundError):
+                folder.rmdir()
+            temporary.rename(folder)
             return
         if folder.exists():
             folder.rename(old)
@@ -203,8 +153,10 @@ def swap_folder(temporary: Path, folder: Path, replace: bool = True) -> None:
             if old.exists():
                 old.rename(folder)
             raise
-    except FileExistsError as error:
-        raise UserError(f"{folder} exists already: name a new folder, or add --replace") from error
     except OSError as error:
-        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
+        line = f"cannot make {folder}: {error.strerror}; choose another place"
+        occupied = not replace and error.errno in (errno.ENOTEMPTY, errno.ENOTDIR)
+        if occupied or isinstance(error, FileExistsError):
+            line = f"{folder} exists already: name a new folder, or add --replace"
+        raise UserError(line) from error
     shutil.rmtree(old, ignore_errors=True)

@@ -25,11 +25,7 @@ _SUFFIXES = (".py", ".json", ".toml", ".j2")
 
 
 def versions(libraries: Sequence[str] = LIBRARIES) -> dict[str, str]:
-    """Return the versions of Python and of libraries that numbers may depend on.
-
-    Args:
-        libraries: Names of distributions; those that are not installed are left out.
-    """
+    """Return the versions of Python and of those libraries that are installed."""
     numbers = {"python": platform.python_version()}
     for name in libraries:
         try:

@@ -23,9 +23,7 @@ _LARGEST_TOML = 1 << 20
 def open_file(path: Path) -> Iterator[BinaryIO]:
     """Open a regular file; what fails while it is read is raised as one line.
 
-    Raises:
-        UserError: If it is missing, is not a regular file (a pipe would block, a device never
-            ends), or can't be read.
+    A pipe would block and a device never ends, so both are refused.
     """
     try:
         check_file(path)
@@ -38,12 +36,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def check_file(path: Path) -> None:
-    """Refuse a path that is not a regular file.
-
-    Raises:
-        UserError: If it is missing or something else.
-        OSError: If the system refuses the path.
-    """
+    """Refuse a path that is not a regular file."""
     if path.is_file():
         return
     if path.is_dir():
@@ -54,15 +47,7 @@ def check_file(path: Path) -> None:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Read a regular file of bounded size.
-
-    Args:
-        path: The file.
-        most: Largest number of bytes.
-
-    Raises:
-        UserError: If it is missing, not a regular file, unreadable or larger.
-    """
+    """Read a regular file of at most `most` bytes; `UserError` if it is none or can't be read."""
     with open_file(path) as file:
         # Not more than the file's size: the buffer is allocated at once.
         content = file.read(min(path.stat().st_size, most) + 1)
@@ -72,11 +57,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Read a file of UTF-8 text of bounded size.
-
-    Raises:
-        UserError: As `read_bytes`, and if it is not UTF-8.
-    """
+    """Read a file of UTF-8 text, as `read_bytes`."""
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
@@ -86,9 +67,7 @@ def read_text(path: Path, most: int) -> str:
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file of at most 1 MiB.
 
-    Raises:
-        UserError: As `read_text`; if it is not TOML, or a whole number has more than 64 bits, which
-            TOML excludes and Python doesn't.
+    A whole number of more than 64 bits is refused, which TOML excludes and Python doesn't.
     """
     text = read_text(path, _LARGEST_TOML)
     try:
@@ -106,11 +85,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def sha256_of_file(path: Path) -> str:
-    """Return the SHA-256 of a file, as `sha256sum` prints it.
-
-    Raises:
-        UserError: If it can't be read.
-    """
+    """Return the SHA-256 of a file, as `sha256sum` prints it."""
     digest = hashlib.sha256()
     with open_file(path) as file:
         while piece := file.read(_PIECE):

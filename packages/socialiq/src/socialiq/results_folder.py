@@ -61,17 +61,7 @@ def versions() -> dict[str, str]:
 
 
 def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace: bool) -> None:
-    """Write a results folder whole, or leave the existing one.
-
-    Args:
-        results: The results.
-        folder: Folder to write.
-        pictures: PNG files by name.
-        replace: Whether an existing results folder may be replaced.
-
-    Raises:
-        UserError: If the folder exists and may not be replaced, or can't be written.
-    """
+    """Write a results folder whole, with PNG pictures by name, or leave the existing one."""
     check_target(folder, replace)
     with whole_folder(folder, replace) as part:
         head = {"study": results.study, "versions": results.versions, "config": results.config}
@@ -87,22 +77,13 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
 
 
 def check_target(folder: Path, replace: bool) -> None:
-    """Refuse an output folder before any work is done.
-
-    Raises:
-        UserError: If it exists, isn't empty and may not be replaced or isn't a results folder,
-            or can't be made.
-    """
+    """Refuse an output folder before any work is done, and content that is no results folder."""
     if check_output_folder(folder, replace) and not (folder / "summary.json").is_file():
         raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
 
 
 def load(folder: Path) -> Results:
-    """Read a results folder.
-
-    Raises:
-        UserError: If it is missing or isn't a results folder.
-    """
+    """Read a results folder; `UserError` if it is none."""
     folder = shipped(folder)
     if not (folder / "config.json").is_file():
         raise UserError(f"{folder} is not a results folder: run `socialiq reproduce` first")
@@ -127,11 +108,7 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def from_csv(path: Path) -> list[Row]:
-    """Return the rows of a CSV file; numeric cells become numbers.
-
-    Raises:
-        UserError: If it isn't text, or a row has another number of cells than the first line.
-    """
+    """Return the rows of a CSV file; numeric cells become numbers."""
     try:
         with open_csv(path) as file:
             head, *rows = csv.reader(file)

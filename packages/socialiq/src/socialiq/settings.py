@@ -22,15 +22,7 @@ ConfigType = TypeVar("ConfigType")
 
 
 def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
-    """Return a configuration with other values.
-
-    Args:
-        config: A frozen dataclass.
-        values: Values by field; a mapping changes fields of a dataclass below.
-
-    Raises:
-        UserError: If there is no such setting, or a value has the wrong type.
-    """
+    """Return a frozen dataclass with other values by field; a mapping changes one below."""
     current: Any = config
     try:
         kinds = typing.get_type_hints(type(current))
@@ -46,7 +38,7 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
         if dataclasses.is_dataclass(before):
             inner = {below: value} if below else value
             if not isinstance(inner, Mapping):
-                below_names = ", ".join(f"{first}.{field.name}" for field in _fields(before))
+                below_names = ", ".join(f"{first}.{name}" for name, _ in _leaves(before))
                 raise UserError(f"{first} has settings of its own: choose one of {below_names}")
             changes[first] = changed(before, inner)
         elif below:
@@ -65,13 +57,10 @@ def laid_over(
         configs: Frozen dataclasses; of a setting that several have, the first is changed.
         values: Values by name. The name of a field below needs no dot if no other has it.
         hidden: Settings that the list of known ones leaves out.
-
-    Raises:
-        UserError: If none has a setting, or a value is refused.
     """
     owners: dict[str, int] = {}
     for number, config in enumerate(configs):
-        for name in _leaves(config):
+        for name, _ in _leaves(config):
             owners.setdefault(name, number)
     changes: list[dict[str, Any]] = [{} for _ in configs]
     for name, value in values.items():
@@ -83,22 +72,18 @@ def laid_over(
     return [changed(config, change) for config, change in zip(configs, changes, strict=True)]
 
 
-def _leaves(config: Any, prefix: str = "") -> Iterator[str]:
-    """Yield the name of each setting, those of dataclasses below with a dot."""
-    for field in _fields(config):
+def _leaves(config: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the name and value of each setting, those of dataclasses below with a dot."""
+    for field in dataclasses.fields(config):
         value = getattr(config, field.name)
         if dataclasses.is_dataclass(value):
             yield from _leaves(value, f"{prefix}{field.name}.")
         else:
-            yield prefix + field.name
+            yield prefix + field.name, value
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return the values of KEY=VALUE by key.
-
-    Raises:
-        UserError: If a word has another form.
-    """
+    """Return the values of KEY=VALUE by key; `UserError` for a word of another form."""
     values = {}
     for word in words:
         name, sign, value = word.partition("=")
@@ -108,18 +93,9 @@ def assignments(words: Sequence[str]) -> dict[str, str]:
     return values
 
 
-def described(config: Any, prefix: str = "") -> Iterator[Row]:
-    """Yield the name and the value of each setting, fields of dataclasses below with a dot."""
-    for field in _fields(config):
-        value = getattr(config, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from described(value, f"{prefix}{field.name}.")
-        else:
-            yield {"setting": prefix + field.name, "value": _text(value)}
-
-
-def _fields(config: Any) -> tuple[dataclasses.Field[Any], ...]:
-    return dataclasses.fields(config)
+def described(config: Any) -> list[Row]:
+    """Return name and value of each setting, fields of dataclasses below with a dot."""
+    return [{"setting": name, "value": _text(value)} for name, value in _leaves(config)]
 
 
 def _text(value: Any) -> str:

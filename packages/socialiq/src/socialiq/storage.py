@@ -38,9 +38,6 @@ def write_atomically(path: Path, content: bytes | str, replace: bool = True) -> 
         path: The file; its folder must exist.
         content: Its content.
         replace: Whether a file there is replaced. If not, one that appears meanwhile stays.
-
-    Raises:
-        UserError: If the folder is missing or can't be written, or the place is taken.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
@@ -70,36 +67,16 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def read_json(path: Path, most: int = _MOST_JSON) -> Any:
-    """Read one JSON document.
-
-    Raises:
-        UserError: If the file is missing or is not JSON.
-    """
+    """Read one JSON document; `UserError` if the file is missing, larger or not JSON."""
     try:
         return json.loads(read_bytes(path, most))
     except (ValueError, RecursionError) as error:
         raise UserError(f"cannot read {path} as JSON: {error}") from error
 
 
-LARGEST_SMALL = 64 * 1024  # bytes
-
-
-def read_small_json(path: Path) -> Any:
-    """Read one JSON document of at most 64 KiB from a plain file.
-
-    Raises:
-        UserError: As `read_json`, or if it is larger.
-    """
-    return read_json(path, LARGEST_SMALL)
-
-
 @contextlib.contextmanager
 def open_csv(path: Path) -> Iterator[TextIO]:
-    """Open a CSV file; what fails while it is read is raised as one line.
-
-    Raises:
-        UserError: If the file is missing, can't be read, or is not UTF-8 text.
-    """
+    """Open a CSV file of UTF-8 text; what fails while it is read is raised as one line."""
     try:
         with open_file(path) as file, io.TextIOWrapper(file, "utf-8-sig", newline="") as text:
             yield text
@@ -137,9 +114,6 @@ def save_arrays(
 
     Returns:
         SHA-256 of the content.
-
-    Raises:
-        UserError: If the file can't be written.
     """
     contiguous, full = _as_read(kind, version, arrays, header)
     sha256 = content_hash(contiguous, full)
@@ -195,9 +169,6 @@ def load_arrays(
 
     Returns:
         The named arrays, and the header with `kind`, `version` and `sha256` in it.
-
-    Raises:
-        UserError: If the file is missing, damaged, of another kind or of another version.
     """
     path = shipped(path)
     check_file(path)
@@ -223,8 +194,12 @@ def load_arrays(
             f"version {' or '.join(map(str, read))}: make the file again with this version"
         )
     sha256 = content_hash(arrays, header)
-    # The hash covers values; another encoding of equal values is damage too.
-    respelled = json.dumps(wrapper) != text or not _padded_with_spaces(path)
+    # The hash covers values; another encoding of equal values is damage too: only spaces follow the
+    # JSON object of a safetensors header.
+    with path.open("rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        padded = file.read(length).rstrip(b" ").endswith(b"}")
+    respelled = json.dumps(wrapper) != text or not padded
     if sha256 != wrapper.get("sha256") or respelled:
         raise UserError(f"{path} is damaged (its SHA-256 differs): restore it or make it again")
     return arrays, {**header, "sha256": sha256}
@@ -237,19 +212,8 @@ def _word(value: Any) -> str:
     return word if plain else "something else"
 
 
-def _padded_with_spaces(path: Path) -> bool:
-    """Whether only spaces follow the JSON object of a safetensors header."""
-    with path.open("rb") as file:
-        length = int.from_bytes(file.read(8), "little")
-        return file.read(length).rstrip(b" ").endswith(b"}")
-
-
 def packaged_results() -> Path:
-    """Return the folder of the committed results, in an installed package or in a checkout.
-
-    Raises:
-        UserError: If the package was installed without the results.
-    """
+    """Return the folder of the committed results, in an installed package or in a checkout."""
     package = Path(str(importlib.resources.files("socialiq")))
     for folder in (package / "results", package.parents[3] / "results"):
         if folder.is_dir():

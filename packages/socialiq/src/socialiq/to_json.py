@@ -17,9 +17,6 @@ def to_json(value: Any) -> Any:
 
     A dataclass or a named tuple becomes an object of its fields. Bytes are left out. A number that
     is not finite (an unbounded interval) becomes null, since JSON has no other word for it.
-
-    Raises:
-        TypeError: If there is anything else in it.
     """
     return _converted(value, lambda number: number if math.isfinite(number) else None, named=True)
 
@@ -28,9 +25,6 @@ def rounded(value: Any) -> Any:
     """Turn rows and summaries into data for `json.dumps` and CSV, rounded to `DECIMALS`.
 
     A named tuple becomes an array. A number that is not finite becomes its name.
-
-    Raises:
-        TypeError: If there is anything that has no plain form.
     """
     return _converted(value, _rounded_float, named=False)
 

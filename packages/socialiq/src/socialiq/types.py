@@ -33,10 +33,7 @@ class RewardPair(NamedTuple):
         """Return the pair of a Gymnasium step, `info["reward_pair"]`.
 
         Without it a vector reward, as MO-Gymnasium's, is the pair; and of a scalar one the reward
-        is r_env, and r_social is 0.
-
-        Raises:
-            UserError: If it is not a pair of finite numbers.
+        is r_env, and r_social is 0. Anything but a pair of finite numbers is refused.
         """
         if "reward_pair" not in info and np.ndim(reward):
             if np.size(reward) != 2:
@@ -49,15 +46,7 @@ class RewardPair(NamedTuple):
 
     @staticmethod
     def of(numbers: Any, what: str) -> RewardPair:
-        """Return a pair of scalars from a sequence of two numbers.
-
-        Args:
-            numbers: For instance a tuple or an array of length 2.
-            what: Name of the quantity in error messages.
-
-        Raises:
-            UserError: If it has another length, or a number is not finite.
-        """
+        """Return a pair of scalars from a sequence of two finite numbers; `what` names it."""
         try:
             pair = tuple(map(float, numbers))
         except (TypeError, ValueError):
@@ -84,11 +73,7 @@ class Ending(enum.IntEnum):
 
     @staticmethod
     def of_step(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
-        """Return the ending of a Gymnasium step; `info["ending"]` is the kind of a terminal state.
-
-        Raises:
-            UserError: If it is not a kind of a terminal state.
-        """
+        """Return the ending of a Gymnasium step, of a terminal state by `info["ending"]`."""
         if terminated:
             name = str(info.get("ending", "other")).lower()
             one_of('info["ending"]', name, _TERMINAL)
@@ -128,14 +113,8 @@ class Step(NamedTuple):
     ending: Any
 
 
-@runtime_checkable
-class Simulator(Protocol):
-    """Protocol of a world that compiled programs can step: pure functions of JAX arrays."""
-
-    @property
-    def n_actions(self) -> int:
-        """Number of discrete actions."""
-        ...
+class _Stepped(Protocol):
+    """Protocol of what both kinds of simulators have: pure functions of JAX arrays."""
 
     @property
     def n_features(self) -> int:
@@ -157,8 +136,18 @@ class Simulator(Protocol):
 
 
 @runtime_checkable
-class ContinuousSimulator(Protocol):
-    """Protocol of a world of continuous actions that compiled programs can step.
+class Simulator(_Stepped, Protocol):
+    """Protocol of a world that compiled programs can step."""
+
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions."""
+        ...
+
+
+@runtime_checkable
+class ContinuousSimulator(_Stepped, Protocol):
+    """Protocol of such a world of continuous actions.
 
     An action is float32 (size,) within [-1, 1], the ends being the bounds of the world's own
     action space.
@@ -167,24 +156,6 @@ class ContinuousSimulator(Protocol):
     @property
     def action_size(self) -> int:
         """Length of an action."""
-        ...
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        ...
-
-    @property
-    def description(self) -> str:
-        """Name and options of the world; worlds with equal descriptions are identical."""
-        ...
-
-    def reset(self, key: Any) -> tuple[Any, Any]:
-        """Start an episode: (episode state, observation)."""
-        ...
-
-    def advance(self, key: Any, episode: Any, action: Any) -> tuple[Any, Step]:
-        """Take one step: (next episode state, result)."""
         ...
 
 

@@ -74,7 +74,7 @@ class Reproduce(Printing):
             if self.out is not None:
                 experiment.save(study, results, self.out, self.replace)
         elif self.settings:
-            print_table(list(described(self._config(study, content))))
+            print_table(described(self._config(study, content)))
             return 0
         else:
             results = self._computed(study, self._config(study, content))
@@ -117,7 +117,7 @@ def _check(config: Any) -> None:
     Raises:
         UserError: If there are any.
     """
-    from socialiq.cli.checks import check_options
+    from socialiq.cli.words import check_options
     from socialiq.learners.settings import check_seeds
     from socialiq.social.returns import TARGET_KINDS
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.cli.output import Display
-from socialiq.cli.train.offline_dial import OfflineDial
+from socialiq.cli.train.dial import OfflineDial
 from socialiq.cli.train.shared import CHUNK
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.callbacks import Callbacks

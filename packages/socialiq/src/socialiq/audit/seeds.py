@@ -15,9 +15,10 @@ from typing import Literal
 
 from socialiq.errors import UserError
 from socialiq.foreign import optional
-from socialiq.storage import read_small_json
+from socialiq.storage import read_json
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+_LARGEST = 64 * 1024  # bytes of a file
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def read_nonce(path: Path) -> Nonce:
     Raises:
         UserError: If it is missing or something else.
     """
-    content = read_small_json(path)
+    content = read_json(path, _LARGEST)
     value = content.get("nonce") if isinstance(content, dict) else None
     if not isinstance(value, str) or not _SHA256.fullmatch(value):
         raise UserError(f"{path} has no nonce: `socialiq audit nonce --out FILE` writes one")
@@ -159,7 +160,7 @@ def read_round(path: Path) -> Round:
         UserError: If it is something else, the signature is not the network's, or the library
             that checks it is not installed.
     """
-    content = read_small_json(path)
+    content = read_json(path, _LARGEST)
     fields = content if isinstance(content, dict) else {}
     number, signature = fields.get("round"), fields.get("signature")
     if (

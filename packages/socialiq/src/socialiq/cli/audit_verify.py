@@ -21,8 +21,8 @@ from socialiq.audit.report.verify import check_folder, content_of, faults_by_log
 from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
 from socialiq.cli.audit import CodeOptions
-from socialiq.cli.checks import refuse_unused
 from socialiq.cli.output import Printing, complain, print_json, say
+from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.provenance import package_sha256
@@ -243,14 +243,8 @@ def path_of_signature(policy: Path) -> Path:
 def sign_model(policy: Path, key: Path) -> bytes:
     """Return the signature of a policy's file, in the format of OpenSSF Model Signing.
 
-    The library needs the extra `signing`: https://github.com/sigstore/model-transparency.
-
-    Args:
-        policy: The file.
-        key: Private key of an elliptic curve, a PEM file; the format knows no Ed25519.
-
-    Raises:
-        UserError: If the extra is missing, or the library refuses file or key.
+    The private key is one of an elliptic curve, a PEM file; the format knows no Ed25519. The extra
+    `signing` has the library: https://github.com/sigstore/model-transparency.
     """
     config = _library("signing").Config()
     with tempfile.TemporaryDirectory() as place:
@@ -268,16 +262,7 @@ def sign_model(policy: Path, key: Path) -> bytes:
 
 
 def fault_of_model(policy: Path, signed: Path, key: Path) -> str:
-    """Return why a signature is not of a policy's file and a key, or "" if it is.
-
-    Args:
-        policy: The policy's file.
-        signed: File of the signature.
-        key: Public key, a PEM file.
-
-    Raises:
-        UserError: If the extra is missing.
-    """
+    """Return why a signature is not of a policy's file and a public key, or "" if it is."""
     config = _library("verifying").Config()
     try:
         config.use_elliptic_key_verifier(public_key=key).verify(policy, signed)

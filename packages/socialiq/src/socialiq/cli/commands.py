@@ -26,12 +26,12 @@ COMMANDS = {
     "front": "socialiq.cli.solve:Front",
     "predict-lambda": "socialiq.cli.solve:PredictLambda",
     "render": "socialiq.cli.render:Render",
-    "page": "socialiq.cli.page:Page",
-    "view": "socialiq.cli.page:View",
-    "collect": "socialiq.cli.collect:Collect",
+    "page": "socialiq.cli.render:Page",
+    "view": "socialiq.cli.render:View",
+    "collect": "socialiq.cli.data:Collect",
     "train iq-learn": "socialiq.cli.train.iq_learn:IQLearn",
     "train dial": "socialiq.cli.train.dial:Dial",
-    "train offline-dial": "socialiq.cli.train.offline_dial:OfflineDial",
+    "train offline-dial": "socialiq.cli.train.dial:OfflineDial",
     "train improve-dial": "socialiq.cli.train.dial:ImproveDial",
     "train sac": "socialiq.cli.train.actors:SAC",
     "train td3-bc": "socialiq.cli.train.actors:TD3BC",
@@ -107,11 +107,7 @@ def options_of(name: str) -> list[str] | None:
 
 
 def help_page(group: str = "") -> str:
-    """Return the help page of the program, or of a group of commands.
-
-    Args:
-        group: A key of `GROUPS`, or "" for all commands.
-    """
+    """Return the help page of the program, or of a group of commands."""
     names = [name for name in COMMANDS if name.startswith(f"{group} " if group else "")]
     width = max(shutil.get_terminal_size().columns, 40)
     indent = " " * (max(map(len, names)) + 4)

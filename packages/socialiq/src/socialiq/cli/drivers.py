@@ -27,15 +27,12 @@ from socialiq.worlds.situation import load_driver
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
-    """Return a driver of the intersection.
+    """Return a driver of the intersection by its name, in the atlas too (`atlas:NAME`), or file.
 
     Args:
-        name: Name of a rule or of a policy of the atlas (with or without `atlas:`), or a file.
+        name: Of a rule, a policy of the atlas or a file.
         seed: Seed of the random driver.
         options: Scenario of the driver; with continuous actions as `continuous_driver_of`.
-
-    Raises:
-        UserError: If it is none of these, or the policy was trained for another world.
     """
     if options is not None and options.continuous:
         return continuous_driver_of(name, Intersection(options), seed=seed).policy
@@ -55,15 +52,11 @@ def continuous_driver_of(
     """Return a driver of the intersection with continuous actions, with its record.
 
     Args:
-        name: Name of a rule or of a policy of the atlas with such actions (with or without
-            `atlas:`), or a policy as of `load_policy`; a file of this package may see the time too.
+        name: As of `driver_of`, or as of `load_policy`; a file may take the time too.
         world: The intersection.
         angle: Of a dial, in degrees.
         allow_code: As of `load_policy`.
         seed: Seed of the random driver.
-
-    Raises:
-        UserError: If it is none of these, or the policy was trained for another world.
     """
     if name in policies.NAMES:
         return rule_of(name, world, seed)
@@ -86,10 +79,6 @@ def driver_on(
         name: A policy file, which may take the time too; at the intersection as of `driver_of`.
         angle: Of a dial, in degrees; None is 0, and of all else.
         seed: Seed of the random driver.
-
-    Raises:
-        UserError: If it is none of these, was made for another world, or is no dial and an angle is
-            given.
     """
     path = Path(name)
     dial = path.is_file() and kind_of(path) in (DialPolicy.KIND, ActorDial.KIND)
@@ -107,13 +96,7 @@ def driver_on(
 def refuse_misfit(
     name: str, policy: ValuePolicy | DialPolicy | ActorDial, world: Intersection | SceneWorld
 ) -> None:
-    """Raise an error for a policy or dial that was trained for another world.
-
-    It may have the time as a further feature (`evaluation.simulate.play`).
-
-    Raises:
-        UserError: If the numbers of features or actions differ.
-    """
+    """Refuse a policy or dial that was trained for another world; it may take the time too."""
     fits = policy.n_features in (world.n_features, world.n_features + 1)
     if isinstance(policy, ActorDial):
         observed = Interface.of(world)
@@ -136,11 +119,7 @@ def road_named(name: str) -> Intersection | SceneWorld:
 
 
 def gridworld_of(name: str, policy: ValuePolicy | DialPolicy) -> Table:
-    """Return the gridworld that a policy or dial was trained in, with a clock if it uses one.
-
-    Raises:
-        UserError: If the world is unknown, or fits neither with nor without a clock.
-    """
+    """Return the gridworld that a policy or dial was trained in, with a clock if it uses one."""
     plain = make_grid(name)
     for world in (plain, plain.with_clock()):
         if (world.n_features, world.n_actions) == (policy.n_features, policy.n_actions):

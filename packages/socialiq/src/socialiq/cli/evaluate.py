@@ -284,12 +284,8 @@ def _play_in_environment(part: _EnvironmentPart) -> Rollout:
 def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:
     """Return the means over policies of common numbers.
 
-    The angle is that of the mean totals, if all policies were trained for one angle. Otherwise it
-    would describe none of them, and `angle_not_pooled` says why there is none.
-
-    Args:
-        rows: Metrics of each policy.
-        targets: Angle in degrees for which each was trained, None where it is not known.
+    The angle is that of the mean totals, if all targets, in degrees, are known and equal. Otherwise
+    it would describe none of the policies, and `angle_not_pooled` says why there is none.
     """
     names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
     # Intervals belong to one policy's episodes: they can't be averaged.
@@ -306,11 +302,7 @@ def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dic
 
 
 def target_of(name: str) -> float | None:
-    """Return the angle in degrees for which a policy was trained, None if it is not known.
-
-    Args:
-        name: Name of a policy of the atlas, or a file; another driver has no such angle.
-    """
+    """Return the angle in degrees that a policy, of the atlas or a file, was trained for."""
     name = name.removeprefix("atlas:")
     try:
         if name in atlas.names():

@@ -32,12 +32,6 @@ def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
             allow_code (whether a Python module may be imported) and json.
         policies: Policy files, or python:MODULE:ATTRIBUTE.
         data: Demonstrations file.
-
-    Returns:
-        The exit status.
-
-    Raises:
-        UserError: If data and policies don't fit together.
     """
     logged = Logged.of(files.load(data))
     evaluator = Evaluator(logged, resamples=200, seed=command.seed)
@@ -89,11 +83,7 @@ def _rows(evaluator: Evaluator, spec: str, command: Any) -> list[Row]:
 
 
 def _chances_of(policy: Policy, n_actions: int, soft: bool) -> Chances:
-    """Return a policy's action probabilities; anything but a network of ours is deterministic.
-
-    Raises:
-        UserError: If another policy than ours is to be soft: it tells no probabilities.
-    """
+    """Return a policy's action probabilities; anything but a network of ours is deterministic."""
     if isinstance(policy, ValuePolicy):
         if soft:
             return policy.probabilities

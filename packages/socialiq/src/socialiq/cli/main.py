@@ -21,7 +21,6 @@ from typing import Any
 
 from socialiq import foreign
 from socialiq.cli import commands, words
-from socialiq.cli.checks import check_options, check_words
 from socialiq.errors import UserError
 
 CRASHED = 70
@@ -35,14 +34,7 @@ _BOX = re.compile(r"[│╭╮╰╯─|+]+|-{3,}")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command.
-
-    Args:
-        arguments: Words after the program's name; by default the process's own.
-
-    Returns:
-        The exit status.
-    """
+    """Run one command, by default of the process's own words; return the exit status."""
     return exit_status(lambda: _run(arguments))
 
 
@@ -51,7 +43,7 @@ def _run(arguments: list[str] | None) -> int:
         command = parse(arguments)
         from socialiq.outputs import claimed
 
-        check_options(command)
+        words.check_options(command)
         out = getattr(command, "output", getattr(command, "out", None))
         with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
             return command.run()
@@ -82,7 +74,7 @@ def parse(arguments: list[str] | None) -> Any:
         SystemExit: After a help page, the version or a completion script.
     """
     every = sys.argv[1:] if arguments is None else arguments
-    check_words(every)
+    words.check_words(every)
     line = [word for word in every if word != "--json"]
     first = line[0] if line else ""
     if first in ("-h", "--help"):
@@ -182,12 +174,8 @@ class Stream:
 def exit_status(command: Callable[[], int]) -> int:
     """Run a command; return its exit status, whatever becomes of its output.
 
-    Args:
-        command: Returns its exit status.
-
-    Returns:
-        The command's status; 70 after a fault of the program; 74 in the place of 0 if output was
-        lost because a disk is full, for instance, while a reader still waits for it.
+    It is 70 after a fault of the program, and 74 in the place of 0 if output was lost that a reader
+    still waits for, because a disk is full, for instance.
     """
     before = sys.stdout, sys.stderr
     out, errors = Stream(sys.stdout), Stream(sys.stderr)

@@ -92,11 +92,7 @@ class Display:
     """Progress of the stages of a command, one after another; a context manager.
 
     On a terminal stage, bar, rate and the time left come first, and named losses follow as far as
-    there is room. Elsewhere a plain line appears every ten seconds.
-
-    Args:
-        quiet: Show nothing.
-        console: Terminal to write to; by default standard error.
+    there is room. Elsewhere a plain line appears every ten seconds, or nothing if `quiet`.
     """
 
     def __init__(self, quiet: bool = False, console: Console | None = None) -> None:

@@ -1,53 +1,129 @@
-"""Words that no command has: those of older releases are forwarded, others named the nearest."""
+"""Words of a command line: the checks that all options share, old words and mistyped ones.
+
+The commands' own checks say what a value means; those here keep out what nothing could mean.
+Words of older releases are forwarded, and unknown ones answered with the nearest that is known.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import difflib
 import io
+import math
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from socialiq.cli import commands
 from socialiq.errors import UserError
+from socialiq.foreign import one_line
 
 OLD_WORDS = ("train", "train-dial", "improve-dial", "compare")
 """First words that `forwarded` may change."""
 OFFLINE = "offline-regularised"
 """Preset of `train-dial` that is now the learner offline-dial."""
 
-ALIASES = {
-    "alpha": ("angle",),
-    "beta": ("strength",),
-    "coefficient": ("strength",),
-    "env": ("world",),
-    "environment": ("world",),
-    "epochs": ("updates",),
-    "force": ("replace",),
-    "gamma": ("discount",),
-    "gradient-steps": ("updates",),
-    "iterations": ("updates",),
-    "lambda": ("strength",),
-    "lr": ("learning-rate",),
-    "model": ("policy",),
-    "overwrite": ("replace",),
-    "phi": ("angle",),
-    "regularization": ("strength",),
-    "rho": ("polyak",),
-    "rollouts": ("episodes",),
-    "stochastic": ("soft",),
-    "svo": ("angle",),
-    "tau": ("temperature",),
-    "theta": ("angle",),
-    "workers": ("threads",),
+LARGEST_COUNT = 10**9
+"""Largest whole number of an option that is no seed."""
+LARGEST_SEED = 2**63 - 1
+FLOATS = (1e-100, 1e100)
+"""Smallest and largest size of a number other than 0."""
+
+_MEANINGS = {
+    "angle": "alpha phi svo theta",
+    "discount": "gamma",
+    "episodes": "rollouts",
+    "learning-rate": "lr",
+    "policy": "model",
+    "polyak": "rho",
+    "replace": "force overwrite",
+    "soft": "stochastic",
+    "strength": "beta coefficient lambda regularization",
+    "temperature": "tau",
+    "threads": "workers",
+    "updates": "epochs gradient-steps iterations",
+    "world": "env environment",
 }
-"""Common names of options, and the names here; the first that a command has is taken."""
+ALIASES = {word: name for name, words in _MEANINGS.items() for word in words.split()}
+"""Common names of options, and the names here."""
 
 _DECIDED = ("angle", "strength", "seed", "updates", "hidden")
 """Settings that may be options of other names; a typo is answered with the option."""
 _OPTION = re.compile(r"^\W*(?:-\w, )?--([a-z][\w-]*(?:\.[\w-]+)*)", re.MULTILINE)
+
+
+def check_words(words: Sequence[str]) -> None:
+    """Refuse words that can't be a value: an empty one, or one that is not text."""
+    for position, word in enumerate(words):
+        option, sign, value = word.partition("=")
+        if not word:
+            of = f" of {one_line(words[position - 1], 80)}" if position else ""
+            raise UserError(f"an empty word{of}: give a value, or leave the option out")
+        if sign and not value and option.startswith("--"):
+            raise UserError(f"{one_line(option, 80)} is empty: give a value, or leave it out")
+        if "\0" in word:
+            raise UserError(f"'{one_line(word, 80)}' has a zero byte: no name or text has one")
+        try:
+            word.encode()
+        except UnicodeEncodeError:  # bytes that are not UTF-8 became halves of surrogates
+            text = one_line(word.encode("utf-8", "replace"), 80)
+            raise UserError(
+                f"'{text}' is not UTF-8 text: rename the file, or type it again"
+            ) from None
+
+
+def check_options(command: Any) -> None:
+    """Refuse numbers of options that no run could take, and lists of values without a value.
+
+    A whole number is at most 10^9, a seed is from 0 to 2^63 - 1, and any other number is finite
+    and of a size that arithmetic keeps. The options are the fields of a command's object.
+    """
+    for name, value in _values(command):
+        option = f"--{name.replace('_', '-')}"
+        if value is None:
+            raise UserError(f"{option} has no value: give one, or leave it out")
+        if isinstance(value, float):
+            low, high = FLOATS
+            if not (value == 0.0 or low <= abs(value) <= high):
+                raise UserError(
+                    f"{option} {value:g}: give 0, or a number of size {low:g} to {high:g}"
+                )
+            continue
+        is_long = abs(value) >= 10**20
+        text = f"a number of {int(math.log10(abs(value))) + 1} digits" if is_long else f"{value}"
+        if name in ("seed", "seeds"):
+            if not 0 <= value <= LARGEST_SEED:
+                limit = "at least 0" if value < 0 else "below 2^63"
+                raise UserError(f"{option}: seed must be {limit}, got {text}")
+        elif abs(value) > LARGEST_COUNT:
+            raise UserError(f"{option} {text}: give at most {LARGEST_COUNT:,}")
+
+
+def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
+    """Refuse fields of a command that were given without the option that makes them useful."""
+    defaults = {field.name: field.default for field in dataclasses.fields(command)}
+    for name in names:
+        if getattr(command, name) != defaults[name]:
+            raise UserError(f"--{name.replace('_', '-')} is of {owner}: add that, or leave it out")
+
+
+def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
+    """Yield the name and value of each number in the fields of a dataclass, and in those below.
+
+    None stands for the missing value of a list that is not empty by default.
+    """
+    for field in dataclasses.fields(options):
+        value = getattr(options, field.name)
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            yield from _values(value)
+        if value == () and isinstance(field.default, tuple) and field.default:
+            yield field.name, None
+        for number in value if isinstance(value, tuple | list) else (value,):
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                yield field.name, number
 
 
 def forwarded(words: Sequence[str]) -> list[str]:
@@ -149,7 +225,7 @@ def unknown_option(program: str, words: Sequence[str], known: Sequence[str]) -> 
         if not word.startswith("--") or not name or name in (*known, "help"):
             continue
         if program.startswith("socialiq train "):
-            spellings = [text.replace("-", "_") for text in (name, *ALIASES.get(name, ()))]
+            spellings = [text.replace("-", "_") for text in (name, ALIASES.get(name, name))]
             for setting in spellings:
                 if setting in commands.learner_settings() and setting not in _DECIDED:
                     return UserError(f"--{name} is a setting: give --set {setting}=VALUE")
@@ -164,7 +240,7 @@ def nearest_option(name: str, known: Sequence[str]) -> str | None:
     plain = {option.rpartition(".")[2]: option for option in reversed(known)}
     shortened = re.sub(r"^(n|num|nb|number-of|total)-", "", name)
     for word in (name, shortened):
-        for spelling in (word, *ALIASES.get(word, ()), f"{word}s", word.removesuffix("s")):
+        for spelling in (word, ALIASES.get(word, word), f"{word}s", word.removesuffix("s")):
             if spelling in plain:
                 return plain[spelling]
     near = difflib.get_close_matches(name, list(plain), 1)

@@ -7,8 +7,10 @@ HDF5's own C code on the file; a defect of that code cannot be prevented here.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -27,34 +29,18 @@ _FAULTS = (OSError, RuntimeError, ValueError, TypeError, KeyError, AttributeErro
 
 
 def library(needed_by: str = "Minari data") -> ModuleType:
-    """Import h5py.
-
-    Args:
-        needed_by: What it reads or writes, in the message.
-
-    Raises:
-        UserError: If it is not installed.
-    """
+    """Import h5py; `UserError` if it is not installed."""
     return optional("h5py", "minari", needed_by)
 
 
 class Reader:
-    """An open file; a context manager. Every error message names the file.
-
-    Args:
-        path: The file.
-
-    Raises:
-        UserError: If it is missing or not an HDF5 file, or h5py is not installed.
-    """
+    """An open file; a context manager. Every error message names the file."""
 
     def __init__(self, path: Path) -> None:
         self._h5py, self._path, self._left = library(), path, MOST_NUMBERS
         check_file(path)
-        try:
+        with self._reading():
             self._file = self._h5py.File(path, "r")
-        except _FAULTS as error:
-            raise self._damaged() from error
 
     def __enter__(self) -> Reader:
         return self
@@ -62,44 +48,51 @@ class Reader:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except _FAULTS as error:
+            raise UserError(f"{self._path} is damaged or no HDF5 file: record it again") from error
+
     def text(self, name: str) -> bytes | None:
         """Return a text that the root has as an attribute; None if there is none."""
-        try:
+        with self._reading():
             text = self._file.attrs.get(name)
-        except _FAULTS as error:
-            raise self._damaged() from error
         if isinstance(text, np.void):  # bytes of any length
             return text.tobytes()
         return text.encode() if isinstance(text, str) else None
 
     def size(self) -> int:
         """Return the number of members of the file's root."""
-        try:
+        with self._reading():
             return len(self._file)
-        except _FAULTS as error:
-            raise self._damaged() from error
 
     def has(self, name: str) -> bool:
         """Whether there is a member of that path, separated by slashes."""
-        try:
+        with self._reading():
             return self._member(name) is not None
-        except _FAULTS as error:
-            raise self._damaged() from error
 
     def array(self, name: str) -> np.ndarray:
-        """Return the numbers of one member.
-
-        Raises:
-            UserError: If it is missing, not numeric, stored elsewhere, or too large.
-        """
-        try:
+        """Return the numbers of one member of this very file."""
+        with self._reading():
             member = self._member(name)
             if member is None:
                 raise UserError(f"{self._path} lacks {name}: record it again")
-            self._check(member, name)
+            if not isinstance(member, self._h5py.Dataset):
+                raise UserError(
+                    f"{self._path}: {name} is nested: only plain arrays are read, flatten it first"
+                )
+            if member.external or member.is_virtual:
+                raise UserError(f"{self._path}: {name} is stored in another file: copy it in")
+            if member.dtype.kind not in "fiub" or member.shape is None or not member.shape:
+                kind = one_line(str(member.dtype), 40)
+                raise UserError(f"{self._path}: {name} is {kind}, not an array of numbers")
+            largest = max(math.prod(member.shape), math.prod(member.chunks or (1,)))
+            if largest > self._left:
+                raise UserError(f"{self._path} claims more than {MOST_NUMBERS:,} numbers: split it")
+            self._left -= largest
             return np.asarray(member[()])
-        except _FAULTS as error:
-            raise self._damaged() from error
 
     def _member(self, name: str) -> Any:
         """Return a member of this file, without following a link to another place."""
@@ -114,24 +107,6 @@ class Reader:
                 raise UserError(f"{self._path}: {name} is a link to another place: copy it in")
             group = group[word]
         return group
-
-    def _check(self, member: Any, name: str) -> None:
-        if not isinstance(member, self._h5py.Dataset):
-            raise UserError(
-                f"{self._path}: {name} is nested: only plain arrays are read, flatten it first"
-            )
-        if member.external or member.is_virtual:
-            raise UserError(f"{self._path}: {name} is stored in another file: copy it in")
-        if member.dtype.kind not in "fiub" or member.shape is None or not member.shape:
-            kind = one_line(str(member.dtype), 40)
-            raise UserError(f"{self._path}: {name} is {kind}, not an array of numbers")
-        largest = max(math.prod(member.shape), math.prod(member.chunks or (1,)))
-        if largest > self._left:
-            raise UserError(f"{self._path} claims more than {MOST_NUMBERS:,} numbers: split it")
-        self._left -= largest
-
-    def _damaged(self) -> UserError:
-        return UserError(f"{self._path} is damaged or no HDF5 file: record it again")
 
 
 NAMES = {
@@ -155,16 +130,8 @@ OURS = "infos/socialiq"
 def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
     """Read the arrays of `arrays.of_steps` from a file in D4RL's layout.
 
-    Args:
-        path: The file.
-        key: Attribute of the file with a header.
-
     Returns:
-        The arrays by their names there, and the header or None.
-
-    Raises:
-        UserError: If the file is missing or damaged, an array is missing, or nothing says what
-            follows the last step of an episode.
+        The arrays by their names there, and the header at the attribute `key` or None.
     """
     with Reader(path) as reader:
         required = (*list(NAMES.values())[:3], REWARD)
@@ -187,15 +154,9 @@ def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
 
 
 def d4rl_of(table: Demonstrations, key: str, header: bytes) -> bytes:
-    """Return a table as the bytes of a file in D4RL's layout; its one reward is r_env.
+    """Return a table as a file in D4RL's layout, with a header at the attribute `key`.
 
-    Args:
-        table: The table.
-        key: Attribute of the file that holds the header.
-        header: The header.
-
-    Raises:
-        UserError: If h5py is not installed.
+    Its one reward is r_env.
     """
     h5py, content = library("HDF5 files"), io.BytesIO()
     columns = table.arrays()

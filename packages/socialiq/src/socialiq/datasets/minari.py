@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.columns import Bounds, features_of
+from socialiq.datasets.arrays import Bounds, features_of, of_steps
 from socialiq.datasets.hdf5 import Reader, library
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -39,20 +38,11 @@ MOST_METADATA = 64 * 1024 * 1024  # bytes: Minari writes the bounds of every pix
 
 
 class _Space(NamedTuple):
-    """Facts of a Gymnasium space.
-
-    Attributes:
-        kind: Name of its class.
-        shape: Shape of an element.
-        image: Whether it looks like an image to Minari.
-        start: First number of a discrete space.
-        size: Number of elements of a discrete space; 0 of others.
-        ends: Lower and upper ends of a box, as the metadata have them.
-    """
+    """Facts of a Gymnasium space: its class, shape and ends; number and first of discrete ones."""
 
     kind: str
     shape: tuple[int, ...]
-    image: bool
+    image: bool  # whether it looks like one to Minari
     start: int
     size: int
     ends: tuple[Any, Any]
@@ -74,11 +64,6 @@ def read_minari(
         mode: Name of the demonstrator, where the data set names none.
         flatten: Whether observations of more axes (images) are flattened to one.
         bounds: Ends of continuous actions, where those of the data set's own space are not finite.
-
-    Raises:
-        UserError: If it is missing or damaged; if its actions are neither discrete nor vectors
-            within bounds, or its observations no numbers; if it has no reward pair and `social` is
-            not given; if it was changed since it was written.
     """
     data = folder / DATA_FOLDER if (folder / DATA_FOLDER).is_dir() else folder
     metadata = _metadata(data / METADATA_FILE)
@@ -181,15 +166,23 @@ def _columns(
         raise UserError(
             f"{path} holds {size} episodes, but its metadata say {expected}: record it again"
         )
-    vector = () if actions.size else actions.shape
-    episodes = [_of_episode(reader, f"episode_{k}", path, space, vector) for k in range(size)]
-    pairs = sum("pair" in episode for episode in episodes)
+    tables, pairs = [], 0
+    for number in range(size):
+        arrays = _of_episode(reader, f"episode_{number}", path, space, actions)
+        moments = features_of("observations", arrays["observations"], flatten=True)
+        pairs += "pair" in arrays
+        rewards = arrays["pair"][1:] if "pair" in arrays else arrays["rewards"].reshape(-1)
+        table = {"observation": moments[:-1], "next_observation": moments[1:]}
+        table |= {
+            "action": arrays["actions"] - actions.start if actions.start else arrays["actions"]
+        }
+        table |= {"terminated": arrays["terminations"].reshape(-1)}
+        table |= {"truncated": arrays["truncations"].reshape(-1), "reward": rewards}
+        table |= {"episode": np.full(len(arrays["actions"]), number)}
+        table |= {name: arrays[name][1:] for name in ("ending", "mode") if name in arrays}
+        tables.append(table)
     if 0 < pairs < size:
         raise UserError(f"{path} has a reward pair in some episodes only: record it again")
-    tables = [_as_rows(episode, number) for number, episode in enumerate(episodes)]
-    if actions.start:
-        for table in tables:
-            table["action"] = table["action"] - actions.start
     names = [name for name in tables[0] if all(name in table for table in tables)]
     joined: dict[str, Any] = {
         name: np.concatenate([table[name] for table in tables]) for name in names
@@ -198,9 +191,9 @@ def _columns(
 
 
 def _of_episode(
-    reader: Reader, group: str, path: Path, space: _Space, action: tuple[int, ...]
+    reader: Reader, group: str, path: Path, space: _Space, actions: _Space
 ) -> dict[str, np.ndarray]:
-    """Return the arrays of one episode, whose lengths agree; `action` is the shape of an action."""
+    """Return the arrays of one episode, whose lengths agree."""
     names = ("actions", "rewards", "terminations", "truncations")
     arrays = {name: reader.array(f"{group}/{name}") for name in (*names, "observations")}
     infos = {name: f"{group}/infos/{OURS}/{name}" for name in ("ending", "mode")}
@@ -208,8 +201,8 @@ def _of_episode(
         if reader.has(f"{group}/infos/{name}"):
             infos["pair"] = f"{group}/infos/{name}"
     arrays |= {key: reader.array(name) for key, name in infos.items() if reader.has(name)}
-    steps = arrays["actions"].shape[0]
-    shapes = dict.fromkeys(names, (steps,)) | {"actions": (steps, *action)}
+    steps, vector = arrays["actions"].shape[0], () if actions.size else actions.shape
+    shapes = dict.fromkeys(names, (steps,)) | {"actions": (steps, *vector)}
     shapes |= {"observations": (steps + 1, *space.shape)}
     shapes |= {"ending": (steps + 1,), "mode": (steps + 1,), "pair": (steps + 1, 2)}
     for name, array in arrays.items():
@@ -219,21 +212,6 @@ def _of_episode(
                 "record it again"
             )
     return arrays
-
-
-def _as_rows(arrays: dict[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
-    """Return one episode as rows of a table."""
-    moments = features_of("observations", arrays["observations"], flatten=True)
-    rows = {
-        "observation": moments[:-1],
-        "next_observation": moments[1:],
-        "action": arrays["actions"],
-        "terminated": arrays["terminations"].reshape(-1),
-        "truncated": arrays["truncations"].reshape(-1),
-        "reward": arrays["pair"][1:] if "pair" in arrays else arrays["rewards"].reshape(-1),
-        "episode": np.full(len(arrays["actions"]), number),
-    }
-    return rows | {name: arrays[name][1:] for name in ("ending", "mode") if name in arrays}
 
 
 def _mode_names(ours: Any, mode: np.ndarray, default: str) -> tuple[str, ...]:
@@ -261,13 +239,18 @@ def write_minari(
 
     Returns:
         The folder that `minari.MinariDataset` reads.
-
-    Raises:
-        UserError: If the folder exists, the table skips steps, the name is none for Minari, or the
-            extra `minari` is not installed.
     """
     check_angle(angle)
-    _check_connected(demonstrations)
+    table, start = demonstrations, demonstrations.episode_starts
+    skips = table.step != np.arange(table.n_transitions) - np.repeat(start, table.episode_lengths)
+    inner = np.flatnonzero(np.diff(table.episode) == 0)
+    after, following = table.next_observation[inner], table.observation[inner + 1]
+    skips[inner + 1] |= (after.view(np.uint32) != following.view(np.uint32)).any(axis=1)
+    if skips.any():  # Minari keeps T + 1 observations for T steps
+        raise UserError(
+            f"row {int(np.argmax(skips))} does not follow the row before it, and Minari keeps "
+            "whole episodes only: write the table before it was subsampled"
+        )
     library()
     optional("minari.dataset.minari_storage", "minari", "Minari data sets")
     minari = optional("minari", "minari", "Minari data sets")
@@ -283,21 +266,6 @@ def write_minari(
     with whole_folder(folder) as temporary:
         _write(minari, demonstrations, temporary.absolute() / DATA_FOLDER, name, angle)
     return folder / DATA_FOLDER
-
-
-def _check_connected(table: Demonstrations) -> None:
-    """Refuse tables that skip steps: Minari keeps T + 1 observations for T steps."""
-    starts = np.repeat(table.episode_starts, table.episode_lengths)
-    skips = table.step != np.arange(table.n_transitions) - starts
-    inner = np.flatnonzero(np.diff(table.episode) == 0)
-    after, following = table.next_observation[inner], table.observation[inner + 1]
-    skips[inner + 1] |= (after.view(np.uint32) != following.view(np.uint32)).any(axis=1)
-    if skips.any():
-        row = int(np.argmax(skips))
-        raise UserError(
-            f"row {row} does not follow the row before it, and Minari keeps whole episodes only: "
-            "write the table before it was subsampled"
-        )
 
 
 def id_of(folder: Path) -> str:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from socialiq.datasets import step_tables
-from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.columns import Bounds
+from socialiq.datasets.arrays import Bounds, of_steps
 from socialiq.datasets.hdf5 import d4rl_of, read_d4rl
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -104,9 +103,6 @@ def write_steps(path: Path, table: Demonstrations, replace: bool = True) -> None
 
     A CSV file has no place for the names of the modes, the number of actions and the source; the
     other formats keep them.
-
-    Raises:
-        UserError: If the ending names no format, or the file can't be written.
     """
     kind = format_of(path)
     header = json.dumps({**files.header_of(table), "sha256": files.sha256_of(table)}).encode()
@@ -127,11 +123,7 @@ def write_steps(path: Path, table: Demonstrations, replace: bool = True) -> None
 
 
 def format_of(path: Path) -> str:
-    """Return the format that a file's ending names, one of `FORMATS`.
-
-    Raises:
-        UserError: If it names none.
-    """
+    """Return the format that a file's ending names, one of `FORMATS`; `UserError` otherwise."""
     one_of("format", path.suffix.lower(), FORMATS)
     return path.suffix.lower()
 
@@ -168,11 +160,7 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
 
 
 def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:
-    """Return the header that `write_steps` added, if any.
-
-    Raises:
-        UserError: If there is one that `write_steps` did not write.
-    """
+    """Return the header that `write_steps` added, if any; refuse any other."""
     if header is None:
         return None
     try:
@@ -198,7 +186,9 @@ MOST_BYTES = 2 * 1024**3
 """Largest size of all arrays of one archive together."""
 
 _MEMBERS = 1_000
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _FAULTS = (
+    KeyError,  # of an unknown version
     zipfile.BadZipFile,
     zlib.error,
     OSError,
@@ -215,14 +205,8 @@ def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
     """Read arrays of numbers in an archive of NumPy, of unknown origin; nothing is unpickled.
 
     The header of a member is checked against its size before memory is allocated: NumPy itself
-    would allocate an array of any shape that the header claims.
-
-    Args:
-        path: The archive.
-        names: Members to read if they exist; others are never opened.
-
-    Raises:
-        UserError: If it is missing or damaged, or one of these members is not numeric.
+    would allocate an array of any shape that the header claims. Members of other names than the
+    given ones are never opened.
     """
     try:
         with open_file(path) as file, zipfile.ZipFile(file) as archive:
@@ -230,38 +214,25 @@ def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
             members = {name: members[f"{name}.npy"] for name in names if f"{name}.npy" in members}
             if sum(member.file_size for member in members.values()) > MOST_BYTES:
                 raise UserError(f"{path} holds more than {MOST_BYTES:,} bytes: split it")
-            return {name: _member(archive, member, path) for name, member in members.items()}
+            arrays = {}
+            for name, member in members.items():
+                with archive.open(member) as content:
+                    version = npy.read_magic(content)
+                    shape, _, dtype = _HEADERS[version](content)
+                    start = content.tell()
+                if dtype.kind not in "fiub":
+                    raise UserError(
+                        f"{path}: {name} is {dtype.kind!r}, not an array of numbers: save numbers"
+                    )
+                size = start + math.prod(shape) * dtype.itemsize
+                if min(shape, default=0) < 0 or size != member.file_size:
+                    raise UserError(
+                        f"{path}: {name} has another size than its header: save it again"
+                    )
+                with archive.open(member) as content:
+                    arrays[name] = npy.read_array(content, allow_pickle=False)
+            return arrays
     except UserError:
         raise
     except _FAULTS as error:
         raise UserError(f"{path} is damaged or no .npz archive: save it again") from error
-
-
-def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> np.ndarray:
-    name = member.filename.removesuffix(".npy")
-    with archive.open(member) as file:
-        shape, dtype = _npy_header(file)
-        if dtype.kind not in "fiub":
-            raise UserError(
-                f"{path}: {name} is {dtype.kind!r}, not an array of numbers: save numbers"
-            )
-        if file.tell() + math.prod(shape) * dtype.itemsize != member.file_size:
-            raise UserError(f"{path}: {name} has another size than its header: save it again")
-    with archive.open(member) as file:
-        return npy.read_array(file, allow_pickle=False)
-
-
-def _npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
-    """Return shape and type of a member.
-
-    Raises:
-        ValueError: If it is not one that NumPy writes for plain arrays.
-    """
-    version = npy.read_magic(file)
-    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-    if version not in readers:
-        raise ValueError("unknown version")
-    shape, _, dtype = readers[version](file)
-    if any(size < 0 for size in shape):
-        raise ValueError("negative size")
-    return shape, dtype

@@ -17,7 +17,6 @@ import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -57,15 +56,7 @@ class Layout(NamedTuple):
         return "integer" if name == self.action else self.scalars.get(name)
 
     def check_names(self, names: Sequence[str], source: str) -> None:
-        """Refuse a header that is not that of this layout.
-
-        Args:
-            names: The columns of the file.
-            source: The file's name in messages.
-
-        Raises:
-            UserError: If a column is unknown, twice there or missing; the line names it.
-        """
+        """Refuse the columns of a file, `source`, that are unknown, missing or there twice."""
         for name in names:
             if self.kind_of(name) is None:
                 vectors = (f"{vector}_0, ..." for vector in (*self.vectors, self.action))
@@ -77,7 +68,20 @@ class Layout(NamedTuple):
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise UserError(f"{source} has two columns {twice}: leave one")
-        self._check_features(names, source)
+        sizes = {name: self._features(names, name) for name in (*self.vectors, self.action)}
+        for vector, numbers in sizes.items():
+            gap = next((count for count, number in enumerate(numbers) if count != number), None)
+            if gap is not None:
+                raise UserError(
+                    f"{source} has {vector}_{numbers[-1]} but no column {vector}_{gap}: number the "
+                    "columns 0, 1, 2, ..."
+                )
+        before, after = self.vectors
+        if sizes[after] and len(sizes[before]) != len(sizes[after]):
+            raise UserError(
+                f"{source} has {len(sizes[before])} columns {before}_0, ... and "
+                f"{len(sizes[after])} columns {after}_0, ...: give both as many"
+            )
         alone = self.reward in names
         missing = [name for name in self.required if name not in names]
         continuous = f"{self.action}_0" in names
@@ -100,13 +104,8 @@ class Layout(NamedTuple):
     def arrays_of(self, columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
         """Return arrays by name, with vectors and the reward pair in one array each.
 
-        Args:
-            columns: One-dimensional arrays under the names of a file.
-            source: The file's name in messages.
-
-        Raises:
-            UserError: If a header is wrong, or a number is not finite; the line names column and
-                row.
+        The columns of the file `source` are one-dimensional. A wrong header is refused, and a number
+        that is not finite, with its column and row.
         """
         self.check_names(list(columns), source)
         for name, column in columns.items():
@@ -134,24 +133,6 @@ class Layout(NamedTuple):
         """Return the numbers of the features that have a column, in rising order."""
         matches = (self._feature(name) for name in names)
         return sorted(int(match[2]) for match in matches if match and match[1] == vector)
-
-    def _check_features(self, names: Sequence[str], source: str) -> None:
-        vectors = (*self.vectors, self.action)
-        sizes = {vector: self._features(names, vector) for vector in vectors}
-        for vector, numbers in sizes.items():
-            gap = next((count for count, number in enumerate(numbers) if count != number), None)
-            if gap is not None:
-                raise UserError(
-                    f"{source} has {vector}_{numbers[-1]} but no column {vector}_{gap}: number the "
-                    "columns 0, 1, 2, ..."
-                )
-        observed, following = (len(sizes[vector]) for vector in self.vectors)
-        if following and observed != following:
-            now, after = self.vectors
-            raise UserError(
-                f"{source} has {observed} columns {now}_0, ... and {following} columns "
-                f"{after}_0, ...: give both as many"
-            )
 
 
 STEPS = Layout(
@@ -216,10 +197,6 @@ _PARSERS: dict[Kind | None, _Parser] = {
 def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
     """Read the columns of a CSV file of steps (UTF-8, comma, first line with the names).
 
-    Args:
-        path: The file.
-        layout: Its columns.
-
     Raises:
         UserError: If the file is missing, empty or too large, its header is wrong, or a cell
             cannot be read; the line names the file's line and the column.
@@ -227,22 +204,21 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
     with open_csv(path) as file:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
             raise UserError(f"{path} is larger than {MOST_BYTES:,} bytes: split it")
-        return _columns(csv.reader(file), layout, path)
-
-
-def _columns(rows: Any, layout: Layout, path: Path) -> dict[str, np.ndarray]:
-    try:
-        names = [name.strip() for name in next(rows, [])]
-        if not names:
-            raise UserError(f"{path} is empty: name a file with steps")
-        layout.check_names(names, str(path))
-        parsers = {name: _PARSERS[layout.kind_of(name)] for name in names}
-        columns = {name: array(parser.code) for name, parser in parsers.items()}
-        for cells in rows:
-            if cells:  # an empty line has none
-                _append(cells, parsers, columns, f"{path}, line {rows.line_num}")
-    except csv.Error as error:
-        raise UserError(f"{path}, line {rows.line_num}: {error}: is this a CSV file?") from error
+        rows = csv.reader(file)
+        try:
+            names = [name.strip() for name in next(rows, [])]
+            if not names:
+                raise UserError(f"{path} is empty: name a file with steps")
+            layout.check_names(names, str(path))
+            parsers = {name: _PARSERS[layout.kind_of(name)] for name in names}
+            columns = {name: array(parser.code) for name, parser in parsers.items()}
+            for cells in rows:
+                if cells:  # an empty line has none
+                    _append(cells, parsers, columns, f"{path}, line {rows.line_num}")
+        except csv.Error as error:
+            raise UserError(
+                f"{path}, line {rows.line_num}: {error}: is this a CSV file?"
+            ) from error
     if not len(columns[names[0]]):
         raise UserError(f"{path} has no row but its header: name a file with steps")
     arrays = {name: np.array(column) for name, column in columns.items()}
@@ -293,33 +269,19 @@ _NUMPY_KINDS: dict[Kind | None, tuple[str, str]] = {
 """By kind of column: the NumPy kinds that are read, and their name in messages."""
 
 
-def _library() -> ModuleType:
-    """Import pyarrow's Parquet module.
-
-    Raises:
-        UserError: If it is not installed.
-    """
-    return optional("pyarrow.parquet", "parquet", "Parquet files")
+_LIBRARY = ("pyarrow.parquet", "parquet", "Parquet files")
 
 
 def read_parquet(
     path: Path, key: str = "", layout: Layout = STEPS
 ) -> tuple[dict[str, np.ndarray], bytes | None]:
-    """Read the columns of a Parquet file of steps.
-
-    Args:
-        path: The file.
-        key: Name of an entry of the file's own metadata.
-        layout: Its columns.
-
-    Returns:
-        The columns, and that entry or None.
+    """Read the columns of a Parquet file of steps, and the entry `key` of its metadata or None.
 
     Raises:
         UserError: If the file is missing, damaged or too large, a column is unknown, missing or of
             another type, or a cell is empty; the line names the column.
     """
-    parquet = _library()
+    parquet = optional(*_LIBRARY)
     with open_file(path) as file:
         try:
             opened = parquet.ParquetFile(file)
@@ -328,10 +290,24 @@ def read_parquet(
             if size * len(schema.names) > MOST_NUMBERS:
                 raise UserError(f"{path} claims more than {MOST_NUMBERS:,} numbers: split it")
             for field in schema:
-                _check_type(field, layout.kind_of(field.name), path)
+                kinds, words = _NUMPY_KINDS[layout.kind_of(field.name)]
+                try:
+                    kind = np.dtype(field.type.to_pandas_dtype()).kind
+                except (NotImplementedError, TypeError):  # nested, or an extension's
+                    kind = "O"
+                if kind not in kinds:
+                    name = one_line(str(field.type), 40)
+                    raise UserError(f"{path}: column {field.name} is {name}: write it as {words}")
             table = opened.read(use_threads=False)
-            columns = {name: _column(table, name, path) for name in schema.names}
-            return columns, (schema.metadata or {}).get(key.encode())
+            columns = {name: table.column(name) for name in schema.names}
+            for name, column in columns.items():
+                if column.null_count:
+                    row = int(np.argmax(column.is_null().to_numpy()))
+                    raise UserError(
+                        f"{path}: column {name}, row {row} is empty: fill it or leave out the row"
+                    )
+            arrays = {name: column.to_numpy() for name, column in columns.items()}
+            return arrays, (schema.metadata or {}).get(key.encode())
         except UserError:
             raise
         # pyarrow's errors are these, or descend from them.
@@ -340,34 +316,11 @@ def read_parquet(
 
 
 def parquet_of(columns: Mapping[str, np.ndarray], key: str, entry: bytes) -> bytes:
-    """Return columns of equal length as the bytes of a Parquet file with one metadata entry.
-
-    Raises:
-        UserError: If pyarrow is not installed.
-    """
-    parquet = _library()
+    """Return columns of equal length as the bytes of a Parquet file with one metadata entry."""
+    parquet = optional(*_LIBRARY)
     import pyarrow  # pyright: ignore[reportMissingImports]
 
     table = pyarrow.table({name: np.ascontiguousarray(column) for name, column in columns.items()})
     file = io.BytesIO()
     parquet.write_table(table.replace_schema_metadata({key: entry}), file)
     return file.getvalue()
-
-
-def _check_type(field: Any, expected: Kind | None, path: Path) -> None:
-    kinds, words = _NUMPY_KINDS[expected]
-    try:
-        kind = np.dtype(field.type.to_pandas_dtype()).kind
-    except (NotImplementedError, TypeError):  # nested, or an extension's
-        kind = "O"
-    if kind not in kinds:
-        name = one_line(str(field.type), 40)
-        raise UserError(f"{path}: column {field.name} is {name}: write it as {words}")
-
-
-def _column(table: Any, name: str, path: Path) -> np.ndarray:
-    column = table.column(name)
-    if column.null_count:
-        row = int(np.argmax(column.is_null().to_numpy()))
-        raise UserError(f"{path}: column {name}, row {row} is empty: fill it or leave out the row")
-    return column.to_numpy()

@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.columns import Bounds, features_of, pair_of, plain_actions
+from socialiq.datasets.arrays import Bounds, features_of, of_steps, pair_of, plain_actions
 from socialiq.datasets.step_files import format_of, read_npz, source_of
 from socialiq.datasets.step_tables import Layout, read_csv, read_parquet
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending
 
 
 def of_trajectories(
@@ -56,11 +55,9 @@ def of_trajectories(
     listed = list(trajectories)
     if not listed:
         raise UserError("no trajectories: pass at least one")
-    mode_of_each = [modes] * len(listed) if isinstance(modes, str) else list(modes)
-    if len(mode_of_each) != len(listed):
-        raise UserError(
-            f"{len(mode_of_each)} modes for {len(listed)} trajectories: name one for each"
-        )
+    labels = [modes] * len(listed) if isinstance(modes, str) else list(modes)
+    if len(labels) != len(listed):
+        raise UserError(f"{len(labels)} modes for {len(listed)} trajectories: name one for each")
     tables = []
     for number, trajectory in enumerate(listed):
         try:
@@ -73,14 +70,14 @@ def of_trajectories(
     if len({table["action"].shape[1:] for table in tables}) > 1:
         raise UserError("trajectories differ in actions: give all of them the same kind and size")
     lengths = [len(table["action"]) for table in tables]
-    names = tuple(dict.fromkeys(mode_of_each))
+    names = tuple(dict.fromkeys(labels))
     columns: dict[str, Any] = {
         name: np.concatenate([table[name] for table in tables]) for name in tables[0]
     }
+    columns["episode"] = np.repeat(np.arange(len(tables)), lengths)
+    columns["mode"] = np.repeat([names.index(name) for name in labels], lengths)
     return of_steps(
         **columns,
-        episode=np.repeat(np.arange(len(tables)), lengths),
-        mode=np.repeat([names.index(name) for name in mode_of_each], lengths),
         mode_names=names,
         n_actions=n_actions,
         bounds=bounds,
@@ -88,48 +85,30 @@ def of_trajectories(
     )
 
 
-def read_trajectories(
-    path: Path,
-    *,
-    n_actions: int = 0,
-    bounds: Bounds | None = None,
-    mode: str = "demonstrator",
-    social: str = "",
-    time_limit: int = 0,
-    flatten: bool = False,
-) -> Demonstrations:
+def read_trajectories(path: Path, *, mode: str = "demonstrator", **options: Any) -> Demonstrations:
     """Read a file of trajectories: `imitation`'s archive (.npz), or one row for each step.
 
     Args:
-        path: .npz with the arrays of `of_condensed`; or .csv or .parquet with the columns of
-            `ROWS`: `trajectory` numbers the trajectories, `terminal` is set in the last row of one
-            that has an end.
-        n_actions: Number of actions of the world; 0 for continuous ones.
-        bounds: As of `arrays.of_steps`.
+        path: .npz with the arrays of `condensed`; or .csv or .parquet with the columns of `ROWS`:
+            `trajectory` numbers the trajectories, `terminal` is set in the last row of one that
+            has an end.
         mode: Name of the demonstrator.
-        social: As of `of_trajectories`.
-        time_limit: As of `of_trajectories`.
-        flatten: As of `of_trajectories`.
+        options: n_actions, bounds, social, time_limit and flatten, as of `of_trajectories`.
 
     Raises:
         UserError: If the file is missing or damaged, or an array or column is missing or wrong.
     """
-    kind, options = (
-        format_of(path),
-        {"social": social, "time_limit": time_limit, "flatten": flatten},
-    )
-    source = source_of(path) if path.is_file() else {}
+    kind, source = format_of(path), source_of(path) if path.is_file() else {}
     if kind == ".npz":
-        arrays = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
-        return of_condensed(
-            arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **options
-        )
-    columns = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
+        content = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
+    else:
+        content = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
     try:
-        trajectories = _by_trajectory(ROWS.arrays_of(columns, str(path)))
-        return of_trajectories(
-            trajectories, n_actions=n_actions, bounds=bounds, modes=mode, source=source, **options
-        )
+        if kind == ".npz":
+            trajectories = condensed(content)
+        else:
+            trajectories = _by_trajectory(ROWS.arrays_of(content, str(path)))
+        return of_trajectories(trajectories, modes=mode, source=source, **options)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
 
@@ -177,33 +156,11 @@ def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     ]
 
 
-def of_condensed(
-    arrays: Mapping[str, Any],
-    *,
-    n_actions: int = 0,
-    bounds: Bounds | None = None,
-    mode: str = "demonstrator",
-    social: str = "",
-    time_limit: int = 0,
-    flatten: bool = False,
-    source: dict[str, Any] | None = None,
-) -> Demonstrations:
-    """Make a table from `imitation`'s older archive: all trajectories end to end.
+def condensed(arrays: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the trajectories of `imitation`'s older archive, which has them end to end.
 
-    Args:
-        arrays: `obs`, `acts`, `rews` end to end; `terminal` of each trajectory; `indices`, the
-            first step of each but the first. The archive's `infos` are pickled and never read, so
-            its time limits are known by `time_limit` alone.
-        n_actions: Number of actions of the world; 0 for continuous ones.
-        bounds: As of `arrays.of_steps`.
-        mode: Name of the demonstrator.
-        social: As of `of_trajectories`.
-        time_limit: As of `of_trajectories`.
-        flatten: As of `of_trajectories`.
-        source: Provenance of the data.
-
-    Raises:
-        UserError: If an array is missing or wrong.
+    `indices` has the first step of each but the first. The archive's `infos` are pickled and never
+    read, so its time limits are known by `time_limit` alone.
     """
     missing = [name for name in ("obs", "acts", "terminal", "indices") if name not in arrays]
     if missing:
@@ -224,7 +181,7 @@ def of_condensed(
             f"obs has {len(obs)} rows for {len(acts)} actions in {len(terminal)} trajectories: "
             "it needs one more than actions in each, and rews as many as actions"
         )
-    trajectories = [
+    return [
         {
             "obs": obs[begin + number : end + number + 1],
             "acts": acts[begin:end],
@@ -233,16 +190,6 @@ def of_condensed(
         }
         for number, (begin, end) in enumerate(itertools.pairwise(edges))
     ]
-    return of_trajectories(
-        trajectories,
-        n_actions=n_actions,
-        bounds=bounds,
-        modes=mode,
-        social=social,
-        time_limit=time_limit,
-        flatten=flatten,
-        source=source,
-    )
 
 
 def _columns(trajectory: Any, social: str, time_limit: int, flatten: bool) -> dict[str, np.ndarray]:
@@ -261,6 +208,14 @@ def _columns(trajectory: Any, social: str, time_limit: int, flatten: bool) -> di
     terminal = np.asarray(_field(trajectory, "terminal"))
     if terminal.shape != () or terminal.dtype.kind not in "biu":
         raise UserError("terminal must be one boolean: whether the trajectory has an end")
+    if all("reward_pair" in info for info in infos):
+        pair = pair_of([info["reward_pair"] for info in infos], "")
+    elif (rewards := _field(trajectory, "rews")) is None:
+        raise UserError('no reward: pass rews of (steps, 2), or info["reward_pair"] of each step')
+    else:
+        pair = pair_of(rewards, social)
+    if len(pair.env) != steps:
+        raise UserError(f"rews has {len(pair.env)} rows for {steps} actions: give one for each")
     ending = np.zeros(steps, np.int8)
     if terminal:
         last = infos[-1]
@@ -271,7 +226,7 @@ def _columns(trajectory: Any, social: str, time_limit: int, flatten: bool) -> di
         "observation": moments[:-1],
         "action": action,
         "next_observation": moments[1:],
-        "reward": np.stack(_rewards(trajectory, infos, social), axis=1),
+        "reward": np.stack(pair, axis=1),
         "ending": ending,
     }
 
@@ -282,17 +237,3 @@ def _field(trajectory: Any, name: str, default: Any = None) -> Any:
     if value is None and name in ("obs", "acts", "terminal"):
         raise UserError(f"it has no {name}: pass obs, acts and terminal")
     return default if value is None else value
-
-
-def _rewards(trajectory: Any, infos: list[Mapping[str, Any]], social: str) -> RewardPair:
-    if all("reward_pair" in info for info in infos):
-        pair = pair_of([info["reward_pair"] for info in infos], "")
-    elif (rewards := _field(trajectory, "rews")) is None:
-        raise UserError('no reward: pass rews of (steps, 2), or info["reward_pair"] of each step')
-    else:
-        pair = pair_of(rewards, social)
-    if len(pair.env) != len(infos):
-        raise UserError(
-            f"rews has {len(pair.env)} rows for {len(infos)} actions: give one for each"
-        )
-    return pair

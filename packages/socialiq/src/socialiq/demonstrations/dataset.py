@@ -103,18 +103,8 @@ class Demonstrations:
         `terminated` and `truncated` follow from `ending`; an ending that is both (a terminal state
         reached as the clock runs out) needs the constructor.
 
-        Args:
-            observation: s, (transition, feature).
-            action: a, (transition,); continuous ones (transition, size), in [-1, 1].
-            next_observation: s', (transition, feature).
-            ending: Values of `types.Ending`, (transition,).
-            rewards: (r_env, r_social), each (transition,).
-            episode: Number of the episode, (transition,), from 0 without gaps.
-            n_actions: Number of discrete actions of the world; 0 for continuous ones.
-            mode: Index into `mode_names`, (transition,); 0 in every row without it.
-            mode_names: Names of the demonstrators' modes.
-            step: Number of the step, (transition,); counted within the episode without it.
-            source: Provenance of the data.
+        The arguments are the class's attributes; `mode` is 0 in every row, and `step` is counted
+        within the episode, where they are not given.
 
         Raises:
             UserError: If a column is wrong; the line names it and its first bad row.
@@ -144,11 +134,7 @@ class Demonstrations:
         n_actions: int,
         source: dict[str, Any],
     ) -> Demonstrations:
-        """Build a table from named arrays, the inverse of `arrays()`.
-
-        Raises:
-            UserError: If a column is missing, unknown or wrong.
-        """
+        """Build a table from all of its named arrays, the inverse of `arrays()`."""
         missing = [name for name in columns.LAYOUT if name not in arrays]
         unknown = [name for name in arrays if name not in columns.LAYOUT]
         if missing or unknown:
@@ -217,15 +203,12 @@ class Demonstrations:
                 not here.
         """
         one_of("target kind", kind, (*TARGET_KINDS, *ADVANTAGE_KINDS))
-        if kind in ADVANTAGE_KINDS:
-            return self._advantages(kind, discount)
-        if kind != "instantaneous":
-            self._check_whole()
-        env, social = (cumulative(kind, r, self.episode, discount) for r in self.rewards)
-        return RewardPair(env, social)
-
-    def _advantages(self, kind: str, discount: float) -> RewardPair:
-        """Return A of both rewards, cached: a learner needs them twice, and a fit takes long."""
+        if kind not in ADVANTAGE_KINDS:
+            if kind != "instantaneous":
+                self._check_whole()
+            env, social = (cumulative(kind, r, self.episode, discount) for r in self.rewards)
+            return RewardPair(env, social)
+        # Cached: a learner needs them twice, and a fit takes long.
         cached, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
         if key not in cached:
             to_go = self.returns("to_go", discount)
@@ -241,11 +224,7 @@ class Demonstrations:
         return RewardPair(*(column.copy() for column in cached[key]))
 
     def totals(self) -> RewardPair:
-        """Return undiscounted sums of r_env and r_social over each episode, each (episode,).
-
-        Raises:
-            UserError: If steps of an episode are not here any more.
-        """
+        """Return undiscounted sums of both rewards over each whole episode, each (episode,)."""
         self._check_whole()
         starts = self.episode_starts
         return RewardPair(*(np.add.reduceat(r, starts) for r in self.rewards))
@@ -254,9 +233,6 @@ class Demonstrations:
         """Keep the given episodes, renumbered, in the order given; repeats are allowed.
 
         `source` stays as it is: the provenance of the episodes.
-
-        Raises:
-            UserError: If there are none, or one isn't an episode of this table.
         """
         if not np.issubdtype(episodes.dtype, np.integer) or len(episodes) == 0:
             raise UserError("select needs the numbers of at least one episode, as integers")
@@ -299,18 +275,11 @@ class Demonstrations:
         )
 
     def one_of_each_block(self, size: int, seed: int) -> Demonstrations:
-        """Keep one random row from each block of `size` rows of an episode, and terminal rows.
+        """Keep one random row from each block of `size` >= 1 rows of an episode.
 
         Rows at a fixed stride see a periodic demonstrator in few of its phases; random rows see
         all. The row that ends an episode in a terminal state is kept beside them, since learners
         that treat endings by how often they occur would else be misled.
-
-        Args:
-            size: Rows of a block; the last block of an episode may have fewer.
-            seed: Seed of the draw.
-
-        Raises:
-            UserError: If `size` < 1.
         """
         if size < 1:
             raise UserError(f"cannot keep one row of each {size}: use a block of 1 or more rows")
@@ -323,11 +292,7 @@ class Demonstrations:
         return self._take(rows, self.episode[rows], source)
 
     def with_mode_names(self, mode_names: tuple[str, ...]) -> Demonstrations:
-        """Return the same rows under another list of mode names, matched by name.
-
-        Raises:
-            UserError: If a mode that has episodes isn't in the list.
-        """
+        """Return the same rows under another list of names, with each mode that has episodes."""
         lost = [n for n, size in self.counts().items() if size != (0, 0) and n not in mode_names]
         if lost:
             raise UserError(f"mode '{lost[0]}' has episodes: keep it among the mode names")

@@ -16,18 +16,10 @@ CONTINUOUS_VERSION = 2
 
 
 def save(path: Path, demonstrations: Demonstrations, replace: bool = True) -> str:
-    """Write a table to one file, whole or not at all.
-
-    Args:
-        path: The file; its folder must exist.
-        demonstrations: The table.
-        replace: Whether a file there is replaced.
+    """Write a table to one file, in a folder that exists, whole or not at all.
 
     Returns:
         The SHA-256 of the content, the same for every table of the same content.
-
-    Raises:
-        UserError: If the file can't be written.
     """
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
     return storage.save_arrays(path, KIND, _version(demonstrations), arrays, header, replace)

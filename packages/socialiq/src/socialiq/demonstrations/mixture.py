@@ -9,7 +9,8 @@ unregularised policy turns altruistic; under equal transitions it doesn't
 
 Pools map a mode's name to demonstrations of that mode alone. The episodes of a pool are drawn as
 a beginning of one seeded order, so a larger draw contains a smaller one of the same seed. The
-result holds the pools one after another, in the mapping's order, under all their mode names.
+result holds the pools one after another, in the mapping's order, under all their mode names. A pool
+that is too small is refused by a line with both numbers.
 """
 
 from __future__ import annotations
@@ -28,16 +29,7 @@ Pools = Mapping[str, Demonstrations]
 
 
 def equal_trajectories(pools: Pools, episodes_each: int, seed: int) -> Demonstrations:
-    """Mix the same number of episodes of every mode (thesis 5.2).
-
-    Args:
-        pools: Mode name -> that mode's demonstrations.
-        episodes_each: Number of episodes of each mode.
-        seed: Seed of the draw.
-
-    Raises:
-        UserError: If a pool has too few episodes; the line names both numbers.
-    """
+    """Mix the same number of episodes of every mode (thesis 5.2)."""
     _at_least_one("episodes_each", episodes_each)
     recipe = {"made_by": "equal_trajectories", "episodes_each": episodes_each, "seed": seed}
     return _draw(pools, dict.fromkeys(pools, episodes_each), seed, recipe)
@@ -48,14 +40,6 @@ def equal_transitions(pools: Pools, transitions_each: int, seed: int) -> Demonst
 
     A mode's episodes are taken until its number of transitions is as close as it gets, so it is
     off by at most half of the episode at the boundary, and by less than one episode's length.
-
-    Args:
-        pools: Mode name -> that mode's demonstrations.
-        transitions_each: Number of transitions of each mode.
-        seed: Seed of the draw.
-
-    Raises:
-        UserError: If a pool has too few transitions; the line names both numbers.
     """
     _at_least_one("transitions_each", transitions_each)
     counts = {}
@@ -74,30 +58,14 @@ def equal_transitions(pools: Pools, transitions_each: int, seed: int) -> Demonst
 def weighted(
     pools: Pools, weights: Mapping[str, float], episodes: int, seed: int
 ) -> Demonstrations:
-    """Mix a number of episodes in which each mode has its share of episodes.
-
-    Args:
-        pools: Mode name -> that mode's demonstrations.
-        weights: Mode name -> weight; only their proportions matter. See `apportion`.
-        episodes: Number of episodes in all.
-        seed: Seed of the draw.
-
-    Raises:
-        UserError: If weights and pools name different modes, the weights are invalid, or
-            a pool has too few episodes.
-    """
+    """Mix a number of episodes, in all, in which each mode has its share by its weight."""
     if set(weights) != set(pools):
         raise UserError(
             f"weights name {', '.join(weights)} where the pools are {', '.join(pools)}: "
             "give each pool one weight"
         )
     counts = apportion(weights, episodes)
-    recipe = {
-        "made_by": "weighted",
-        "weights": dict(weights),
-        "episodes": episodes,
-        "seed": seed,
-    }
+    recipe = {"made_by": "weighted", "weights": dict(weights), "episodes": episodes, "seed": seed}
     return _draw(pools, {mode: counts[mode] for mode in pools}, seed, recipe)
 
 
@@ -107,16 +75,12 @@ def contaminated(
     """Mix one mode with a share of another, the malicious case of thesis 1 and 8.3.
 
     Args:
-        pools: Mode name -> that mode's demonstrations; pools of other modes stay unused.
+        pools: Of these and other modes, which stay unused.
         base: The mode that is contaminated.
         contaminant: The mode that contaminates it.
-        share: Share of the contaminant's episodes, in [0, 1]. See `apportion`.
+        share: Share of the contaminant's episodes, in [0, 1].
         episodes: Number of episodes in all.
         seed: Seed of the draw.
-
-    Raises:
-        UserError: If a mode has no pool or both are one, the share lies outside, or a pool has
-            too few episodes.
     """
     one_of("mode", base, list(pools))
     one_of("mode", contaminant, list(pools))
@@ -125,14 +89,8 @@ def contaminated(
     if not 0.0 <= share <= 1.0:
         raise UserError(f"share {share:g} is outside [0, 1]: give the contaminant's share")
     counts = apportion({base: 1.0 - share, contaminant: share}, episodes)
-    recipe = {
-        "made_by": "contaminated",
-        "base": base,
-        "contaminant": contaminant,
-        "share": share,
-        "episodes": episodes,
-        "seed": seed,
-    }
+    recipe = {"made_by": "contaminated", "base": base, "contaminant": contaminant}
+    recipe |= {"share": share, "episodes": episodes, "seed": seed}
     return _draw({mode: pools[mode] for mode in (base, contaminant)}, counts, seed, recipe)
 
 

@@ -55,15 +55,7 @@ class Symmetry:
 
 
 def with_images(data: Demonstrations, symmetry: Symmetry) -> Demonstrations:
-    """Return the episodes, then the image of each, with the same rewards and endings.
-
-    Args:
-        data: Demonstrations.
-        symmetry: Of their world.
-
-    Raises:
-        UserError: If the symmetry is one of other observations or actions.
-    """
+    """Return the episodes, then the image of each, with the same rewards and endings."""
     sizes = (len(symmetry.signs), len(symmetry.actions))
     if sizes != (data.n_features, data.n_actions):
         raise UserError(
@@ -97,9 +89,6 @@ def with_absorbing_states(data: Demonstrations, stay: int = 1) -> Demonstrations
     Args:
         data: Demonstrations.
         stay: Rows in the absorbing state after each such episode, at least 1.
-
-    Raises:
-        UserError: If `stay` is below 1.
     """
     if stay < 1:
         raise UserError(f"stay must be at least 1, got {stay}")

@@ -94,9 +94,6 @@ def card_materials(
         file_sha256: SHA-256 of its file, if it has one of its own.
         training: As for `model_card`.
         evaluation: As for `model_card`.
-
-    Raises:
-        UserError: If the evaluation is not one flat object.
     """
     facts, measured = dict(training or {}), _measured(evaluation)
     data = [*_rows(facts.get("data"), "data"), *_rows(facts.get("inputs"), "inputs")]

@@ -125,14 +125,7 @@ class _Graph:
     ) -> str:
         """Add the view of a policy, and layers with its activation between them.
 
-        Args:
-            policy: The policy.
-            weights: Of the layers.
-            biases: Of the layers.
-            name: Name of the last layer's output; "" for its own.
-
-        Returns:
-            That name.
+        Returns the name of the last layer's output: the given one, or "" for its own.
         """
         value, view = INPUT, policy.view
         if isinstance(view, OneHot):
@@ -278,9 +271,6 @@ def as_torch_module(policy: Exported) -> Any:
 
     It gives Q values, whose greedy action is `argmax(dim=1)`; of an actor the deterministic action
     in [-1, 1]. Its weights are copies and can be trained.
-
-    Raises:
-        UserError: If PyTorch is not installed.
     """
     torch = optional("torch", "torch", "PyTorch modules")
     from socialiq.policies.torch_network import module_of

@@ -49,11 +49,7 @@ class Interface(NamedTuple):
 
     @staticmethod
     def of(world: Spaces) -> Interface:
-        """Return the interface of a world that has a Gymnasium space of actions.
-
-        Args:
-            world: Its actions are `Discrete`, or a `Box` within [-1, 1].
-        """
+        """Return the interface of a world of actions that are `Discrete`, or a `Box` in [-1, 1]."""
         space = world.action_space
         if isinstance(space, spaces.Box):
             return Interface(world.n_features, 0, int(space.shape[0]))
@@ -82,13 +78,7 @@ class Interface(NamedTuple):
     def checked(self, answer: Any, rows: int, source: str) -> np.ndarray:
         """Return a policy's answer as actions: int64 (rows,), or float32 (rows, action_size).
 
-        Args:
-            answer: The answer.
-            rows: Number of observations.
-            source: The policy's name in messages.
-
-        Raises:
-            UserError: If it is anything else, out of range or not finite.
+        Any other answer of the policy, called `source` in messages, is refused.
         """
         shape, kinds, words = (rows,), "iu", "one integer"
         if self.action_size:

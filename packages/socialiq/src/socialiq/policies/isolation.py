@@ -70,16 +70,9 @@ class CodeHash(NamedTuple):
 
 
 def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[tuple[str, Path]]:
-    """Return the files and folders that a command names.
+    """Return the files and folders that a command names, and those that the user names besides.
 
     They are its program, its words, and what follows the first "=" of a word (`--option=FILE`).
-
-    Args:
-        command: Program and arguments.
-        files: Further files and folders, which the command doesn't name.
-
-    Raises:
-        UserError: If one of `files` doesn't exist.
     """
     program = Path(shutil.which(command[0]) or command[0])
     entries = [(command[0], program)] if program.is_file() else []
@@ -204,11 +197,7 @@ NOT_NEEDED = Isolation("not needed", "no code of its author runs")
 
 
 def isolation_of(mode: str) -> Isolation:
-    """Return the isolation that this system has, if it is asked for.
-
-    Raises:
-        UserError: If it is required and not possible, or `mode` is not one of `IsolationMode`.
-    """
+    """Return the isolation that this system has, if it is asked for; refuse a required one."""
     one_of("isolation", mode, get_args(IsolationMode))
     if mode == NONE:
         return NOT_ASKED
@@ -245,17 +234,14 @@ def sandboxed(
 
     The user root of the system runs it as a user without rights, of a number that no other has;
     any other user in a namespace of its own. In both the number of processes is limited (the
-    latter from Linux 5.14 on).
+    latter from Linux 5.14 on). A file that the user without rights can't read is refused, and a
+    version manager's shim, which needs files of the manager.
 
     Args:
         command: Program and arguments; its program is found outside of the sandbox.
         covered: Files and folders that it sees, at their paths.
         program: Path of bubblewrap.
         folders: Further folders that it sees.
-
-    Raises:
-        UserError: If the user without rights could not read a file, or the program is a version
-            manager's shim, which needs files of the manager.
     """
     first = Path(shutil.which(command[0]) or command[0]).absolute()
     if first.parent.name == "shims":

@@ -134,10 +134,6 @@ def read_native(
 
     Returns:
         The policy, of a dial that of the angle, and details from the file.
-
-    Raises:
-        UserError: If the file is missing, damaged, holds something else, or doesn't fit the world;
-            if a dial has no angle, or was not trained for it.
     """
     form = FORMS.get(kind_of(path), QPolicy)
     arrays, header = load_arrays(path, form.KIND, form.VERSIONS)
@@ -240,13 +236,7 @@ OWN_FOLDER = Path(__file__).parents[1]
 def hash_of_python(name: str, source: str, files: Sequence[str]) -> code.CodeHash:
     """Hash the files of `MODULE:ATTRIBUTE`: the module's file, or its whole top-level package.
 
-    Args:
-        name: As above; MODULE may be a file's path that ends in .py.
-        source: Its name in messages.
-        files: Further files and folders.
-
-    Raises:
-        UserError: If the module isn't found, or a file can't be read.
+    MODULE may be a file's path that ends in .py; `files` are further files and folders.
     """
     module, attribute = _split(name, source)
     # A file's name, not its path: the same policy in another folder has the same hash.
@@ -293,16 +283,8 @@ def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy
     The attribute is a policy (it has `predict`), a class that makes one without arguments, or a
     function from observations, float32 (batch, features), to one action for each.
 
-    Args:
-        name: As above.
-        source: Its name in messages.
-        world: The interface for the check of its answers.
-
     Returns:
-        The policy, and the source text of its module.
-
-    Raises:
-        UserError: If the module or attribute is missing, or its code fails.
+        The policy, whose answers are checked by the world's interface, and its module's source.
     """
     module_name, attribute = _split(name, source)
     try:

@@ -48,11 +48,7 @@ class Values:
     products: int = 0
 
     def name(self, name: str) -> str:
-        """Return a name after a check that it is new.
-
-        Raises:
-            GraphFault: If it is taken, or has unusual characters.
-        """
+        """Return a name after a check that it is new and has usual characters."""
         if not _NAME.fullmatch(name):
             raise GraphFault(f"has a name with strange characters, {one_line(name, 40)!r}")
         if name in self.constants or name in self.rows:
@@ -100,11 +96,7 @@ Rule = Callable[[Values, Sequence[str], Attributes], Shape]
 
 
 def follow(values: Values, operator: str, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    """Return the shape of an operator's output for one observation.
-
-    Raises:
-        GraphFault: If the operator is none of `OPERATORS`, or used as a policy can't use it.
-    """
+    """Return the shape of an operator's output for one observation."""
     if operator not in OPERATORS:
         raise GraphFault(
             f"uses the operator {one_line(operator, 40)}; known are {', '.join(sorted(OPERATORS))}"

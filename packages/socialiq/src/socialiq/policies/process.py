@@ -80,16 +80,9 @@ def limits_of(step_seconds: float, memory_gib: float) -> Limits:
 
 
 class Child:
-    """A running command. It is started without a shell and has the rights of its caller.
+    """A running command, called `source` in messages. It has the rights of its caller.
 
-    Args:
-        command: Program and arguments.
-        source: Its name in messages.
-        memory: Bytes of address space that it, and each process that it starts, may have; 0 for
-            any amount.
-
-    Raises:
-        UserError: If it can't be started.
+    Each process may have `memory` bytes of address space; 0 sets no limit.
     """
 
     def __init__(self, command: Sequence[str], source: str, memory: int = 0) -> None:
@@ -168,11 +161,7 @@ class Child:
         return answer
 
     def request(self, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
-        """Send a message and return its answer, a JSON object.
-
-        Raises:
-            UserError: If it answers anything else; it is killed then.
-        """
+        """Send a message and return its answer, a JSON object; any other ends the child."""
         line = self.exchange(json.dumps(message).encode() + b"\n", seconds, most)
         try:
             answer = json.loads(line)
@@ -234,13 +223,7 @@ def _has_memory_limits() -> bool:
 def start_process(
     command: Sequence[str], source: str, world: Interface, limits: Limits
 ) -> tuple[BatchPolicy, dict[str, Any], Child]:
-    """Start a policy's process and exchange the first message.
-
-    Args:
-        command: Program and arguments; no shell is used.
-        source: Its name in messages.
-        world: The interface that the policy must have.
-        limits: Its time and memory.
+    """Start a policy's process and exchange the first message; no shell is used.
 
     Returns:
         The policy, its own details, and the process, which must be closed.
@@ -273,11 +256,7 @@ def start_process(
 
 
 def command_of(command_line: str) -> list[str]:
-    """Split a command line into program and arguments.
-
-    Raises:
-        UserError: If there is no program of that name.
-    """
+    """Split a command line into program and arguments."""
     try:
         command = shlex.split(command_line)
     except ValueError as error:
@@ -291,10 +270,7 @@ def command_of(command_line: str) -> list[str]:
 class _Conversation:
     """Exchange of observations and actions; each answer has the number of its request.
 
-    Args:
-        child: The process.
-        seconds: Time for each answer.
-        size: Length of a continuous action; 0 if actions are discrete.
+    A continuous action has `size` numbers; 0 if actions are discrete.
     """
 
     def __init__(self, child: Child, seconds: float, size: int) -> None:
@@ -303,12 +279,7 @@ class _Conversation:
     def decide(
         self, batch: Float32[np.ndarray, "batch feature"], deterministic: bool
     ) -> np.ndarray:
-        """Request the actions of a batch.
-
-        Raises:
-            UserError: If the process fails, or answers anything but a list of integers, or of
-                lists of numbers if actions are continuous; the process is killed then.
-        """
+        """Request the actions of a batch; any answer but these ends the process."""
         self._number += 1
         request = {"id": self._number, "deterministic": deterministic}
         request["observations"] = batch.tolist()

@@ -69,13 +69,7 @@ def _module(place: str) -> Any:
 
 
 def _decided(policy: Any, message: dict[str, Any], size: int) -> dict[str, Any]:
-    """Return the actions of a request, or an error if they are of another type or shape.
-
-    Args:
-        policy: The policy.
-        message: The request.
-        size: Length of a continuous action; 0 if actions are discrete.
-    """
+    """Return the actions of a request, or an error if they are of another type or shape."""
     import numpy as np
 
     batch = np.array(message["observations"], np.float32)

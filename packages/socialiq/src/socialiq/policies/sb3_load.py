@@ -341,11 +341,6 @@ class EpsilonGreedy:
     Stable-Baselines3 draws once for all observations of a call; here every observation has its own
     draw, so that episodes do not depend on the batch. For a single observation the distribution is
     the same.
-
-    Attributes:
-        greedy: Chooses the best action.
-        epsilon: ε, in [0, 1].
-        rng: Source of the draws.
     """
 
     greedy: QPolicy

@@ -46,15 +46,7 @@ _DAMAGE = (
 
 
 class Archive:
-    """A zip in memory.
-
-    Args:
-        content: The file.
-        source: Its name in messages.
-
-    Raises:
-        UserError: If it is not a zip, or not one that Stable-Baselines3 writes.
-    """
+    """A zip in memory, called `source` in messages; only what Stable-Baselines3 writes."""
 
     def __init__(self, content: bytes, source: str) -> None:
         self.source = source
@@ -85,15 +77,7 @@ class Archive:
                 raise self.refusal("has a member that is encrypted or of a rare compression")
 
     def read(self, name: str, most: int) -> bytes:
-        """Read one member.
-
-        Args:
-            name: Its path in the archive.
-            most: Its largest size in bytes.
-
-        Raises:
-            UserError: If it is missing, damaged or larger.
-        """
+        """Read one member of at most so many bytes."""
         if name not in self.names:
             raise self.refusal(f"has no member {name}")
         if self._zip.getinfo(name).file_size > most:
@@ -148,11 +132,7 @@ class _Refused(Exception):
 
 
 def read_state_dict(content: bytes, source: str) -> dict[str, np.ndarray]:
-    """Return the named float32 tensors of a `torch.save` file.
-
-    Args:
-        content: The file.
-        source: Its name in messages.
+    """Return the named float32 tensors of a `torch.save` file, called `source` in messages.
 
     Raises:
         UserError: If it is damaged, too large, or has anything but a dictionary of tensors.
@@ -197,11 +177,7 @@ class _Machine:
         self.memo: dict[int, Any] = {}
 
     def run(self, program: bytes) -> dict[str, Stored]:
-        """Return the dictionary that a program makes.
-
-        Raises:
-            _Refused: At the first opcode or name that is not known.
-        """
+        """Return the dictionary that a program makes."""
         for number, (opcode, argument, _) in enumerate(pickletools.genops(program)):
             if number >= MOST_OPCODES:
                 raise _Refused(f"more than {MOST_OPCODES} opcodes")

@@ -16,13 +16,7 @@ _ACTIVATIONS = {"relu": torch.nn.ReLU, "elu": torch.nn.ELU, "tanh": torch.nn.Tan
 
 
 class QModule(torch.nn.Module):
-    """Q values of a batch of observations, float32, with gradients.
-
-    Attributes:
-        view: Module before the first layer.
-        layers: Affine layers.
-        activation: Between them.
-    """
+    """Q values of a batch of observations, float32, with gradients."""
 
     def __init__(self, policy: QPolicy | ActorPolicy) -> None:
         super().__init__()
@@ -43,12 +37,7 @@ class QModule(torch.nn.Module):
 
 
 class ActorModule(QModule):
-    """Deterministic action of a batch of observations, float32, with gradients.
-
-    Attributes:
-        size: Length of an action.
-        squash: Name of the function of u that an action is.
-    """
+    """Deterministic action of a batch of observations, float32, with gradients."""
 
     def __init__(self, policy: ActorPolicy) -> None:
         super().__init__(policy)
@@ -61,11 +50,7 @@ class ActorModule(QModule):
 
 
 class MeanModule(torch.nn.Module):
-    """Mean of the members' Q values.
-
-    Attributes:
-        members: Networks.
-    """
+    """Mean of the members' Q values."""
 
     def __init__(self, members: Sequence[QPolicy]) -> None:
         super().__init__()
@@ -84,12 +69,7 @@ def module_of(policy: QPolicy | EnsemblePolicy | ActorPolicy) -> torch.nn.Module
 
 
 class OneHotModule(torch.nn.Module):
-    """Integer features, one place for each value (`nn.view`).
-
-    Attributes:
-        places: The feature that each output reads.
-        values: The value that it is compared with.
-    """
+    """Integer features, one place for each value (`nn.view`)."""
 
     places: torch.Tensor
     values: torch.Tensor
@@ -110,12 +90,7 @@ class OneHotModule(torch.nn.Module):
 
 
 class ViewModule(torch.nn.Module):
-    """Vehicles as the ego sees them, or as a set (`nn.view`).
-
-    Attributes:
-        choice: Settings of the view.
-        layers: Layers that all vehicles share.
-    """
+    """Vehicles as the ego sees them, or as a set (`nn.view`)."""
 
     def __init__(self, view: View) -> None:
         super().__init__()

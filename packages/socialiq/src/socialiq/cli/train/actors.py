@@ -73,11 +73,7 @@ class TD3BC(Printing):
     options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
-        """Train, write the folder, print what came out.
-
-        Raises:
-            UserError: If the actions are discrete.
-        """
+        """Train, write the folder, print what came out."""
         data = files.load(self.data, continuous=True)
         if not data.action_size:
             raise UserError(f"{self.data} has discrete actions: td3-bc is of continuous ones")
@@ -89,8 +85,7 @@ class Task:
     """Training with continuous actions, of any learner.
 
     Attributes:
-        command: Has the folder `out`, the groups of options grid, size, scaling and options, and
-            the file `data` of the demonstrations if there are any.
+        command: Has out, the groups of options, and `data`, the file of the demonstrations, if any.
         data: Demonstrations of continuous actions; None without.
         world: Name of the world, "" without.
         allow_code: Whether the environment's module may be imported.
@@ -104,15 +99,7 @@ class Task:
     preset: str = ""
 
     def run(self, name: str, given: Mapping[str, Any] | None = None) -> int:
-        """Train, write the folder, print what came out; return the exit status.
-
-        Args:
-            name: A key of `LEARNERS`.
-            given: Further settings.
-
-        Raises:
-            UserError: If settings, data and world don't fit together.
-        """
+        """Train one of `LEARNERS` with further settings, write, print; return the exit status."""
         command, data = self.command, self.data
         learner: Any = LEARNERS[name]
         settings = command.size.given() | dict(given or {})
@@ -141,11 +128,7 @@ class Task:
         return folder.finish_policies(trained, record, change.policy if change else None)
 
     def _begun(self, name: str) -> tuple[Any, Any]:
-        """Return the settings to begin with: the learner's own, or those of the preset.
-
-        Raises:
-            UserError: If the preset is of discrete actions, or of another learner or world.
-        """
+        """Return the settings to begin with: the learner's own, or those of the preset."""
         if not self.preset:
             return LEARNERS[name].StaticConfig(), LEARNERS[name].Hyperparameters()
         if self.preset not in PRESETS:
@@ -163,12 +146,7 @@ class Task:
         return PRESETS[self.preset][name]
 
     def _standardisation(self, static: Any, seed: int) -> Standardisation | None:
-        """Return the change of observations that the command asks for.
-
-        Raises:
-            UserError: If there is nothing to standardise by, a view reads observations, or features
-                can't be left out.
-        """
+        """Return the change of observations that the command asks for."""
         scaling = self.command.scaling
         if not scaling.standardise:
             if scaling.leave_out:

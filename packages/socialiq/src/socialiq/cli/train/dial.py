@@ -1,8 +1,9 @@
-"""`train dial` and `train improve-dial`: one network for every social angle."""
+"""`train dial`, `offline-dial` and `improve-dial`: one network for every social angle."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,30 +12,39 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import road_named
-from socialiq.cli.output import Printing
+from socialiq.cli.output import Display, Printing
 from socialiq.cli.train import shared
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import road_training
 from socialiq.evaluation.ground import Ground, exact_regret, with_clock
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import INTERSECTION, PRESETS, check_fit
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as offline
+from socialiq.learners.offline import train as offline_training
 from socialiq.learners.policy_iteration import dial as iteration
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.outputs import new_folder, whole_folder
+from socialiq.results_folder import as_csv, versions
+from socialiq.storage import write_atomically, write_json
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS
+from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import GRIDWORLDS, is_world_file, make_grid
+from socialiq.worlds.registry import GRIDWORLDS, is_world_file, make_grid, open_world
 
 ROADS = ("intersection", *SCENES)
 """Worlds on highway-env's roads, with discrete actions."""
 ON_ROADS = "intersection"
 """Preset of these worlds."""
+OFFLINE = "offline-regularised"
+"""Preset of `train offline-dial`."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +125,7 @@ class Dial(Printing):
         return finish_dials(folder, trained, record, budget)
 
     def _preset(self) -> tuple[str, Any]:
-        """Return the name and the preset; by default that of the world.
-
-        Raises:
-            UserError: If the world is of another learner, which the line names, or the preset is
-                unknown or of another world.
-        """
+        """Return the name and the preset, by default that of the world; refuse other worlds."""
         if self.world in CONTINUOUS:
             raise UserError(
                 f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
@@ -142,11 +147,7 @@ class Dial(Printing):
         return name, presets[name]
 
     def _demonstrations(self, preset: str, needed: bool) -> list[Demonstrations]:
-        """Return the data of a run that learns from data.
-
-        Raises:
-            UserError: If they are missing, or given to a run that takes none.
-        """
+        """Return the data of a run that learns from data."""
         if needed and self.data is None:
             collect = "socialiq collect WORLD --clock --out FILE"
             if self.world in ROADS:
@@ -160,11 +161,7 @@ class Dial(Printing):
         return [files.load(self.data)] if self.data else []
 
     def _dual_ascent(self, preset: str, static: Any, runs: list[Any]) -> Budget | None:
-        """Return the search of the strength for the budget, if there is one.
-
-        Raises:
-            UserError: If the budget is not above 0, or the run too short to find anything.
-        """
+        """Return the search of the strength for the budget, if there is one."""
         if self.budget is None:
             return None
         if self.world in ROADS:
@@ -218,11 +215,7 @@ class ImproveDial(Printing):
     options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
-        """Train, write the folder, print what came out.
-
-        Raises:
-            UserError: If there is no environment, or the dial is of another world.
-        """
+        """Train, write the folder, print what came out."""
         check_seeds(self.seed)
         start, scenario = DialPolicy.load(self.dial), Options()
         clock = road_training.observes_time(start, scenario)
@@ -242,3 +235,99 @@ class ImproveDial(Printing):
             sizes, chunk = road_training.sizes_of(scenario, clock), road_training.CHUNK
             trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
         return finish_dials(folder, trained, {"start": shared.described_file(self.dial)})
+
+
+@dataclass(frozen=True)
+class OfflineDial(Printing):
+    """Train a dial of any world from demonstrations alone, regularised towards their drivers.
+
+    Example: socialiq train offline-dial mixed.safetensors --world intersection --out run
+    """
+
+    data: shared.Data
+    """Demonstrations file, of `socialiq collect` or `socialiq data world`."""
+    _: KW_ONLY
+    world: str
+    """World of the demonstrations: crossing5, crossing7, intersection, merge, roundabout, or a file
+    of `socialiq data world`."""
+    out: Path
+    """Folder to make: dials, metrics.csv, run.json."""
+    seed: tuple[int, ...] = (0,)
+    """Training seeds, a dial each."""
+    size: shared.Size = field(default_factory=shared.SizeOptions)
+    options: tyro.conf.OmitArgPrefixes[shared.SetOptions] = field(default_factory=shared.SetOptions)
+
+    def run(self) -> int:
+        """Train a dial for each seed, write the folder, print what came out."""
+        check_seeds(self.seed)
+        data = files.load(self.data)
+        preset = offline.PRESETS[OFFLINE]
+        settings = encoding_of(self.world, data) | self.size.given()
+        static, numbers = self.options.apply((preset.structure, preset.numbers), settings)
+        runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
+        new_folder(self.out).rmdir()  # refused now if it has content or can't be made
+        with whole_folder(self.out) as folder:
+            dials = self.write(folder, static, runs, data)
+        return self.show({"out": str(self.out), "dials": dials}, dials)
+
+    def write(
+        self, folder: Path, static: Any, runs: Sequence[Any], data: Demonstrations
+    ) -> list[Row]:
+        """Train, fill the folder with dials and their record; return the dials' entries."""
+        dials: list[Row] = []
+        metrics: list[Row] = []
+        for number, numbers in enumerate(runs):
+            with Display() as display:
+                stages = self.stages(number, static, numbers, data, display)
+            file = f"dial_{number}.safetensors"
+            sha256 = stages["dial"].policy(0).save(folder / file)
+            dials.append({"file": file, "seed": numbers.seed, "sha256": sha256})
+            for stage, trained in stages.items():
+                losses = np.asarray(trained.history.array("loss"))[:, 0]
+                start = {"seed": numbers.seed, "stage": stage}
+                metrics += [
+                    start | {"updates": updates, "loss": rounded(float(loss))}
+                    for updates, loss in zip(trained.history.updates, losses, strict=True)
+                ]
+        write_atomically(folder / "metrics.csv", as_csv(metrics))
+        record = {
+            "structure": dataclasses.asdict(static),
+            "numbers": [dataclasses.asdict(numbers) for numbers in runs],
+            "preset": OFFLINE,
+            "world": self.world,
+            "data": shared.described_file(self.data),
+            "practice": self.practised(),
+            "versions": versions(),
+            "dials": dials,
+        }
+        write_json(folder / "run.json", rounded(record))
+        return dials
+
+    def practised(self) -> Row | None:
+        """Return the record of practice in the world; None for a training without."""
+        return None
+
+    def stages(
+        self, number: int, static: Any, numbers: Any, data: Demonstrations, display: Display
+    ) -> dict[str, Trained]:
+        """Train the dial of a number, from 0; return the outcome of each stage of its training."""
+        del number  # of use to trainings that practise
+
+        def progress(stage: str) -> Callbacks:
+            return Callbacks(on_report=display.stage(stage))
+
+        return offline_training.train(static, numbers, data, progress, shared.CHUNK)
+
+
+def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
+    """Return what a world determines of the static config: encoding, length of an episode."""
+    world, sizes = open_world(name), (data.n_features, data.n_actions)
+    for view in (world, world.with_clock()):
+        if (view.n_features, view.n_actions) == sizes:
+            if isinstance(view, GridWorld):
+                return {"view": "flat", "one_hot": view.one_hot}
+            return {"whole_episode": view.whole_episode}
+    raise UserError(
+        f"the demonstrations have {sizes[0]} features and {sizes[1]} actions, {name} has "
+        f"{world.n_features} and {world.n_actions}: they belong to another world"
+    )

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.checks import check_options
 from socialiq.cli.output import Display, complain, print_json, print_table
+from socialiq.cli.words import check_options
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, EventFiles, Report
 from socialiq.learners.kernel import Trained
@@ -46,11 +46,7 @@ class PlainGridOptions:
     """Training seeds."""
 
     def runs(self, base: Any) -> list[Any]:
-        """Return hyperparameters for each angle, strength and seed.
-
-        Raises:
-            UserError: If the learner doesn't have one that was given.
-        """
+        """Return hyperparameters for each angle, strength and seed."""
         check_seeds(self.seed)
         for name in GRID:
             if not hasattr(base, name) and getattr(self, name, ()) not in ((), (0.0,), (0,)):
@@ -94,11 +90,7 @@ class SetOptions:
     unknown key is answered with the list of those that the learner has."""
 
     def apply(self, configs: Sequence[Any], given: Mapping[str, Any]) -> list[Any]:
-        """Return the learner's configs with the given options and --set laid over them.
-
-        Raises:
-            UserError: If there is no such setting, or a value is refused.
-        """
+        """Return the learner's configs with the given options and --set laid over them."""
         words = assignments([word for words in self.set for word in words])
         for name in words.keys() & {*DECIDED}:
             raise UserError(f"{name} is no setting: other options, the data or the world decide it")
@@ -140,14 +132,7 @@ class ScalingOptions:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Output folder of `train`.
-
-    Attributes:
-        out: The folder.
-        kind: Of its policies: "policy" or "dial".
-        options: Whether a stopped training goes on, and where event files go.
-        as_json: Whether the policies are printed as one JSON object.
-    """
+    """Output folder of `train`, for policies of a kind: "policy" or "dial"."""
 
     out: Path
     kind: str
@@ -163,9 +148,6 @@ class RunFolder:
         Args:
             runs: By run, the settings in which it differs from the others.
             monitor: Measures the policies after each chunk.
-
-        Raises:
-            UserError: If the folder has content, or a training to resume is finished.
         """
         listeners: list[Callable[[Report], None]] = []
 
@@ -215,13 +197,7 @@ class RunFolder:
         record: Mapping[str, Any],
         change: Callable[[Any], Any] | None = None,
     ) -> int:
-        """Write and print the policies of a grid and their record; return the exit status.
-
-        Args:
-            trained: The training's outcome.
-            record: Further entries of run.json.
-            change: Applied to each policy before it is written.
-        """
+        """Write and print the policies of a grid, changed if need be; return the exit status."""
         arrays = {name: trained.history.array(name) for name in trained.history.values}
         columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
         labels = [label(numbers) for numbers in trained.hyperparameters]
