@@ -100,7 +100,7 @@ def part_beside(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def whole_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
-    """Give a temporary folder to fill; it becomes `folder` on success, or is removed on failure.
+    """Give a temporary folder to fill; it becomes `folder` on success, else it is removed.
 
     Without `replace` a folder with content, even one that appears meanwhile, stays as it is.
     """
@@ -136,7 +136,7 @@ def check_output_folder(folder: Path, replace: bool) -> bool:
 def swap_folder(temporary: Path, folder: Path, replace: bool = True) -> None:
     """Move a finished folder from beside its place into it.
 
-    The old folder is removed last, and restored on failure. Without `replace` one with content stays.
+    The old folder is removed last, and restored on failure; without `replace` it stays.
     """
     old = temporary.with_name(f"{temporary.name}.old")
     try:

@@ -50,9 +50,9 @@ class Results:
         files: Mapping[str, bytes] | None = None,
     ) -> Results:
         """Round the numbers, leave out empty tables, resolve the configuration, note versions."""
-        kept = {name: rounded(rows) for name, rows in tables.items() if rows}
+        plain = {name: rounded(rows) for name, rows in tables.items() if rows}
         settings = dataclasses.asdict(config)
-        return Results(study, settings, kept, rounded(summary), versions(), dict(files or {}))
+        return Results(study, settings, plain, rounded(summary), versions(), dict(files or {}))
 
 
 def versions() -> dict[str, str]:

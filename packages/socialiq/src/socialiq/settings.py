@@ -66,8 +66,8 @@ def laid_over(
     for name, value in values.items():
         full = [name] if name in owners else [key for key in owners if key.endswith(f".{name}")]
         if len(full) != 1:
-            known = ", ".join(sorted(owners.keys() - {*hidden}))
-            raise UserError(f"there is no setting {one_line(name, 80)}: choose one of {known}")
+            choices = ", ".join(sorted(owners.keys() - {*hidden}))
+            raise UserError(f"there is no setting {one_line(name, 80)}: choose one of {choices}")
         changes[owners[full[0]]][full[0]] = value
     return [changed(config, change) for config, change in zip(configs, changes, strict=True)]
 

@@ -12,7 +12,6 @@ import functools
 import importlib.util
 import shutil
 import textwrap
-from collections.abc import Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
@@ -213,18 +212,6 @@ def _options(module: str, name: str) -> list[str] | None:
 
 def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
     """Return the options of the dataclasses in an annotation; none for plain types."""
-    names: list[str] = []
-    for name in _types(annotation):
-        alias = _assigned(*_defined(module, name))
-        below = _options(module, name)
-        if below is None and alias is None:
-            return None
-        names += below or ()
-    return names
-
-
-def _types(annotation: ast.expr) -> Iterator[str]:
-    """Yield the names in an annotation that may make options, as `Config` or `module.Config`."""
     nodes = list(ast.walk(annotation))
     parents = {node.value: node for node in nodes if isinstance(node, ast.Attribute)}
     metadata = {
@@ -234,9 +221,17 @@ def _types(annotation: ast.expr) -> Iterator[str]:
         for extra in getattr(node.slice, "elts", [])[1:]
         for inner in ast.walk(extra)
     }
+    names: list[str] = []
     for node in nodes:
-        if isinstance(node, ast.Name) and node.id not in _PLAIN and node not in metadata:
-            yield ast.unparse(parents.get(node, node))
+        if not isinstance(node, ast.Name) or node.id in _PLAIN or node in metadata:
+            continue
+        name = ast.unparse(parents.get(node, node))  # as `Config` or `module.Config`
+        alias = _assigned(*_defined(module, name))
+        below = _options(module, name)
+        if below is None and alias is None:
+            return None
+        names += below or ()
+    return names
 
 
 def _class(module: str, name: str) -> ast.ClassDef | None:

@@ -138,8 +138,8 @@ class Collect(Printing):
         for words in self.driver:
             match = _NAMED.fullmatch(words)
             spec = match[2] if match else words
-            own = spec.rpartition(":")[2] if spec.startswith(_CODE) else Path(spec).stem
-            mode = match[1] if match else one_line(own)
+            stem = spec.rpartition(":")[2] if spec.startswith(_CODE) else Path(spec).stem
+            mode = match[1] if match else one_line(stem)
             if mode in modes:
                 raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
             modes[mode] = spec

@@ -106,8 +106,8 @@ class Evaluate(Printing):
         if self.data is not None:
             from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
 
-            given = {"--episodes": self.episodes, "--processes": self.processes}
-            if options := [name for name, value in given.items() if value]:
+            counts = {"--episodes": self.episodes, "--processes": self.processes}
+            if options := [name for name, value in counts.items() if value]:
                 raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
             check_seed(self.seed)
             policies = [str(path) for path in self.policies]
@@ -121,8 +121,8 @@ class Evaluate(Printing):
             return 0
         columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
         columns = (*columns, "length")
-        named = [{"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)]
-        print_table([{key: row[key] for key in columns if key in row} for row in named])
+        table = [{"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)]
+        print_table([{key: row[key] for key in columns if key in row} for row in table])
         why = pooled.pop("angle_not_pooled", "")
         print_table(listed(pooled, "pooled"))
         if why:

@@ -76,10 +76,13 @@ def read_minari(
     source: Any = ours.get("source") if ours else None
     if not isinstance(source, dict):
         source = {"made_by": "minari", "of": one_line(str(metadata.get("dataset_id", "")))}
-    names = _mode_names(ours, columns["mode"], mode)
+    names = ours.get("mode_names") if ours else None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        most = int(columns["mode"].max(initial=0))  # where there are no names, the number is one
+        names = [f"{mode}_{number}" for number in range(most + 1)] if most > 0 else [mode]
     try:
         sizes: dict[str, Any] = {"n_actions": actions.size, "bounds": bounds}
-        table = of_steps(**columns, **sizes, mode_names=names, source=source)
+        table = of_steps(**columns, **sizes, mode_names=tuple(names), source=source)
     except UserError as error:
         raise UserError(f"{folder}: {error}") from error
     if ours is not None and ours.get("sha256") != files.sha256_of(table):
@@ -212,15 +215,6 @@ def _of_episode(
                 "record it again"
             )
     return arrays
-
-
-def _mode_names(ours: Any, mode: np.ndarray, default: str) -> tuple[str, ...]:
-    """Return the demonstrators' names; where the data set has none, the number is the name."""
-    names = ours.get("mode_names") if ours else None
-    if isinstance(names, list) and all(isinstance(name, str) for name in names):
-        return tuple(names)
-    most = int(mode.max()) if len(mode) else 0
-    return (default,) if most <= 0 else tuple(f"{default}_{number}" for number in range(most + 1))
 
 
 def write_minari(

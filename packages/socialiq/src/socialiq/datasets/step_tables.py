@@ -104,8 +104,8 @@ class Layout(NamedTuple):
     def arrays_of(self, columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
         """Return arrays by name, with vectors and the reward pair in one array each.
 
-        The columns of the file `source` are one-dimensional. A wrong header is refused, and a number
-        that is not finite, with its column and row.
+        The columns of the file `source` are one-dimensional. A wrong header is refused, and a
+        number that is not finite, with its column and row.
         """
         self.check_names(list(columns), source)
         for name, column in columns.items():
@@ -213,8 +213,18 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
             parsers = {name: _PARSERS[layout.kind_of(name)] for name in names}
             columns = {name: array(parser.code) for name, parser in parsers.items()}
             for cells in rows:
-                if cells:  # an empty line has none
-                    _append(cells, parsers, columns, f"{path}, line {rows.line_num}")
+                where = f"{path}, line {rows.line_num}"
+                if cells and len(cells) != len(columns):  # an empty line has none
+                    raise UserError(
+                        f"{where}: {len(cells)} cells for {len(columns)} columns: restore the file"
+                    )
+                for cell, (name, parser) in zip(cells, parsers.items(), strict=False):
+                    try:
+                        columns[name].append(parser.read(cell))
+                    except (ValueError, KeyError, OverflowError) as error:
+                        raise UserError(
+                            f"{where}: column {name} is '{one_line(cell, 40)}', not {parser.name}"
+                        ) from error
         except csv.Error as error:
             raise UserError(
                 f"{path}, line {rows.line_num}: {error}: is this a CSV file?"
@@ -224,21 +234,6 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
     arrays = {name: np.array(column) for name, column in columns.items()}
     flags = {name: arrays[name].astype(np.bool_) for name in names if parsers[name].code == "b"}
     return arrays | flags
-
-
-def _append(
-    cells: list[str], parsers: Mapping[str, _Parser], columns: Mapping[str, Any], where: str
-) -> None:
-    """Append one row to the columns."""
-    if len(cells) != len(columns):
-        raise UserError(f"{where}: {len(cells)} cells for {len(columns)} columns: restore the file")
-    for cell, (name, parser) in zip(cells, parsers.items(), strict=True):
-        try:
-            columns[name].append(parser.read(cell))
-        except (ValueError, KeyError, OverflowError) as error:
-            raise UserError(
-                f"{where}: column {name} is '{one_line(cell, 40)}', not {parser.name}"
-            ) from error
 
 
 def csv_of(columns: Mapping[str, np.ndarray]) -> bytes:

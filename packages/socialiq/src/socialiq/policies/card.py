@@ -261,29 +261,25 @@ def bill_of_materials(
     limits: Sequence[str] = (),
     properties: Mapping[str, str] | None = None,
 ) -> bytes:
-    """Return a bill of materials of one policy.
+    """Return a bill of materials of one policy, of the facts that are known.
 
     Args:
         name: Name of the policy.
         version: Version of socialiq that wrote it.
         file_sha256: SHA-256 of the policy's file, if it is one file.
-        architecture: Architecture of the network, if known.
+        architecture: Architecture of the network.
         inputs: Form of an observation.
         outputs: Form of an action.
-        data: Facts about the training data; none if they are not known.
+        data: Facts about the training data.
         metrics: Measured numbers.
         limits: Known limitations, as sentences.
         properties: Further facts, by names of this package's own ("socialiq:...").
     """
-
-    def named(facts: Mapping[str, str]) -> list[dict[str, str]]:
-        return [{"name": name, "value": value} for name, value in facts.items()]
-
     parameters: dict[str, Any] = {"task": "choose the action of a vehicle for an observation"}
     parameters |= {"modelArchitecture": architecture} if architecture else {}
     if data:
         dataset = {"type": "dataset", "name": "training data"}
-        parameters["datasets"] = [dataset | {"contents": {"properties": named(data)}}]
+        parameters["datasets"] = [dataset | {"contents": {"properties": _properties(data)}}]
     parameters |= {"inputs": [{"format": inputs}]} if inputs else {}
     parameters |= {"outputs": [{"format": outputs}]} if outputs else {}
     card: dict[str, Any] = {"modelParameters": parameters}
@@ -297,7 +293,7 @@ def bill_of_materials(
     if file_sha256:
         component["hashes"] = [{"alg": "SHA-256", "content": file_sha256}]
     if properties:
-        component["properties"] = named(properties)
+        component["properties"] = _properties(properties)
     tool = {"type": "application", "name": "socialiq", "version": version}
     content = {
         "$schema": "http://cyclonedx.org/schema/bom-1.7.schema.json",
@@ -312,3 +308,7 @@ def bill_of_materials(
     space = uuid.uuid5(uuid.NAMESPACE_URL, "https://socialiq.example/bill-of-materials/1")
     content["serialNumber"] = f"urn:uuid:{uuid.uuid5(space, text)}"
     return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+
+
+def _properties(facts: Mapping[str, str]) -> list[dict[str, str]]:
+    return [{"name": name, "value": value} for name, value in facts.items()]

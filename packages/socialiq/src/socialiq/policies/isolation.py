@@ -258,6 +258,13 @@ def sandboxed(
                 f"{one_line(str(path))} is closed to other users, and root runs a policy as one: "
                 "open it with chmod a+rX"
             )
+    system: list[str] = []
+    for path in map(Path, _SYSTEM):
+        if path.is_symlink():
+            system += ["--symlink", str(path.readlink()), str(path)]
+        elif path.is_dir():
+            system += ["--ro-bind", str(path), str(path)]
+    system += [word for name in _SETTINGS for word in ("--ro-bind-try", name, name)]
     interpreters = (*_interpreters(first), *_interpreters(Path(sys.executable)))
     user = 2_000_000_000 + secrets.randbelow(100_000_000) if root else -1
     return [
@@ -265,7 +272,7 @@ def sandboxed(
         *(_AS_ROOT if root else ("--unshare-all", "--cap-drop", "ALL")),
         *("--die-with-parent", "--new-session", "--clearenv"),
         *(word for pair in _ENVIRONMENT.items() for word in ("--setenv", *pair)),
-        *_system(),
+        *system,
         *("--proc", "/proc", "--dev", "/dev"),
         *(word for path in _WRITABLE for word in _memory(path)),
         *_bound((*interpreters, *folders, *covered.paths), here),
@@ -282,17 +289,6 @@ _AS_ROOT = (
     # These two change the user and are lost with it.
     *("--cap-drop", "ALL", "--cap-add", "CAP_SETUID", "--cap-add", "CAP_SETGID"),
 )
-
-
-def _system() -> Iterator[str]:
-    """Return the arguments for the system's programs and libraries."""
-    for path in map(Path, _SYSTEM):
-        if path.is_symlink():
-            yield from ("--symlink", str(path.readlink()), str(path))
-        elif path.is_dir():
-            yield from ("--ro-bind", str(path), str(path))
-    for name in _SETTINGS:
-        yield from ("--ro-bind-try", name, name)
 
 
 def _memory(path: str) -> tuple[str, ...]:

@@ -50,8 +50,8 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         The policy, and details from the file.
 
     Raises:
-        UserError: If the extra `onnx` is not installed; if the file is damaged, does more than the
-            rules of `onnx_graph` allow, or is made for another world.
+        UserError: If the file is damaged, does more than `onnx_graph` allows, or is made for
+            another world, or the extra `onnx` is missing.
     """
     onnx, onnxruntime = (optional(name, "onnx", _NEEDED_BY) for name in ("onnx", "onnxruntime"))
     check_fields(content, source)
@@ -101,9 +101,6 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     """Return the shapes of input and output for one observation, and the operators used.
 
     Everything that was not checked is removed from the model, and all outputs but one.
-
-    Raises:
-        GraphFault: If the graph is not a policy.
     """
     graph, values = model.graph, Values()
     for used in model.opset_import:
@@ -126,7 +123,18 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     if len(graph.node) > onnx_graph.MOST_NODES:
         raise GraphFault(f"has more than {onnx_graph.MOST_NODES:,} nodes")
     for node in graph.node:
-        _add(onnx, values, node)
+        _check_domain(node.domain)
+        get = onnx.helper.get_attribute_value
+        attributes = {attribute.name: get(attribute) for attribute in node.attribute}
+        if len(node.output) != 1 or len(attributes) != len(node.attribute):
+            raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
+        if node.op_type != "Constant":
+            shape = onnx_graph.follow(values, node.op_type, node.input, attributes)
+            values.add_row(node.output[0], shape)
+        elif list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
+            raise GraphFault("has a Constant that is not a tensor")
+        else:
+            values.add_constant(node.output[0], _array(onnx, attributes["value"]))
     outputs = [value for value in graph.output if value.name == _ACTIONS or len(graph.output) == 1]
     if len(outputs) != 1:
         raise GraphFault(f"has {len(graph.output)} outputs and none is named {_ACTIONS}")
@@ -147,22 +155,6 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
 def _check_domain(domain: str) -> None:
     if domain not in _DOMAINS:
         raise GraphFault(f"uses operators of the domain {one_line(domain, 40)!r}")
-
-
-def _add(onnx: Any, values: Values, node: Any) -> None:
-    """Check a node of the graph and define its value."""
-    _check_domain(node.domain)
-    get = onnx.helper.get_attribute_value
-    attributes = {attribute.name: get(attribute) for attribute in node.attribute}
-    if len(node.output) != 1 or len(attributes) != len(node.attribute):
-        raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
-    if node.op_type != "Constant":
-        shape = onnx_graph.follow(values, node.op_type, node.input, attributes)
-        values.add_row(node.output[0], shape)
-        return
-    if list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
-        raise GraphFault("has a Constant that is not a tensor")
-    values.add_constant(node.output[0], _array(onnx, attributes["value"]))
 
 
 def _array(onnx: Any, tensor: Any) -> np.ndarray:

@@ -90,8 +90,12 @@ class Child:
             raise UserError(
                 "a policy in a separate process needs Linux or macOS: export it to ONNX"
             )
-        if memory and not _has_memory_limits():
-            raise UserError("this system sets no memory limit for a process: pass --memory-gib 0")
+        if memory:  # some systems have limits and set none (`launchers`)
+            try:
+                from resource import RLIMIT_AS  # noqa: F401
+            except ImportError as error:
+                line = "this system sets no memory limit for a process: pass --memory-gib 0"
+                raise UserError(line) from error
         self.source = source
         self._ended = ""
         self._complaint = b""
@@ -209,15 +213,6 @@ class Child:
         if not piece:
             waiting.unregister(self._err)
         self._complaint = (self._complaint + piece)[-4_096:]
-
-
-def _has_memory_limits() -> bool:
-    """Whether the system has limits of address space; some have them and set none (`launchers`)."""
-    try:
-        import resource
-    except ImportError:
-        return False
-    return hasattr(resource, "RLIMIT_AS")
 
 
 def start_process(

@@ -32,7 +32,10 @@ def main(place: str, attribute: str, paths: list[str]) -> int:
         message = json.loads(line)
         try:
             if policy is None:
-                policy, size = _loaded(place, attribute), message.get("action_size", 0)
+                policy, size = getattr(_module(place), attribute), message.get("action_size", 0)
+                policy = policy() if inspect.isclass(policy) else policy
+                if not callable(getattr(policy, "predict", policy)):
+                    policy = "is not a policy: it must be a function or have `predict`"
                 answer = message
             else:
                 answer = {"id": message["id"], **_decided(policy, message, size)}
@@ -43,15 +46,6 @@ def main(place: str, attribute: str, paths: list[str]) -> int:
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
     return 0
-
-
-def _loaded(place: str, attribute: str) -> Any:
-    """Return the policy, or a text that says why it is none."""
-    policy = getattr(_module(place), attribute)
-    policy = policy() if inspect.isclass(policy) else policy
-    if not callable(getattr(policy, "predict", policy)):
-        return "is not a policy: it must be a function or have `predict`"
-    return policy
 
 
 def _module(place: str) -> Any:

@@ -103,7 +103,24 @@ class Task:
         command, data = self.command, self.data
         learner: Any = LEARNERS[name]
         settings = command.size.given() | dict(given or {})
-        static, numbers = command.options.apply(self._begun(name), settings)
+        configs = learner.StaticConfig(), learner.Hyperparameters()
+        if self.preset:
+            presets = PRESETS.get(self.preset, {})
+            names = ", ".join(CONTINUOUS if presets else PRESETS)
+            if not presets:
+                raise UserError(
+                    f"no preset '{self.preset}' of continuous actions: choose {names}, or leave "
+                    "--preset out"
+                )
+            if name not in presets:
+                learners = " and ".join(presets)
+                raise UserError(
+                    f"preset {self.preset} is of {learners}, not of {name}: leave it out"
+                )
+            if self.world and self.world not in CONTINUOUS:
+                raise UserError(f"preset {self.preset} is not for {self.world}: choose {names}")
+            configs = presets[name]
+        static, numbers = command.options.apply(configs, settings)
         runs = command.grid.runs(numbers)
         kind = "dial" if getattr(static, "dial", False) else "policy"
         folder = shared.RunFolder(command.out, kind, command.options, command.json)
@@ -126,24 +143,6 @@ class Task:
             described = shared.described_file(command.data)
             record["data"] = described | {"transitions": data.n_transitions}
         return folder.finish_policies(trained, record, change.policy if change else None)
-
-    def _begun(self, name: str) -> tuple[Any, Any]:
-        """Return the settings to begin with: the learner's own, or those of the preset."""
-        if not self.preset:
-            return LEARNERS[name].StaticConfig(), LEARNERS[name].Hyperparameters()
-        if self.preset not in PRESETS:
-            names = ", ".join(PRESETS)
-            raise UserError(
-                f"no preset '{self.preset}' of continuous actions: choose {names}, or leave "
-                "--preset out"
-            )
-        if name not in PRESETS[self.preset]:
-            names = " and ".join(PRESETS[self.preset])
-            raise UserError(f"preset {self.preset} is of {names}, not of {name}: leave it out")
-        if self.world and self.world not in CONTINUOUS:
-            names = ", ".join(CONTINUOUS)
-            raise UserError(f"preset {self.preset} is not for {self.world}: choose {names}")
-        return PRESETS[self.preset][name]
 
     def _standardisation(self, static: Any, seed: int) -> Standardisation | None:
         """Return the change of observations that the command asks for."""

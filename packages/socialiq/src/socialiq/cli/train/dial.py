@@ -90,7 +90,17 @@ class Dial(Printing):
         static, numbers = self.options.apply((structure, preset.numbers), self.size.given())
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         budget = self._dual_ascent(name, static, runs)
-        data = self._demonstrations(name, static.demonstrations)
+        if static.demonstrations and self.data is None:
+            collect = "socialiq collect WORLD --clock --out FILE"
+            if self.world in ROADS:
+                world = (IDS | SCENE_IDS)[self.world]
+                collect = f"socialiq collect {world} --driver FILE --out FILE"
+            raise UserError(
+                f"preset '{name}' learns from demonstrations: name their file ({collect})"
+            )
+        if not static.demonstrations and self.data is not None:
+            raise UserError(f"preset '{name}' takes no demonstrations: leave the file out")
+        data = [files.load(self.data)] if self.data else []
         simulator, collector, chunk = None, None, shared.CHUNK
         if self.world in ROADS:
             world, chunk = road_named(self.world), road_training.CHUNK
@@ -145,20 +155,6 @@ class Dial(Printing):
             names = ", ".join(preset for preset in presets if (preset == ON_ROADS) == road)
             raise UserError(f"preset '{name}' is not for {self.world}: choose {names}")
         return name, presets[name]
-
-    def _demonstrations(self, preset: str, needed: bool) -> list[Demonstrations]:
-        """Return the data of a run that learns from data."""
-        if needed and self.data is None:
-            collect = "socialiq collect WORLD --clock --out FILE"
-            if self.world in ROADS:
-                world = (IDS | SCENE_IDS)[self.world]
-                collect = f"socialiq collect {world} --driver FILE --out FILE"
-            raise UserError(
-                f"preset '{preset}' learns from demonstrations: name their file ({collect})"
-            )
-        if not needed and self.data is not None:
-            raise UserError(f"preset '{preset}' takes no demonstrations: leave the file out")
-        return [files.load(self.data)] if self.data else []
 
     def _dual_ascent(self, preset: str, static: Any, runs: list[Any]) -> Budget | None:
         """Return the search of the strength for the budget, if there is one."""

@@ -72,7 +72,6 @@ class IQLearn(Printing):
         data = files.load(self.data, continuous=True)
         names = ("prior", "value_term", "divergence")
         values = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        given = {"online": bool(self.world)}
         if data.action_size:
             if self.loss:
                 raise UserError("--loss is of discrete actions: leave it out")
@@ -82,21 +81,22 @@ class IQLearn(Printing):
                         f"a {name} of your own with continuous actions is for Python: pass it to "
                         "learners.continuous.train"
                     )
+            values["online"] = bool(self.world)
             task = actors.Task(self, data, self.world, self.allow_code, self.preset)
-            return task.run("iq-learn", values | given)
+            return task.run("iq-learn", values)
         self.scaling.refuse()
         functions = {}
         for name in ("loss", "prior", "divergence"):
-            place = self.loss if name == "loss" else values.get(name, "")
-            if ":" in place or place.endswith(".py") or (place and name == "loss"):
-                functions[name] = extensions.load(place, f"--{name}", self.allow_code)
+            path = self.loss if name == "loss" else values.get(name, "")
+            if ":" in path or path.endswith(".py") or (path and name == "loss"):
+                functions[name] = extensions.load(path, f"--{name}", self.allow_code)
                 values.pop(name, None)
         if "prior" in functions:
             functions["prior"] = extensions.checked_prior(functions["prior"])
         if "divergence" in functions:
             functions["divergence"] = extensions.checked_divergence(functions["divergence"])
         one_of("preset", self.preset or "grid", tuple(PRESETS))
-        settings = values | given | self.size.given()
+        settings = values | {"online": bool(self.world)} | self.size.given()
         static, numbers = self.options.apply(PRESETS[self.preset or "grid"], settings)
         return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
 
