@@ -28,8 +28,8 @@ def test_parts_are_the_whole(name, soft):
     whole = episodes_of(Batch(Options(), len(seeds)), driver_of(name), [*seeds], not soft)
     for processes in (1, 3):
         blocks = parts.blocks_of(seeds, processes)
-        split = [evaluate._RoadPart(name, soft, len(seeds), block) for block in blocks]
-        assert as_text(parts.joined(list(map(evaluate._play_road, split)))) == as_text(whole)
+        played = [evaluate._play_road(name, soft, len(seeds), block) for block in blocks]
+        assert as_text(parts.joined(played)) == as_text(whole)
 
 
 @pytest.mark.slow

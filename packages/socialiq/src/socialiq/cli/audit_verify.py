@@ -14,11 +14,10 @@ import tyro
 
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report import signature
+from socialiq.audit.report import signature, words
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
 from socialiq.audit.report.recompute import differences, opened_of
 from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
-from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
 from socialiq.cli.audit import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
@@ -88,8 +87,8 @@ class Verify(Printing):
             faults = self._again()
             checked.append("episodes, run again")
         claims = read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
-        if self.log is not None and OF_A_LOG in claims:
-            claims.remove(OF_A_LOG)
+        if self.log is not None and words.OF_A_LOG in claims:
+            claims.remove(words.OF_A_LOG)
         if self.json:
             row = {"folder": str(self.folder), "rerun": self.rerun, "faults": faults}
             row |= {"not_checked": findings.not_checked, "checked": [] if faults else checked}

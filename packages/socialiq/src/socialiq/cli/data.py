@@ -12,10 +12,8 @@ import tyro
 from socialiq.cli.drivers import continuous_driver_of
 from socialiq.cli.output import Printing
 from socialiq.cli.words import refuse_unused
-from socialiq.datasets.arrays import Bounds
-from socialiq.datasets.minari import id_of, read_minari, write_minari
+from socialiq.datasets import arrays, minari, trajectories
 from socialiq.datasets.step_files import format_of, read_steps, write_steps
-from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -26,11 +24,10 @@ from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
 from socialiq.social.angle import check_angle
-from socialiq.worlds import CONTINUOUS
+from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import action_size, is_environment, make_environment, sizes
 from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq.worlds.registry import continuous_options, make_grid
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
 _CODE = ("python:", "process:")
@@ -120,7 +117,7 @@ class Collect(Printing):
 
     def experts(self) -> dict[str, Demonstrations]:
         """Return episodes of a gridworld's experts."""
-        world = make_grid(self.world)
+        world = registry.make_grid(self.world)
         table = tabulate(world.with_clock() if self.clock else world)
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         return demonstrations_by_mode(table, dict.fromkeys(MODES, longest), self.seed)
@@ -150,7 +147,7 @@ class Collect(Printing):
         pools = {}
         for mode, spec in modes.items():
             if env is None:
-                world = Intersection(continuous_options(self.world))
+                world = Intersection(registry.continuous_options(self.world))
                 driver = continuous_driver_of(spec, world, seed=self.seed, **code)
             else:
                 driver = load_policy(spec, *sizes(env), action_size=action_size(env), **code)
@@ -158,7 +155,7 @@ class Collect(Printing):
                 record, policy = loaded.record, loaded.policy
                 source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
                 if env is None:
-                    options = continuous_options(self.world)
+                    options = registry.continuous_options(self.world)
                     batch = Batch(options, min(self.episodes, SIDE_BY_SIDE))
                     seeds = range(self.seed, self.seed + self.episodes)
                     episodes = rollout.record(batch, policy, seeds, mode, source).transitions
@@ -188,7 +185,7 @@ class _Reader(Printing):
 
     def run(self) -> int:
         """Read, check, write, print the counts."""
-        bounds = Bounds.of(self.action_low, self.action_high)
+        bounds = arrays.Bounds.of(self.action_low, self.action_high)
         refuse_existing(self.out)
         table = self.read(bounds=bounds, social=self.social, flatten=self.flatten)
         sha256 = files.save(self.out, table, replace=False)
@@ -263,7 +260,7 @@ class FromTrajectories(_Reader):
     def read(self, **options: Any) -> Demonstrations:
         """Read the file."""
         options |= {"n_actions": self.n_actions, "time_limit": self.time_limit}
-        return read_trajectories(self.file, mode=self.mode, **options)
+        return trajectories.read_trajectories(self.file, mode=self.mode, **options)
 
 
 @dataclass(frozen=True)
@@ -286,8 +283,8 @@ class ToMinari(Printing):
         """Read, write, print the place."""
         check_angle(self.angle)
         table = files.load(self.file, continuous=True)
-        name = self.id or id_of(self.out)
-        folder = write_minari(table, self.out, dataset_id=name, angle=self.angle)
+        name = self.id or minari.id_of(self.out)
+        folder = minari.write_minari(table, self.out, dataset_id=name, angle=self.angle)
         written = {"folder": str(folder), "id": name, "episodes": table.n_episodes}
         return self.show(written | {"sha256": files.sha256_of(table)}, [written])
 
@@ -306,7 +303,7 @@ class FromMinari(_Reader):
 
     def read(self, **options: Any) -> Demonstrations:
         """Read the folder."""
-        return read_minari(self.folder, mode=self.mode, **options)
+        return minari.read_minari(self.folder, mode=self.mode, **options)
 
 
 def show_counts(command: Any, sha256: str, table: Demonstrations) -> int:

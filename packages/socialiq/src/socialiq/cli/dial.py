@@ -24,9 +24,8 @@ from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
 from socialiq.storage import kind_of
 from socialiq.types import Row
-from socialiq.worlds import CONTINUOUS
+from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Dial(Printing):
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        one_of("world", self.world, (*WORLDS, *CONTINUOUS, *SCENES))
+        one_of("world", self.world, (*registry.WORLDS, *CONTINUOUS, *SCENES))
         if self.world in CONTINUOUS:
             if self.calibrated:
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
@@ -79,7 +78,7 @@ class Dial(Printing):
                 worlds = ", ".join(CONTINUOUS)
                 raise UserError(f"{self.policy} has continuous actions: choose one of {worlds}")
             dial = DialPolicy.load(self.policy)
-            measure = self.rolled if self.world not in GRIDWORLDS else self.exact
+            measure = self.rolled if self.world not in registry.GRIDWORLDS else self.exact
             rows, summary, evaluated = measure(dial)
             if self.calibrated:
                 calibrated(dial, evaluated).save(self.calibrated, replace=False)

@@ -15,15 +15,13 @@ from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import load_policy
 from socialiq.storage import kind_of
 from socialiq.types import Policy
-from socialiq.worlds import CONTINUOUS
+from socialiq.worlds import CONTINUOUS, registry, situation
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld, world_of
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import continuous_options, make_grid
-from socialiq.worlds.situation import load_driver
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
@@ -41,7 +39,7 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     name, shipped = name.removeprefix("atlas:"), atlas.names()
     if name not in shipped and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *shipped, "a policy file"))
-    policy = atlas.load(name) if name in shipped else load_driver(Path(name))
+    policy = atlas.load(name) if name in shipped else situation.load_driver(Path(name))
     refuse_misfit(name, policy, Intersection(options or Options()))
     return policy
 
@@ -114,13 +112,13 @@ def refuse_misfit(
 def road_named(name: str) -> Intersection | SceneWorld:
     """Return the intersection, or another road of highway-env, with its default options."""
     if name in CONTINUOUS:
-        return Intersection(continuous_options(name))
+        return Intersection(registry.continuous_options(name))
     return world_of(name) if name in SCENES else Intersection(Options())
 
 
 def gridworld_of(name: str, policy: ValuePolicy | DialPolicy) -> Table:
     """Return the gridworld that a policy or dial was trained in, with a clock if it uses one."""
-    plain = make_grid(name)
+    plain = registry.make_grid(name)
     for world in (plain, plain.with_clock()):
         if (world.n_features, world.n_actions) == (policy.n_features, policy.n_actions):
             return tabulate(world)

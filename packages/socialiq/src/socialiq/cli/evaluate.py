@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -17,13 +18,9 @@ from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
 from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation import parts
-from socialiq.evaluation.context import evaluate_by_rule
-from socialiq.evaluation.episode_rows import policy_row
+from socialiq.evaluation import context, episode_rows, exact, parts, simulate
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
-from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
-from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import ValuePolicy
@@ -167,24 +164,24 @@ class Evaluate(Printing):
                 episodes = episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
         elif self.processes:  # as many side by side as in one
             policy = driver_of(name)
-            if name == "random" or (self.soft and not isinstance(policy, SoftPolicy)):
+            if name == "random" or (self.soft and not isinstance(policy, simulate.SoftPolicy)):
                 raise parts.draws_in_order(name)
             blocks = parts.blocks_of(self._seeds, self.processes)
-            split = [_RoadPart(name, self.soft, size, block) for block in blocks]
+            play = functools.partial(_play_road, name, self.soft, size)
             with Display() as display:
                 report = display.stage("episodes")
-                episodes = parts.joined(parts.in_parts(_play_road, split, self.processes, report))
+                episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
         else:
             batch, policy = Batch(Options(), size), driver_of(name, self.seed)
             episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
         # With discrete actions the ego follows its lane.
-        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
+        row = episode_rows.policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         return method | {key: value for key, value in row.items() if key != "policy"}
 
     def gridworld(self) -> Callable[[ValuePolicy], dict[str, Any]]:
         """Return exact or sampled metrics, with regret against the exact optimum."""
-        optimum = Optimum(tabulate(registry.make_grid(self.world)).reachable_part())
+        optimum = exact.Optimum(tabulate(registry.make_grid(self.world)).reachable_part())
         readout = "soft" if self.soft else "greedy"
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
@@ -192,15 +189,15 @@ class Evaluate(Printing):
             table = gridworld_of(self.world, policy)
             states = table.reachable_part()
             if self.episodes:
-                actions = action_table(policy, table, readout)
+                actions = exact.action_table(policy, table, readout)
                 rollout = rollout_table(table, actions, self.episodes, self.seed)
                 metrics, row = rollout.metrics(), self.sampled(rollout)
             else:
-                chances = action_table(policy, states, readout)
-                metrics = evaluate_exactly(states, chances)
+                chances = exact.action_table(policy, states, readout)
+                metrics = exact.evaluate_exactly(states, chances)
                 row = {"method": "exact", **metrics._asdict()}
                 if rule is not None:
-                    lost = evaluate_by_rule(states, chances, rule).loss
+                    lost = context.evaluate_by_rule(states, chances, rule).loss
                     row["decision_loss"] = float(lost.sum())
                     for name, loss in zip(rule.contexts, lost.tolist(), strict=True):
                         row[f"decision_loss where {name}"] = loss
@@ -215,18 +212,15 @@ class Evaluate(Printing):
         In parts environment and policy must keep nothing from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
-        episodes = _EnvironmentPart(
-            self.world, policy, self.angle, self.allow_code, self.soft, np.array(self._seeds)
-        )
+        settings = (self.world, policy, self.angle, self.allow_code, self.soft)
+        play = functools.partial(_play_in_environment, *settings)
         if not self.processes:
-            return _play_in_environment(episodes)
+            return play(np.array(self._seeds))
         if self.soft:
             raise parts.draws_in_order(policy)
         blocks = parts.blocks_of(self._seeds, self.processes)
-        split = [episodes._replace(seeds=block) for block in blocks]
         with Display() as display:
-            report = display.stage("episodes")
-            played = parts.in_parts(_play_in_environment, split, self.processes, report)
+            played = parts.in_parts(play, blocks, self.processes, display.stage("episodes"))
         table = concatenate([rollout.transitions for rollout in played])
         table = dataclasses.replace(table, source=played[0].transitions.source)
         return Rollout(table, np.concatenate([rollout.speed for rollout in played]))
@@ -243,42 +237,27 @@ class Evaluate(Printing):
         }
 
 
-class _RoadPart(NamedTuple):
-    """Episodes of a driver at the intersection; `size` of them run side by side."""
-
-    driver: str
-    soft: bool
-    size: int
-    seeds: np.ndarray
+def _play_road(driver: str, soft: bool, size: int, seeds: np.ndarray) -> Episodes:
+    """Play episodes of a driver at the intersection; `size` of them run side by side."""
+    batch = Batch(Options(), size)
+    return episodes_of(batch, driver_of(driver), seeds, deterministic=not soft)
 
 
-def _play_road(part: _RoadPart) -> Episodes:
-    batch = Batch(Options(), part.size)
-    return episodes_of(batch, driver_of(part.driver), part.seeds, deterministic=not part.soft)
+def _play_in_environment(
+    world: str, policy: str, angle: float, allow_code: bool, soft: bool, seeds: np.ndarray
+) -> Rollout:
+    """Play the episodes of successive seeds.
 
-
-class _EnvironmentPart(NamedTuple):
-    """Episodes of a policy in an environment, of successive seeds."""
-
-    world: str
-    policy: str
-    angle: float
-    allow_code: bool
-    soft: bool
-    seeds: np.ndarray
-
-
-def _play_in_environment(part: _EnvironmentPart) -> Rollout:
-    """Play the episodes; on a road a file of this package may take the time as a feature."""
-    env = environment.make_environment(part.world, allow_code=part.allow_code, continuous=True)
+    On a road a file of this package may take the time as a further feature.
+    """
+    env = environment.make_environment(world, allow_code=allow_code, continuous=True)
     size, width = environment.sizes(env), environment.action_size(env)
-    settings: dict[str, Any] = {"angle": part.angle, "allow_code": part.allow_code}
-    settings["clock"] = part.world in TIMED
-    with load_policy(part.policy, *size, action_size=width, **settings) as loaded:
+    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": world in TIMED}
+    with load_policy(policy, *size, action_size=width, **settings) as loaded:
         if loaded.record.interface.n_features > size[0]:
-            env = environment.make_environment(part.world, {"clock": True}, continuous=True)
-        first, count = int(part.seeds[0]), len(part.seeds)
-        return rollout_env(env, loaded.policy, count, first, deterministic=not part.soft)
+            env = environment.make_environment(world, {"clock": True}, continuous=True)
+        count = len(seeds)
+        return rollout_env(env, loaded.policy, count, int(seeds[0]), deterministic=not soft)
 
 
 def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:

@@ -10,9 +10,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.profile import profile
-from socialiq.audit.profile.reader import load
-from socialiq.audit.profile.template import declare, possible_loss
+from socialiq.audit.profile import profile, reader, template
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import load_rule
@@ -71,10 +69,10 @@ class New:
         loss = self.largest_loss
         # The limits of the rewards are those of a constant angle.
         if loss is None and self.world in NAMES and not self.angle_rule:
-            loss = possible_loss(make(self.world), self.angle)
+            loss = template.possible_loss(make(self.world), self.angle)
             # A margin beyond it excludes nothing, which the audit says.
             loss = loss if loss and loss > self.margin else None
-        declared = declare(
+        declared = template.declare(
             self.angle,
             self.owner,
             self.world,
@@ -103,7 +101,7 @@ class Check(Printing):
 
     def run(self) -> int:
         """Read, check, print."""
-        declared = load(self.file)
+        declared = reader.load(self.file)
         if declared.scenario.world not in NAMES:
             declared.world(self.allow_code)
         facts = _facts(declared)

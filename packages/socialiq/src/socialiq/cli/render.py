@@ -20,15 +20,14 @@ from socialiq.outputs import new_folder, refuse_existing
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
+from socialiq.worlds import pictures, registry
 from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.pictures import filmstrip, picture
-from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 
 FILMS = (".gif", ".mp4")
-WORLDS = (*GRIDWORLDS, *INTERSECTIONS, *SCENES)
+WORLDS = (*registry.GRIDWORLDS, *registry.INTERSECTIONS, *SCENES)
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Render:
     def run(self) -> int:
         """Draw and write."""
         one_of("world", self.world, WORLDS)
-        on_road = self.world not in GRIDWORLDS
+        on_road = self.world not in registry.GRIDWORLDS
         suffixes = (".png", *FILMS) if on_road else (".png",)
         one_of(f"kind of picture of {self.world}", self.out.suffix, suffixes)
         if self.angle is not None:
@@ -64,14 +63,14 @@ class Render:
             return 0
         if self.driver:
             raise UserError(f"{self.world} has no --driver: use --angle")
-        table = tabulate(make_grid(self.world))
+        table = tabulate(registry.make_grid(self.world))
         if self.angle is None:
-            figure = picture(table.world, table.world.start[0][0])
+            figure = pictures.picture(table.world, table.world.start[0][0])
         else:
             policy = expert_policy(table, self.angle)
             steps = rollout_table(table, policy, 1, self.seed).transitions
             states = np.vstack([steps.observation, steps.next_observation[-1:]])
-            figure = filmstrip(table.world, states.astype(int).tolist())
+            figure = pictures.filmstrip(table.world, states.astype(int).tolist())
         write_atomically(self.out, png({"picture": figure})["picture"])
         return 0
 

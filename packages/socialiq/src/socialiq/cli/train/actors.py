@@ -12,15 +12,13 @@ from socialiq.cli.train import shared
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.learners.continuous import config, standardise
 from socialiq.learners.continuous.acting import ActorVectorCollector
-from socialiq.learners.continuous.config import PRESETS
-from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
-from socialiq.worlds import CONTINUOUS
+from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.environment import action_size, environment_maker, sizes
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import continuous_options, refuse_file
 
 SIDE_BY_SIDE = 24
 """Episodes of the intersection side by side, of each run."""
@@ -105,8 +103,8 @@ class Task:
         settings = command.size.given() | dict(given or {})
         configs = learner.StaticConfig(), learner.Hyperparameters()
         if self.preset:
-            presets = PRESETS.get(self.preset, {})
-            names = ", ".join(CONTINUOUS if presets else PRESETS)
+            presets = config.PRESETS.get(self.preset, {})
+            names = ", ".join(CONTINUOUS if presets else config.PRESETS)
             if not presets:
                 raise UserError(
                     f"no preset '{self.preset}' of continuous actions: choose {names}, or leave "
@@ -144,7 +142,7 @@ class Task:
             record["data"] = described | {"transitions": data.n_transitions}
         return folder.finish_policies(trained, record, change.policy if change else None)
 
-    def _standardisation(self, static: Any, seed: int) -> Standardisation | None:
+    def _standardisation(self, static: Any, seed: int) -> standardise.Standardisation | None:
         """Return the change of observations that the command asks for."""
         scaling = self.command.scaling
         if not scaling.standardise:
@@ -154,14 +152,14 @@ class Task:
         if self.world in CONTINUOUS or static.view != "flat":
             raise UserError("observations of vehicles are scaled already: leave --standardise out")
         if self.data is not None:
-            return Standardisation.of(self.data.observation, scaling.leave_out)
+            return standardise.Standardisation.of(self.data.observation, scaling.leave_out)
         if not self.world:
             raise UserError("--standardise is by demonstrations or a world: name one with --world")
         make = environment_maker(self.world, None, self.allow_code, continuous=True)
-        return Standardisation.of(explored(make(), seed), scaling.leave_out)
+        return standardise.Standardisation.of(standardise.explored(make(), seed), scaling.leave_out)
 
     def _acting(
-        self, static: Any, runs: list[Any], change: Standardisation | None
+        self, static: Any, runs: list[Any], change: standardise.Standardisation | None
     ) -> dict[str, Any]:
         """Return what `train` needs to let runs act in the world.
 
@@ -169,11 +167,11 @@ class Task:
         with the time if those of the demonstrations do; without demonstrations, if the networks
         tell values of it apart.
         """
-        refuse_file(self.world)
+        registry.refuse_file(self.world)
         data, chunk = self.data, static.updates_per_round
         if self.world in CONTINUOUS:
             steps = chunk * getattr(static, "env_steps_per_update", 1)
-            options = continuous_options(self.world)
+            options = registry.continuous_options(self.world)
             listed = Intersection(options).n_features
             clock = static.times > 0 if data is None else data.n_features == listed + 1
             env = learning_env(Intersection(options), len(runs) * SIDE_BY_SIDE, clock)

@@ -33,11 +33,9 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS
-from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS, grid_world, registry
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import GRIDWORLDS, is_world_file, make_grid, open_world
 
 ROADS = ("intersection", *SCENES)
 """Worlds on highway-env's roads, with discrete actions."""
@@ -116,7 +114,7 @@ class Dial(Printing):
                 rounds = (static.environments, road_training.STEPS_PER_UPDATE)
                 collector = road_training.dial_collector(static, runs, world, *rounds)
         else:
-            world = make_grid(self.world)
+            world = registry.make_grid(self.world)
             world = world.with_clock() if preset.clock else world
             times = world.horizon if static.redraw_times else 0
             static = dataclasses.replace(static, one_hot=world.one_hot, redraw_times=times)
@@ -141,12 +139,12 @@ class Dial(Printing):
                 f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
                 "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
             )
-        if self.preset in offline.PRESETS or is_world_file(self.world):
+        if self.preset in offline.PRESETS or registry.is_world_file(self.world):
             raise UserError(
                 f"`socialiq train offline-dial FILE --world {self.world}` learns from "
                 "demonstrations alone: name that learner"
             )
-        one_of("world", self.world, (*GRIDWORLDS, *ROADS))
+        one_of("world", self.world, (*registry.GRIDWORLDS, *ROADS))
         presets = {**PRESETS, ON_ROADS: INTERSECTION}
         road = self.world in ROADS
         name = self.preset or (ON_ROADS if road else "online")
@@ -317,10 +315,10 @@ class OfflineDial(Printing):
 
 def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
     """Return what a world determines of the static config: encoding, length of an episode."""
-    world, sizes = open_world(name), (data.n_features, data.n_actions)
+    world, sizes = registry.open_world(name), (data.n_features, data.n_actions)
     for view in (world, world.with_clock()):
         if (view.n_features, view.n_actions) == sizes:
-            if isinstance(view, GridWorld):
+            if isinstance(view, grid_world.GridWorld):
                 return {"view": "flat", "one_hot": view.one_hot}
             return {"whole_episode": view.whole_episode}
     raise UserError(
