@@ -287,8 +287,23 @@ def _write(minari: ModuleType, table: Demonstrations, path: Path, name: str, ang
         reward = np.asarray(score(exact_weights(angle), table.rewards), np.float64)
         ends = np.append(table.episode_starts[1:], table.n_transitions)
         storage.update_episodes(
-            EpisodeBuffer(**_episode(table, slice(start, end), reward))
-            for start, end in zip(table.episode_starts, ends, strict=True)
+            EpisodeBuffer(
+                observations=np.concatenate(
+                    [table.observation[rows], table.next_observation[rows][-1:]]
+                ),
+                actions=table.action[rows].astype(np.int64 if table.n_actions else np.float32),
+                rewards=reward[rows],
+                terminations=table.terminated[rows],
+                truncations=table.truncated[rows],
+                infos={
+                    PAIR_NAMES[0]: np.insert(np.stack(table.rewards, axis=1)[rows], 0, 0.0, axis=0),
+                    OURS: {
+                        "ending": np.insert(table.ending[rows], 0, 0),
+                        "mode": np.append(table.mode[rows][:1], table.mode[rows]),
+                    },
+                },
+            )
+            for rows in map(slice, table.episode_starts, ends)
         )
         storage.update_metadata(
             {
@@ -305,24 +320,3 @@ def _write(minari: ModuleType, table: Demonstrations, path: Path, name: str, ang
         )
     except OSError as error:
         raise UserError(f"cannot write {path}: {error}; choose another place") from error
-
-
-def _episode(table: Demonstrations, rows: slice, reward: np.ndarray) -> dict[str, Any]:
-    """Return the fields of Minari's buffer of one episode."""
-
-    def with_reset(column: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.zeros_like(column[:1]), column])
-
-    pair = np.stack([column[rows] for column in table.rewards], axis=1)
-    ours = {"ending": with_reset(table.ending[rows])}
-    ours["mode"] = np.append(table.mode[rows][:1], table.mode[rows])
-    return {
-        "observations": np.concatenate(
-            [table.observation[rows], table.next_observation[rows][-1:]]
-        ),
-        "actions": table.action[rows].astype(np.int64 if table.n_actions else np.float32),
-        "rewards": reward[rows],
-        "terminations": table.terminated[rows],
-        "truncations": table.truncated[rows],
-        "infos": {PAIR_NAMES[0]: with_reset(pair), OURS: ours},
-    }

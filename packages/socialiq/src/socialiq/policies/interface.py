@@ -6,10 +6,10 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium import Space, spaces
+from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.nn.q_policy import checked_batch
@@ -17,21 +17,6 @@ from socialiq.policies.isolation import NOT_NEEDED, Isolation
 from socialiq.reading import read_bytes
 from socialiq.storage import shipped
 from socialiq.types import Policy
-
-
-@runtime_checkable
-class Spaces(Protocol):
-    """Protocol of a world that policies act in."""
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        ...
-
-    @property
-    def action_space(self) -> Space[Any]:
-        """Space of one action."""
-        ...
 
 
 class Interface(NamedTuple):
@@ -48,7 +33,7 @@ class Interface(NamedTuple):
     action_size: int = 0
 
     @staticmethod
-    def of(world: Spaces) -> Interface:
+    def of(world: Any) -> Interface:
         """Return the interface of a world of actions that are `Discrete`, or a `Box` in [-1, 1]."""
         space = world.action_space
         if isinstance(space, spaces.Box):

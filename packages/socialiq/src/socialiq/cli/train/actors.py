@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
-from pathlib import Path
 from typing import Any
 
 from socialiq.cli.output import Printing
@@ -37,8 +36,7 @@ class SAC(Printing):
     """intersection-continuous, intersection-continuous-steering (with -offroad: leaving the road
     ends an episode), or an environment (a Gymnasium id, MODULE:ID or MODULE:FUNCTION)."""
     _: KW_ONLY
-    out: Path
-    """Folder to make: policies, metrics.csv, run.json."""
+    out: shared.Out
     preset: str = ""
     """Settings to begin with: intersection-continuous."""
     allow_code: bool = False
@@ -61,10 +59,8 @@ class TD3BC(Printing):
     """
 
     data: shared.Data
-    """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
-    out: Path
-    """Folder to make: policies, metrics.csv, run.json."""
+    out: shared.Out
     grid: shared.Grid = field(default_factory=shared.GridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)

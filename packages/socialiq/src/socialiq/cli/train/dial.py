@@ -238,7 +238,7 @@ class OfflineDial(Printing):
     Example: socialiq train offline-dial mixed.safetensors --world intersection --out run
     """
 
-    data: shared.Data
+    data: Annotated[Path, tyro.conf.Positional]
     """Demonstrations file, of `socialiq collect` or `socialiq data world`."""
     _: KW_ONLY
     world: str

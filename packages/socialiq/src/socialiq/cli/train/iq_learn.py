@@ -6,7 +6,6 @@ Demonstrations of continuous actions are passed on to `cli.train.actors`.
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, field
-from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -38,13 +37,11 @@ class IQLearn(Printing):
     """
 
     data: shared.Data
-    """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
     world: str = ""
     """World of the learner: crossing5, crossing7, or an environment (a Gymnasium id, MODULE:ID
     or MODULE:FUNCTION); none trains offline."""
-    out: Path
-    """Folder to make: policies, metrics.csv, run.json."""
+    out: shared.Out
     preset: str = ""
     """Settings to begin with: grid (default), table-c1, poc, lambda-sweep; for tens to hundreds of
     demonstrated rows without social rewards few-offline, and with a world few-online. At the
@@ -111,10 +108,8 @@ class Cloning(Printing):
     """
 
     data: shared.Data
-    """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
-    out: Path
-    """Folder to make: policies, metrics.csv, run.json."""
+    out: shared.Out
     grid: shared.PlainGrid = field(default_factory=shared.PlainGridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
@@ -137,10 +132,8 @@ class ConservativeQ(Printing):
     """
 
     data: shared.Data
-    """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
-    out: Path
-    """Folder to make: policies, metrics.csv, run.json."""
+    out: shared.Out
     grid: shared.Grid = field(default_factory=shared.GridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
@@ -160,10 +153,8 @@ class Own(Printing):
     learner: Annotated[str, tyro.conf.Positional]
     """FILE.py:NAME, a class that derives from `learners.kernel.Learner`."""
     data: shared.Data
-    """Demonstrations file, of `socialiq collect`."""
     _: KW_ONLY
-    out: Path
-    """Folder to make: policies, metrics.csv, run.json."""
+    out: shared.Out
     allow_code: bool = False
     """Import the file: its author's code runs with your rights."""
     grid: shared.Grid = field(default_factory=shared.GridOptions)

@@ -265,8 +265,10 @@ def described_file(path: Path) -> Row:
     return {"file": str(path), "sha256": sha256_of_file(path)}
 
 
-Data = Annotated[Path, tyro.conf.Positional]
-"""File of demonstrations; the fields below are groups of options."""
+DATA = "Demonstrations file, of `socialiq collect`."
+Data = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help=DATA)]
+OUT = "Folder to make: policies, metrics.csv, run.json."
+Out = Annotated[Path, tyro.conf.arg(help=OUT)]
 Grid = tyro.conf.OmitArgPrefixes[GridOptions]
 PlainGrid = tyro.conf.OmitArgPrefixes[PlainGridOptions]
 Size = tyro.conf.OmitArgPrefixes[SizeOptions]
