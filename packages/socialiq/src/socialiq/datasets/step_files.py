@@ -27,19 +27,8 @@ from socialiq.storage import write_atomically
 FORMATS = (".npz", ".csv", ".parquet", ".hdf5")
 """Endings of the files that are read and written."""
 
-ARRAYS = (
-    "observation",
-    "action",
-    "reward",
-    "terminated",
-    "truncated",
-    "ending",
-    "episode",
-    "step",
-    "next_observation",
-    "final_observation",
-    "mode",
-)
+ARRAYS = ("observation", "action", "reward", "terminated", "truncated", "ending", "episode")
+ARRAYS += ("step", "next_observation", "final_observation", "mode")
 """Arrays of an archive (.npz); the first three are required."""
 
 HEADER = "socialiq"
@@ -78,16 +67,11 @@ def read_steps(
         mode_names = _agreed(path, "the modes", mode_names, tuple(written["mode_names"]))
     elif n_actions < 1 and np.asarray(arrays["action"]).dtype.kind != "f":
         raise UserError(f"{path} has no number of actions: pass --n-actions")
+    source = written["source"] if written else source_of(path)
+    options: dict[str, Any] = {"social": social, "flatten": flatten, "source": source}
+    options |= {"bounds": bounds, "mode_names": mode_names or ("demonstrator",)}
     try:
-        table = of_steps(
-            **arrays,
-            n_actions=n_actions,
-            bounds=bounds,
-            mode_names=mode_names or ("demonstrator",),
-            social=social,
-            flatten=flatten,
-            source=written["source"] if written else source_of(path),
-        )
+        table = of_steps(**arrays, n_actions=n_actions, **options)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     if written and written["sha256"] != files.sha256_of(table):

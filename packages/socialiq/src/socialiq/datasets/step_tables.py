@@ -179,18 +179,22 @@ def _plain(cell: str) -> str:
     return cell.strip()
 
 
-class _Parser(NamedTuple):
-    """Reader of a column's cells, and the type that holds them in memory."""
+class _Cells(NamedTuple):
+    """Cells of a column: how text is read, the type in memory, NumPy kinds and names of them."""
 
-    name: str
-    code: str
     read: Callable[[str], Any]
+    code: str
+    text: str
+    kinds: str
+    values: str
 
 
-_PARSERS: dict[Kind | None, _Parser] = {
-    "number": _Parser("a number", "d", lambda cell: float(_plain(cell))),
-    "integer": _Parser("an integer", "q", lambda cell: int(_plain(cell))),
-    "flag": _Parser("true or false", "b", lambda cell: _FLAGS[cell.strip().lower()]),
+_CELLS: dict[Kind | None, _Cells] = {
+    "number": _Cells(lambda cell: float(_plain(cell)), "d", "a number", "fiu", "numbers"),
+    "integer": _Cells(lambda cell: int(_plain(cell)), "q", "an integer", "iu", "integers"),
+    "flag": _Cells(
+        lambda cell: _FLAGS[cell.strip().lower()], "b", "true or false", "b", "booleans"
+    ),
 }
 
 
@@ -210,7 +214,7 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
             if not names:
                 raise UserError(f"{path} is empty: name a file with steps")
             layout.check_names(names, str(path))
-            parsers = {name: _PARSERS[layout.kind_of(name)] for name in names}
+            parsers = {name: _CELLS[layout.kind_of(name)] for name in names}
             columns = {name: array(parser.code) for name, parser in parsers.items()}
             for cells in rows:
                 where = f"{path}, line {rows.line_num}"
@@ -223,7 +227,7 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
                         columns[name].append(parser.read(cell))
                     except (ValueError, KeyError, OverflowError) as error:
                         raise UserError(
-                            f"{where}: column {name} is '{one_line(cell, 40)}', not {parser.name}"
+                            f"{where}: column {name} is '{one_line(cell, 40)}', not {parser.text}"
                         ) from error
         except csv.Error as error:
             raise UserError(
@@ -256,14 +260,6 @@ def csv_of(columns: Mapping[str, np.ndarray]) -> bytes:
 MOST_NUMBERS = 2**28
 """Largest number of values in all columns of a file."""
 
-_NUMPY_KINDS: dict[Kind | None, tuple[str, str]] = {
-    "number": ("fiu", "numbers"),
-    "integer": ("iu", "integers"),
-    "flag": ("b", "booleans"),
-}
-"""By kind of column: the NumPy kinds that are read, and their name in messages."""
-
-
 _LIBRARY = ("pyarrow.parquet", "parquet", "Parquet files")
 
 
@@ -285,14 +281,16 @@ def read_parquet(
             if size * len(schema.names) > MOST_NUMBERS:
                 raise UserError(f"{path} claims more than {MOST_NUMBERS:,} numbers: split it")
             for field in schema:
-                kinds, words = _NUMPY_KINDS[layout.kind_of(field.name)]
+                expected = _CELLS[layout.kind_of(field.name)]
                 try:
                     kind = np.dtype(field.type.to_pandas_dtype()).kind
                 except (NotImplementedError, TypeError):  # nested, or an extension's
                     kind = "O"
-                if kind not in kinds:
+                if kind not in expected.kinds:
                     name = one_line(str(field.type), 40)
-                    raise UserError(f"{path}: column {field.name} is {name}: write it as {words}")
+                    raise UserError(
+                        f"{path}: column {field.name} is {name}: write it as {expected.values}"
+                    )
             table = opened.read(use_threads=False)
             columns = {name: table.column(name) for name in schema.names}
             for name, column in columns.items():

@@ -41,9 +41,6 @@ def check(columns: Mapping[str, Any], n_actions: Any, mode_names: Any) -> None:
         n_actions: Number of discrete actions, `action` in [0, n_actions); 0 for continuous ones,
             float32 rows in [-1, 1].
         mode_names: Names that `mode` indexes.
-
-    Raises:
-        UserError: At the first violation.
     """
     action = columns["action"]
     is_vector = isinstance(action, np.ndarray) and action.dtype.kind == "f" and action.ndim == 2
@@ -159,11 +156,7 @@ def steps_of(episode: Int[np.ndarray, " transition"]) -> Int32[np.ndarray, " tra
 
 
 def json_able(source: Any) -> dict[str, Any]:
-    """Return provenance as a JSON file would give it back: tuples become lists.
-
-    Raises:
-        UserError: If it is not a dict that JSON can hold.
-    """
+    """Return provenance as a JSON file would give it back: tuples become lists."""
     if not isinstance(source, dict):
         raise UserError(f"source is a {type(source).__name__}: pass a dict of what made the data")
     try:

@@ -47,14 +47,7 @@ def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
 def load(path: Path, continuous: bool = False) -> Demonstrations:
     """Read a table, checking the file's bytes and then every column.
 
-    Args:
-        path: The file.
-        continuous: Whether tables with continuous actions are read too.
-
-    Raises:
-        UserError: If the file is missing, damaged, of another kind or version, or its content
-            isn't a valid table, or has continuous actions where these have no use; the line names
-            the file.
+    Tables with continuous actions are read if `continuous`; an error names the file.
     """
     arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, CONTINUOUS_VERSION))
     if header["version"] == CONTINUOUS_VERSION and not continuous:

@@ -105,11 +105,8 @@ MIXTURES: dict[str, Callable[..., Demonstrations]] = {
 def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
     """Put tables end to end, their episodes renumbered in order.
 
-    Modes are matched by name, in the order of their first appearance. Where all
-    sources are one, it is kept; otherwise the distinct ones are listed.
-
-    Raises:
-        UserError: If there is none, or they differ in features or in actions.
+    Modes are matched by name, in the order of their first appearance. Where all sources are one,
+    it is kept; otherwise the distinct ones are listed. All need equal features and actions.
     """
     if not tables:
         raise UserError("no demonstrations to concatenate: pass at least one table")
@@ -141,9 +138,6 @@ def apportion(weights: Mapping[str, float], total: int) -> dict[str, int]:
 
     Each count is its exact share rounded down or up, and the counts sum to `total`. Of equal
     remainders the earlier name is rounded up.
-
-    Raises:
-        UserError: If `total` < 1, or the weights are negative, not finite or all 0.
     """
     _at_least_one("episodes", total)
     values = np.array(list(weights.values()), np.float64)
