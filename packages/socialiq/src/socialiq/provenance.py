@@ -10,16 +10,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-LIBRARIES = (
-    "socialiq",
-    "numpy",
-    "scipy",
-    "numba",
-    "gymnasium",
-    "jinja2",
-    "onnx",
-    "onnxruntime",
-)
+LIBRARIES = ("socialiq", "numpy", "scipy", "numba", "gymnasium", "jinja2", "onnx", "onnxruntime")
 
 _SUFFIXES = (".py", ".json", ".toml", ".j2")
 

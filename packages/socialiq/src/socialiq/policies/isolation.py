@@ -225,10 +225,7 @@ def _tried(program: str) -> Isolation:
 
 
 def sandboxed(
-    command: Sequence[str],
-    covered: CodeHash,
-    program: str = _PROGRAM,
-    folders: Iterable[Path] = (),
+    command: Sequence[str], covered: CodeHash, program: str = _PROGRAM, folders: Iterable[Path] = ()
 ) -> list[str]:
     """Return the command that runs a command in a sandbox.
 
