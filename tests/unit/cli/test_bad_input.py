@@ -228,6 +228,9 @@ def test_missing_extras_of_doors(capsys, monkeypatch, tmp_path, data):
     assert "pip install 'socialiq[tensorboard]'" in refused(
         capsys, "train", "iq-learn", data, *options
     )
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    line = refused(capsys, "render", "crossing5", "--out", tmp_path / "x.png")
+    assert "pictures: matplotlib is not installed; run pip install 'socialiq[draw]'" in line
     for module in ("h5py", "minari"):
         monkeypatch.setitem(sys.modules, module, None)
         line = refused(capsys, "data", "to-minari", data, "--out", out)

@@ -65,6 +65,11 @@ def optional(module: str, extra: str, needed_by: str, distribution: str = "socia
         ) from error
 
 
+def drawing(module: str = "matplotlib.figure") -> Any:
+    """Import a module of matplotlib, which the extra `draw` installs."""
+    return optional(module, "draw", "pictures")
+
+
 class Later:
     """Module of JAX, imported when something of it is first used: acting on roads needs none."""
 

@@ -15,6 +15,7 @@ from socialiq.cli.drivers import driver_on, refuse_misfit, road_named
 from socialiq.cli.output import say
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
+from socialiq.foreign import drawing
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import new_folder, refuse_existing
 from socialiq.plotting.style import png
@@ -58,6 +59,7 @@ class Render:
         one_of(f"kind of picture of {self.world}", self.out.suffix, suffixes)
         if self.angle is not None:
             check_angle(self.angle)
+        drawing()  # a missing library is told before an episode is driven
         if on_road:
             self.road(road_named(self.world))
             return 0

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
+from socialiq.foreign import drawing
 from socialiq.types import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Safe for the common kinds of colour blindness; marks differ too.
 COLORS = {
@@ -24,7 +26,7 @@ MARKS = {"baseline": "s", "egoistic": "^", "prosocial": "o", "altruistic": "D"}
 
 def figure(width: float, height: float) -> Figure:
     """Return an empty figure of a size in inches."""
-    return Figure(figsize=(width, height), layout="constrained", dpi=110)
+    return drawing().Figure(figsize=(width, height), layout="constrained", dpi=110)
 
 
 def plain(axes: Any) -> None:
@@ -60,10 +62,11 @@ def head(drawn: Figure, title: str, legend_of: Any = None, columns: int = 3) -> 
 
 def png(figures: Mapping[str, Figure]) -> dict[str, bytes]:
     """Rasterise figures to PNG files, without a date so that equal figures are equal bytes."""
+    canvas = drawing("matplotlib.backends.backend_agg").FigureCanvasAgg
     files = {}
     for name, figure in figures.items():
         buffer = io.BytesIO()
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+        canvas(figure).print_png(buffer, metadata={"Software": None})
         files[name] = buffer.getvalue()
     return files
 

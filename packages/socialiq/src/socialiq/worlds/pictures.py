@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from socialiq.foreign import drawing
 from socialiq.worlds.grid_world import GridWorld, Place
 
 if TYPE_CHECKING:
@@ -21,9 +22,7 @@ CONFLICT = "#c9c9c9"
 
 def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
     """Draw one state, in a square figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(inches, inches), layout="constrained")
+    figure = drawing().Figure(figsize=(inches, inches), layout="constrained")
     _draw(figure.add_subplot(), world, state)
     return figure
 
@@ -38,11 +37,9 @@ def filmstrip(
         states: The states in order.
         captions: A title for each picture; by default t = 0, 1, ...
     """
-    from matplotlib.figure import Figure
-
     columns = min(8, len(states))
     rows = -(-len(states) // columns)
-    figure = Figure(figsize=(1.7 * columns, 1.95 * rows), layout="constrained")
+    figure = drawing().Figure(figsize=(1.7 * columns, 1.95 * rows), layout="constrained")
     titles = captions or [f"t = {time}" for time in range(len(states))]
     for number, (state, title) in enumerate(zip(states, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, number + 1)

@@ -18,6 +18,7 @@ from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
+from socialiq.foreign import drawing
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.highway import render, sheet
@@ -314,6 +315,7 @@ def check_filmed(world: World) -> Road:
     if road is None:
         roads = ", ".join(("intersection", *SCENES))
         raise UserError(f"films are drawn of roads alone ({roads}): leave out --films")
+    drawing()
     return road
 
 

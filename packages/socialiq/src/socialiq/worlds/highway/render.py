@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from socialiq.foreign import drawing
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
@@ -122,13 +123,11 @@ def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | Non
         view: The road.
         captions: A title for each picture; by default its time.
     """
-    from matplotlib.figure import Figure
-
     ratio = view.frame(scenes[0], strip=True).ratio
     wide, most = (3.0, 5) if ratio > _LOW else (7.5, 1)
     columns = min(most, len(scenes))
     rows, high = -(-len(scenes) // columns), round(wide * ratio + 0.2, 2)
-    figure = Figure(figsize=(wide * columns, high * rows), layout="constrained", dpi=DPI)
+    figure = drawing().Figure(figsize=(wide * columns, high * rows), layout="constrained", dpi=DPI)
     titles = captions or [f"t = {scene.time:.1f} s" for scene in scenes]
     for number, (scene, title) in enumerate(zip(scenes, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, number + 1)

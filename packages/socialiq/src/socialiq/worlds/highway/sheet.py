@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.foreign import drawing
 from socialiq.storage import write_atomically
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS
@@ -86,13 +87,11 @@ class _Sheet:
     """Figure that shows a sequence of scenes: the road, a legend, and the rewards below."""
 
     def __init__(self, scenes: Sequence[Scene], view: View, inches: float) -> None:
-        from matplotlib.figure import Figure
-
         self.view, high = view, _WIDE * view.frame(scenes[0]).ratio
         legend = 0.0 if view.corner else _LEGEND
         pairs = round(inches * (_BELOW + high + legend + _ABOVE) * DPI / 2)  # films: even rows
         self.rise = pairs * 2 / DPI / inches
-        self.figure = Figure(figsize=(inches, inches * self.rise), dpi=DPI)
+        self.figure = drawing().Figure(figsize=(inches, inches * self.rise), dpi=DPI)
         self.road = self.axes(0.01, _BELOW, _WIDE, high)
         view.ground(self.road)
         look(self.road, view.frame(scenes[0]))
