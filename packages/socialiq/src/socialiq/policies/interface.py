@@ -151,7 +151,7 @@ class Record:
         kind: "policy", "ensemble", "dial", "table", "sb3", "onnx", "process" or "python".
         source: The specification that it was loaded from, as one printable line.
         sha256: SHA-256 of the file's bytes; for a process, of its command and the files named in
-            it (`process.code_hash`); for Python in this process, of the module's source.
+            it (`isolation.hash_files`); for Python in this process, of the module's source.
         covers: Description of the hashed content.
         interface: Sizes of its observations and actions.
         soft: Whether it gives the distribution of its stochastic actions.
