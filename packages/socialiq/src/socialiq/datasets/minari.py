@@ -274,6 +274,7 @@ def _write(minari: ModuleType, table: Demonstrations, path: Path, name: str, ang
         EpisodeBuffer,
     )
 
+    buffer: Any = EpisodeBuffer  # its types are lists
     try:
         path.mkdir()
         storage = minari.dataset.minari_storage.MinariStorage.new(
@@ -287,7 +288,7 @@ def _write(minari: ModuleType, table: Demonstrations, path: Path, name: str, ang
         reward = np.asarray(score(exact_weights(angle), table.rewards), np.float64)
         ends = np.append(table.episode_starts[1:], table.n_transitions)
         storage.update_episodes(
-            EpisodeBuffer(
+            buffer(
                 observations=np.concatenate(
                     [table.observation[rows], table.next_observation[rows][-1:]]
                 ),
