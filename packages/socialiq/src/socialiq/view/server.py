@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
-from socialiq.page.dial import shipped_dial
+from socialiq.page.data import shipped_dial
 from socialiq.page.write import ASSETS, content, core, embedded, framed, page, policy, program
 from socialiq.view import Decide, View
 
