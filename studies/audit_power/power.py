@@ -238,7 +238,7 @@ def _covered(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str
     evidence = draw_evidence(truth, episodes, seed)
     seed += _APART
     regrets = Regrets(evidence, seed, resamples)
-    regret = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
+    regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
     towards_first = float((truth.references[1] - truth.policy) @ _weights(truth.declared))
     env, social = evidence.policy.totals.T.copy()
     angle = estimate_angle(env, social, seed, 1 - ERROR, resamples)
@@ -277,7 +277,7 @@ def _decisions(episodes: int, seed: int, resamples: int) -> dict[str, Decision]:
         rewards = (truth.declared, truth.regret, truth.alpha_hat)
         if rewards not in tested:
             regrets = Regrets(evidence, seed + _APART, resamples)
-            test = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
+            test = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
             tested[rewards] = test
         decisions[case] = join_tests(tested[rewards], evidence.policy, FLOOR, ERROR).decision
     return decisions
