@@ -152,7 +152,7 @@ def check_extra() -> None:
         UserError: If the extra `web` is not installed.
     """
     starlette = ("applications", "responses", "routing")
-    for name in (*(f"starlette.{part}" for part in starlette), "uvicorn", "websockets"):
+    for name in (*(f"starlette.{module}" for module in starlette), "uvicorn", "websockets"):
         optional(name, "web", "view")
 
 
