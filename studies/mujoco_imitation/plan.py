@@ -1,4 +1,4 @@
-"""Jobs of the study: what is missing of the plan."""
+"""Configuration of the study, the pieces that are there, and the jobs of what is missing."""
 
 from __future__ import annotations
 
@@ -8,22 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.learners.settings import check_counts
 from socialiq.storage import read_json, shipped, write_atomically
+from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job, ProgressCallback
-from studies.mujoco_imitation.methods import METHODS, VARIANTS, method_of
-from studies.mujoco_imitation.runs import (
-    POLICY,
-    RECORD,
-    Expert,
-    Imitation,
-    Showing,
-    imitate,
-    show,
-    train_expert,
-)
+from studies.mujoco_imitation import runs
+from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
 from studies.mujoco_imitation.tasks import TASKS, make_env
 
 COUNTS = (1, 5, 25)
@@ -81,13 +73,7 @@ class Config:
         for count in self.trajectories:
             if not 1 <= count <= max(COUNTS):
                 raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")
-        for what, names, choices in (
-            ("task", self.tasks, TASKS),
-            ("method", self.methods, METHODS),
-            ("variant", self.variants, VARIANTS),
-        ):
-            for name in names:
-                one_of(what, name, tuple(choices))
+        check_names(self, tasks=TASKS, methods=METHODS, variants=VARIANTS)
 
 
 FOLDER = "pieces"
@@ -120,8 +106,7 @@ class Pieces:
 
 def name_of(key: Key) -> str:
     """Return the name of a run's file."""
-    words = "".join(letter if letter.isalnum() else "_" for letter in key[1])
-    return f"{key[0]}-{words}-{key[2]}-{key[3]}.json"
+    return f"{key[0]}-{as_file_name(key[1])}-{key[2]}-{key[3]}.json"
 
 
 def key_of(record: Mapping[str, Any]) -> Key:
@@ -184,14 +169,13 @@ class Kept:
 
 
 def keep(
-    expert: Kept, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+    expert: Kept, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
     """Copy an expert's files.
 
     Raises:
         UserError: If they have changed since the plan was made.
     """
-    del inputs
     files = committed(expert.folder).experts.get(expert.task, {})
     if _sha256(files) != expert.sha256:
         raise UserError(
@@ -219,67 +203,55 @@ def cells(config: Config) -> Iterator[tuple[str, str, int]]:
             yield task, variant, count
 
 
-def plan(config: Config) -> list[Job]:
-    """Return the jobs of what is missing, each after its inputs."""
-    there = committed(config.pieces)
-    if not config.new:
-        return []
-    return [job for task in config.tasks for job in _of_task(config, task, there)]
-
-
-def checked_plan(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return `plan`, once MuJoCo is known to be there.
 
     Raises:
         UserError: If it isn't.
     """
-    jobs = plan(config)
-    if jobs:
+    planned = plan(config)
+    if planned:
         make_env(TASKS[config.tasks[0]]).close()
-    return jobs
+    return planned
+
+
+def plan(config: Config) -> list[Job]:
+    """Return the jobs of what is missing, each after its inputs."""
+    there = committed(config.pieces)
+    return [job for task in config.tasks if config.new for job in _of_task(config, task, there)]
 
 
 def _of_task(config: Config, task: str, there: Pieces) -> Iterator[Job]:
-    missing = {
-        (method, count): seeds
-        for of, method, count in cells(config)
-        if of == task and (seeds := _missing(config, there, task, method, count))
-    }
-    if task in there.experts and not missing:
-        return
-    yield _expert(config, task, there)
+    missing: dict[tuple[str, int], tuple[int, ...]] = {}
+    for of_task, method, count in cells(config):
+        seeds = tuple(s for s in config.seeds if (task, method, count, s) not in there.runs)
+        if of_task == task and seeds:
+            missing[method, count] = seeds
+    expert = f"expert/{task}"
+    if task not in there.experts:
+        settings = TASKS[task].expert
+        recipe = runs.Expert(
+            task=task,
+            seed=config.expert_seed,
+            settings=replace(settings, updates=config.expert_updates or settings.updates),
+            every=config.every,
+            judged=config.judged,
+            judging_seed=config.judging_seed,
+            episodes=config.expert_episodes,
+            evaluation_seed=config.evaluation_seed,
+        )
+        yield Job(expert, runs.train_expert, recipe, cost=300.0)
+    elif missing:
+        kept = Kept(task, config.pieces, _sha256(there.experts[task]))
+        yield Job(expert, keep, kept, cost=1.0)
     for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
         first = config.data_seed + max(COUNTS) * seed
-        showing = Showing(task, max(config.trajectories), first)
-        yield Job(f"shown/{task}-{seed}", show, showing, (f"expert/{task}",), cost=5.0)
+        showing = runs.Showing(task, max(config.trajectories), first)
+        yield Job(f"shown/{task}-{seed}", runs.show, showing, (expert,), cost=5.0)
     for (method, count), seeds in missing.items():
-        run = Imitation(
-            task, method, count, seeds, config.updates, config.episodes, config.evaluation_seed
-        )
+        evaluation = config.updates, config.episodes, config.evaluation_seed
+        run = runs.Imitation(task, method, count, seeds, *evaluation)
         inputs = tuple(f"shown/{task}-{seed}" for seed in seeds)
-        cost = len(seeds) * (90.0 if method_of(method).online else 15.0)
+        cost = len(seeds) * (90.0 if runs.RECIPES[method].online else 15.0)
         name = name_of((task, method, count, seeds[0])).removesuffix(".json")
-        yield Job(f"runs/{name}", imitate, run, inputs, cost=cost)
-
-
-def _missing(config: Config, there: Pieces, task: str, method: str, count: int) -> tuple[int, ...]:
-    return tuple(s for s in config.seeds if (task, method, count, s) not in there.runs)
-
-
-def _expert(config: Config, task: str, there: Pieces) -> Job:
-    name = f"expert/{task}"
-    if task in there.experts:
-        expert = Kept(task, config.pieces, _sha256(there.experts[task]))
-        return Job(name, keep, expert, cost=1.0)
-    settings = TASKS[task].expert
-    recipe = Expert(
-        task=task,
-        seed=config.expert_seed,
-        settings=replace(settings, updates=config.expert_updates or settings.updates),
-        every=config.every,
-        judged=config.judged,
-        judging_seed=config.judging_seed,
-        episodes=config.expert_episodes,
-        evaluation_seed=config.evaluation_seed,
-    )
-    return Job(name, train_expert, recipe, cost=300.0)
+        yield Job(f"runs/{name}", runs.imitate, run, inputs, cost=cost)

@@ -9,12 +9,14 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.storage import packaged_results
+from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run
 from studies.mo_gymnasium import study
 from studies.mo_gymnasium.study import Config
 from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
 from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
+STUDY = find("mo-gymnasium")
 TASK = "mo-halfcheetah"
 PIECE = Piece(
     task=TASK,
@@ -70,20 +72,20 @@ def test_a_file_that_is_no_piece_is_named(tmp_path, change):
 
 def test_what_is_there_is_not_made_again(pieces):
     config = Config(tasks=(TASK,), seeds=(200, 201, 202), pieces=str(pieces))
-    jobs = study.plan(config)
+    jobs = study.jobs(config)
     assert [job.config.seeds for job in jobs] == [(202,)] * len(METHODS)
-    assert study.plan(dataclasses.replace(config, seeds=(201,))) == []
-    again = study.plan(dataclasses.replace(config, seeds=(201,), again=True))
+    assert study.jobs(dataclasses.replace(config, seeds=(201,))) == []
+    again = study.jobs(dataclasses.replace(config, seeds=(201,), again=True))
     assert len(again) == len(METHODS)
-    assert study.plan(dataclasses.replace(config, train=False)) == []
+    assert study.jobs(dataclasses.replace(config, train=False)) == []
     # Pieces of another number of steps are those of another comparison.
-    other = study.plan(dataclasses.replace(config, seeds=(201,), steps=500))
+    other = study.jobs(dataclasses.replace(config, seeds=(201,), steps=500))
     assert [job.config.steps for job in other] == [500] * len(METHODS)
 
 
 def test_tables_and_files_come_from_the_pieces(pieces):
     config = Config(tasks=(TASK,), seeds=(200, 201), pieces=str(pieces))
-    found = run(study.STUDY, config)
+    found = run(STUDY, config)
     rows = {row["method"]: row for row in found.tables["pooled"]}
     assert list(rows) == [*METHODS, "CAPQL"]
     assert [row["runs"] for row in rows.values()] == [2] * len(METHODS) + [1]
@@ -95,7 +97,7 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     assert rows[DIAL]["mean_loss"] == ""  # no front is known
     there = {row["method"]: (row["runs"], row["of"]) for row in found.tables["coverage"]}
     assert there == dict.fromkeys(METHODS, (2, 2)) | {"CAPQL": (1, 2), "GPI-LS": (0, 2)}
-    assert [len(view.rows) for view in study.view(found)] == [
+    assert [len(view.rows) for view in STUDY.view(found)] == [
         len(METHODS) + 1,
         len(study.COMPARED),
         2,
@@ -104,7 +106,7 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     assert tested == [(STANDARDISED, DIAL)] * len(study.COMPARED)  # the peer has one run
     assert found.tables["runs"][0]["second_rises"] == ""  # a set of policies has no angles
     assert set(found.files) == {f"{FOLDER}/{path.name}" for path in pieces.iterdir()}
-    assert study.draw(found).keys() == {"hypervolumes"}
+    assert STUDY.figures(found).keys() == {"hypervolumes"}
 
 
 def test_tasks_with_discrete_actions_have_no_standardised_dial():

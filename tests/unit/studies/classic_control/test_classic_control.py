@@ -8,8 +8,9 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
+from socialiq_lab.registry import declaration
 from studies.classic_control import runs
-from studies.classic_control.methods import METHODS, VARIANTS, method_of
+from studies.classic_control.runs import METHODS, RECIPES, VARIANTS
 from studies.classic_control.study import Config, plan
 from studies.classic_control.tasks import STEPS, TASKS, CartPole, Episode, returns
 
@@ -107,10 +108,10 @@ def test_a_linear_fit_of_whole_trajectories_recovers_the_expert(shown) -> None:
 
 
 def test_every_variant_changes_its_method_and_nothing_is_unknown() -> None:
-    for name, variant in VARIANTS.items():
-        assert method_of(name) != METHODS[variant.of]
-    with pytest.raises(UserError, match="unknown method"):
-        method_of("nothing")
+    declared = declaration("classic-control")["variant"]
+    assert list(declared) == list(VARIANTS)
+    for name, changes in declared.items():
+        assert RECIPES[name] != METHODS[changes["of"]]
     with pytest.raises(UserError, match="protocol"):
         Config(protocols=("every",))
 

@@ -8,17 +8,13 @@ import pytest
 from socialiq.errors import UserError
 from socialiq_lab.study import Context
 from studies.mujoco_imitation import plan, study
-from studies.mujoco_imitation.methods import (
-    CHOSEN,
-    LONGER,
-    METHODS,
-    VARIANTS,
-    WITHOUT_FORCES,
-    method_of,
-)
 from studies.mujoco_imitation.plan import Config
-from studies.mujoco_imitation.runs import Imitation, settled
+from studies.mujoco_imitation.runs import METHODS, VARIANTS, Imitation, settled
 from studies.mujoco_imitation.tasks import TASKS
+
+CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
+LONGER = "online, standardised, 300,000 updates"
+WITHOUT_FORCES = "online, standardised, temperature 0.3, 300,000 updates, no contact forces"
 
 SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
 N_HOPPER = sum(method.forces for method in METHODS.values())
@@ -163,7 +159,7 @@ def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
 def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
     def updates(method: str, given: int) -> int:
         run = Imitation("Hopper", method, 1, (0,), given, 1, 0)
-        return settled(run, TASKS["Hopper"]).static.updates
+        return settled(run).static.updates
 
     assert updates("online", 0) == TASKS["Hopper"].online_updates
     assert updates("cloning", 0) == METHODS["cloning"].static.updates
@@ -200,9 +196,9 @@ def test_contact_forces_are_left_out_alone_beside_what_the_name_says() -> None:
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
-    base, changed = METHODS["online"], method_of("temperature 0.1")
+    base, changed = METHODS["online"], RECIPES["temperature 0.1"]
     assert changed.static == base.static and changed.numbers.temperature == 0.1
-    assert method_of("absorbing states").absorbing and not base.absorbing
+    assert RECIPES["absorbing states"].absorbing and not base.absorbing
 
 
 @pytest.mark.parametrize(
