@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -126,7 +126,7 @@ class Recipe:
 
     def changed(
         self, static: Mapping[str, Any] | None = None, numbers: Any = None, **options: Any
-    ) -> Self:
+    ) -> Any:
         """Return the recipe with other settings, as a table `[method.NAME]` declares them.
 
         Args:

@@ -9,7 +9,7 @@ from socialiq.errors import UserError
 from socialiq_lab.study import Context
 from studies.mujoco_imitation import plan, study
 from studies.mujoco_imitation.plan import Config
-from studies.mujoco_imitation.runs import METHODS, VARIANTS, Imitation, settled
+from studies.mujoco_imitation.runs import METHODS, RECIPES, VARIANTS, Imitation, settled
 from studies.mujoco_imitation.tasks import TASKS
 
 CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
@@ -188,11 +188,12 @@ def test_standardised_methods_are_the_only_ones_with_standardised_observations()
 def test_contact_forces_are_left_out_alone_beside_what_the_name_says() -> None:
     chosen = METHODS[WITHOUT_FORCES]
     numbers = dataclasses.replace(METHODS[LONGER].numbers, temperature=0.3)
-    assert chosen == dataclasses.replace(METHODS[LONGER], numbers=numbers, forces=False)
+    blind = {"clone": "cloning, standardised, no contact forces", "forces": False}
+    assert chosen == dataclasses.replace(METHODS[LONGER], numbers=numbers, **blind)
     for kind in ("offline", "cloning"):
         base = METHODS[f"{kind}, standardised"]
         blind = METHODS[f"{kind}, standardised, no contact forces"]
-        assert blind == dataclasses.replace(base, forces=False)
+        assert blind == dataclasses.replace(base, clone=blind.clone, forces=False)
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
