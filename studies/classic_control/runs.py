@@ -206,6 +206,15 @@ def scored(run: Training, progress: ProgressCallback) -> list[Row]:
     callbacks = Callbacks(on_report=lambda report: progress(report.done / report.total))
     trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, callbacks)
     rows: list[Row] = []
+
+    def score(policies: Sequence[QPolicy]) -> float:  # greedy by the mean of Q - mean Q
+        def act(observations: np.ndarray) -> np.ndarray:
+            values = [policy.q_values(observations) for policy in policies]
+            advantages = [q - q.mean(axis=1, keepdims=True) for q in values]
+            return np.mean(advantages, axis=0).argmax(axis=1)
+
+        return source.score(act)
+
     for index, rows_of_set in enumerate(sets):
         label = source.label() | {"method": run.method, "set": index}
         label["rows"] = rows_of_set.n_transitions
@@ -213,18 +222,8 @@ def scored(run: Training, progress: ProgressCallback) -> list[Row]:
         policies = [trained.policy(first + number) for number in range(len(run.seeds))]
         entries = {str(seed): [policy] for seed, policy in zip(run.seeds, policies, strict=True)}
         for seed, voters in (entries | {"ensemble": policies}).items():
-            rows.append(label | {"seed": seed, "mean_return": source.score(_greedy(voters))})
+            rows.append(label | {"seed": seed, "mean_return": score(voters)})
     return rows
-
-
-def _greedy(policies: Sequence[QPolicy]) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the greedy choice by the mean of the policies' advantages Q - mean Q."""
-
-    def act(observations: np.ndarray) -> np.ndarray:
-        values = [policy.q_values(observations) for policy in policies]
-        return np.mean([q - q.mean(axis=1, keepdims=True) for q in values], axis=0).argmax(axis=1)
-
-    return act
 
 
 @dataclass(frozen=True)

@@ -224,43 +224,28 @@ class Training:
     steps: int
 
 
-@dataclass(frozen=True)
-class Made:
-    """Trained policies of one seed.
-
-    Attributes:
-        policies: Dials with `at`, or a list of policies.
-        steps: Taken in the environment.
-        settings: Of the method.
-    """
-
-    policies: Any
-    steps: int
-    settings: dict[str, Any]
-
-
 def train_and_evaluate(
     run: Training, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
     """Write one piece for each seed."""
     task = dataclasses.replace(TASKS[run.task], steps=run.steps)
     began = time.perf_counter()
-    outcomes = trained(task, run.method, run.seeds)
+    outcomes, steps, settings = trained(task, run.method, run.seeds)
     seconds = (time.perf_counter() - began) / len(outcomes)
     progress(0.8)
     (folder / FOLDER).mkdir(exist_ok=True)
     for seed, outcome in zip(run.seeds, outcomes, strict=True):
-        turned = not isinstance(outcome.policies, list)
-        policies = [outcome.policies.at(angle) for angle in ANGLES] if turned else outcome.policies
+        turned = not isinstance(outcome, list)
+        policies = [outcome.at(angle) for angle in ANGLES] if turned else outcome
         piece = Piece(
             task=run.task,
             method=run.method,
             seed=seed,
-            steps=outcome.steps,
+            steps=steps,
             evaluation_steps_while_training=0,
             angles=list(ANGLES) if turned else None,
             totals=[totals(task, policy) for policy in policies],
-            settings=outcome.settings | {"allowed_steps": run.steps},
+            settings=settings | {"allowed_steps": run.steps},
             seconds=round(seconds, 1),
             versions=versions(LIBRARIES),
         )
@@ -273,33 +258,42 @@ def totals(task: Task, policy: Any) -> list[float]:
     return [round(float(total.mean()), 6) for total in rolled.transitions.totals()]
 
 
-def trained(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
+def trained(task: Task, method: str, seeds: Sequence[int]) -> tuple[list[Any], int, dict[str, Any]]:
     """Train a method within the task's steps.
+
+    Returns:
+        For each seed a dial with `at` or a list of policies; the steps taken in the environment;
+        the settings.
 
     Raises:
         UserError: If the steps don't suffice for experts, their episodes and the dial, or for
             steps at random.
     """
-    settings, count = _settings(task), len(EXPERT_ANGLES)
     train_dials = actor_dials if task.continuous else value_dials
+    size, count = ACTOR_ROUND if task.continuous else ROUND, len(EXPERT_ANGLES)
+    names = ("learning_rate", "temperature", "polyak", "strength")
+    numbers = dataclasses.asdict(ACTOR_NUMBERS if task.continuous else NUMBERS)
+    settings = {name: value for name, value in numbers.items() if name in names}
+    settings |= {"hidden": list(task.hidden), "batch_size": task.batch_size}
+    settings["discount"] = task.discount
     if method == DIAL:
-        steps = whole_rounds(task, task.steps)
-        return [Made(dial, steps, settings) for dial in train_dials(task, steps, seeds)]
+        steps = task.steps // size * size  # whole rounds
+        return train_dials(task, steps, seeds), steps, settings
     if method == STANDARDISED:
-        steps = whole_rounds(task, task.steps - EXPLORED)
+        steps = (task.steps - EXPLORED) // size * size
         if steps <= 0:
             raise UserError(f"{task.steps} steps are too few: {EXPLORED} are taken at random")
         changes = [Standardisation.of(explored(task.make(), seed)) for seed in seeds]
         policies = soft_actors(task, steps, [(seed, 0.0) for seed in seeds], True, changes)
-        pairs = zip(changes, policies, strict=True)
-        return [Made(change.dial(policy), EXPLORED + steps, settings) for change, policy in pairs]
+        dials_of = [change.dial(dial) for change, dial in zip(changes, policies, strict=True)]
+        return dials_of, EXPLORED + steps, settings
     if method == EXPERTS:
-        steps = whole_rounds(task, task.steps // count)
-        return [Made(trio, count * steps, settings) for trio in experts(task, steps, seeds)]
+        steps = task.steps // count // size * size
+        return experts(task, steps, seeds), count * steps, settings
     # Experts show episodes. Of a trio they have all steps; a dial takes half of them itself.
     reserved = count * SHOWN_EPISODES * task.time_limit()
     share = count if method == TRIO else 2 * count
-    steps = whole_rounds(task, (task.steps - reserved) // share)
+    steps = (task.steps - reserved) // share // size * size
     if steps <= 0:
         raise UserError(
             f"{task.steps} steps are too few for {method}: episodes of its experts take {reserved}"
@@ -309,11 +303,10 @@ def trained(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
     taken = count * steps + max(dataset.n_transitions for dataset in datasets)
     settings |= {"steps_of_an_expert": steps, "episodes_shown": SHOWN_EPISODES}
     if method == TRIO:
-        return [Made(trio, taken, settings) for trio in train_trio(task, datasets, seeds)]
-    own_steps = whole_rounds(task, task.steps - taken)
-    settings |= {"own_steps": own_steps}
+        return train_trio(task, datasets, seeds), taken, settings
+    own_steps = (task.steps - taken) // size * size
     policies = train_dials(task, own_steps, seeds, datasets)
-    return [Made(dial, taken + own_steps, settings) for dial in policies]
+    return policies, taken + own_steps, settings | {"own_steps": own_steps}
 
 
 def experts(task: Task, steps: int, seeds: Sequence[int]) -> list[list[Any]]:
@@ -370,18 +363,3 @@ def demonstrations(task: Task, policies: Sequence[Any], seed: int) -> Demonstrat
         driven = rollout_env(task.make(), policy, SHOWN_EPISODES, first, False, mode)
         episodes.append(driven.transitions)
     return concatenate(episodes)
-
-
-def whole_rounds(task: Task, steps: int) -> int:
-    """Return as many of the steps as whole rounds have."""
-    size = ACTOR_ROUND if task.continuous else ROUND
-    return steps // size * size
-
-
-def _settings(task: Task) -> dict[str, Any]:
-    """Return the settings that tasks have in common, as those of peers are written."""
-    numbers = dataclasses.asdict(ACTOR_NUMBERS if task.continuous else NUMBERS)
-    names = ("learning_rate", "temperature", "polyak", "strength")
-    shared = {name: value for name, value in numbers.items() if name in names}
-    shared |= {"hidden": list(task.hidden), "batch_size": task.batch_size}
-    return shared | {"discount": task.discount}

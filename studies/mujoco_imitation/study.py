@@ -10,7 +10,17 @@ import numpy as np
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, matching, nested, paired_row, with_holm
-from studies.mujoco_imitation.plan import ABLATED, Config, Pieces, cells, committed, jobs, key_of
+from studies.mujoco_imitation.plan import (
+    ABLATED,
+    FOLDER,
+    Config,
+    Pieces,
+    cells,
+    committed,
+    expert_of,
+    jobs,
+    name_of,
+)
 from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
 from studies.mujoco_imitation.tasks import TASKS
 
@@ -23,12 +33,13 @@ def compute_tables(config: Config, context: Context) -> Findings:
     for job in context.jobs:
         folder = context.work / job.name
         if job.stage == "expert":
-            files = {name: (folder / name).read_bytes() for name in (POLICY, RECORD)}
-            pieces.experts[job.config.task] = files
+            for name in (POLICY, RECORD):
+                pieces[f"{job.config.task}_{name}"] = (folder / name).read_bytes()
         if job.stage == "runs":
             for seed in job.config.seeds:
-                content = (folder / f"{seed}.json").read_bytes()
-                pieces.runs[key_of(json.loads(content))] = content
+                run = job.config
+                name = name_of(run.task, run.method, run.trajectories, seed)
+                pieces[name] = (folder / f"{seed}.json").read_bytes()
     experts = expert_rows(pieces)
     runs = run_rows(pieces, experts)
     tables = {
@@ -41,7 +52,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     }
     summary = nested(tables["cells"], "task", "trajectories", "method")
     summary |= {"experts": nested(experts, "task")}
-    return Findings(tables, summary, pieces.files())
+    return Findings(tables, summary, {f"{FOLDER}/{name}": pieces[name] for name in pieces})
 
 
 def _of_returns(returns: Sequence[float]) -> Row:
@@ -55,8 +66,8 @@ def expert_rows(pieces: Pieces) -> list[Row]:
     """Return each expert's return, in the order of `TASKS`."""
     rows = []
     for task in TASKS:
-        if task in pieces.experts:
-            record = json.loads(pieces.experts[task][RECORD])
+        if expert := expert_of(pieces, task):
+            record = json.loads(expert[RECORD])
             best = max(record["checkpoints"], key=lambda checkpoint: checkpoint["mean_return"])
             label = {"task": task} | {key: record["recipe"][key] for key in ("seed", "updates")}
             label |= {"best_checkpoint": best["updates"], "episodes": len(record["returns"])}
@@ -68,12 +79,12 @@ def run_rows(pieces: Pieces, experts: Sequence[Row]) -> list[Row]:
     """Return each run with its share of the expert's return."""
     expert_returns = {row["task"]: row["mean_return"] for row in experts}
     order = {name: number for number, name in enumerate((*TASKS, *METHODS, *VARIANTS))}
-    keys = [key for key in pieces.runs if key[0] in expert_returns]
-    keys.sort(key=lambda key: (order[key[0]], key[2], order[key[1]], key[3]))
+    records = [json.loads(pieces[name]) for name in pieces if "_expert." not in name]
+    records = [piece for piece in records if piece["task"] in expert_returns]
+    names = ("task", "trajectories", "method", "seed", "updates")
+    records.sort(key=lambda piece: [order.get(piece[name], piece[name]) for name in names[:4]])
     rows = []
-    for key in keys:
-        piece = json.loads(pieces.runs[key])
-        names = ("task", "trajectories", "method", "seed", "updates")
+    for piece in records:
         row = {name: piece[name] for name in names} | _of_returns(piece["returns"])
         row["demonstrated_return"] = piece["demonstrated_return"]
         rows.append(row | {"share": row["mean_return"] / expert_returns[row["task"]]})

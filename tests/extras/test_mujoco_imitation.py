@@ -63,7 +63,7 @@ def test_an_expert_is_imitated_and_pieces_are_taken_over(tmp_path) -> None:
     more = played(Config(**TINY, pieces=there), tmp_path / "more")
     assert [row["method"] for row in more["tables"]["ablations"]] == ["online", *TINY["variants"]]
     assert all(row in more["tables"]["runs"] for row in found["tables"]["runs"])
-    assert len(more["files"]) == len(plan.committed(there).files()) + 2
+    assert len(more["files"]) == len(plan.committed(there)) + 2
     results = run(STUDY, Config(**TINY, pieces=there, new=False))
     save(STUDY, results, tmp_path / "shown", replace=False)
     assert (tmp_path / "shown" / "shares.png").is_file()

@@ -33,9 +33,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from scipy.linalg import block_diag
 
 from socialiq.learners import settings
-from socialiq.learners.expert_table import Batch, ExpertTable
-from socialiq.learners.kernel import Terms
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.state import TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -45,6 +44,7 @@ from studies.compare_methods.baselines.shared import (
     Baseline,
     Carry,
     EpisodeLearner,
+    Loss,
     log_likelihood,
     of_taken,
     totals_of,
@@ -60,13 +60,7 @@ class ConditionedClone(Baseline):
         """Draw a network whose two further inputs are the condition."""
         return self.conditioned_network(key)
 
-    def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
         """Negative log-likelihood of the demonstrated actions under the conditions."""
         rows, condition = batch
         logits = jax.vmap(network)(rows.observation, condition)
@@ -135,9 +129,7 @@ class OutcomeConditioned(ConditionedClone):
         scales = jnp.asarray([scaling(totals_of(data)) for data in datasets], jnp.float32)
         return dataclasses.replace(super().of(static, datasets), scales=scales)
 
-    def draw(
-        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Any
-    ) -> tuple[tuple[Batch, RewardPair], Any]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Draw demonstrations with their outcomes, scaled."""
         rows, key = super().draw(hyperparameters, state, carry)
         mean, scale = self.scales[hyperparameters.dataset]
@@ -147,7 +139,7 @@ class OutcomeConditioned(ConditionedClone):
             RewardPair(*((total - middle) / spread for total, middle, spread in pairs)),
         ), key
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> OutcomePolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> OutcomePolicy:  # noqa: ARG002
         """Return the clone with the outcomes of its demonstrations."""
         first, end = self.table.start_bounds[hyperparameters.dataset + jnp.arange(2)]
         starts = self.table.starts[int(first) : int(end)]
@@ -190,9 +182,7 @@ class GuidedCloning(ConditionedClone):
         table = ExpertTable.of(datasets, static.advantage, 0.99)
         return cls(static, (int(datasets[0].observation.shape[1]), datasets[0].n_actions), table)
 
-    def draw(
-        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Any
-    ) -> tuple[tuple[Batch, RewardPair], Any]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Draw demonstrations, and the rows that show their condition."""
         rows, key = super().draw(hyperparameters, state, carry)
         key, for_drop = jax.random.split(key)
@@ -201,7 +191,7 @@ class GuidedCloning(ConditionedClone):
         optimal = score(hyperparameters.weights, rows.target) >= 0.0
         return (rows, RewardPair(is_shown, is_shown * optimal)), key
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> QPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
         """Return the guided policy; its logits are those of π_w."""
         record = self.record(hyperparameters)
         plain, optimal = (
@@ -275,7 +265,7 @@ class DiscriminatorWeighted(EpisodeLearner):
         discriminator = self.conditioned_network(jax.random.fold_in(key, 1))
         return DWBCNetworks(super().network(key), discriminator)
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
         """Draw the networks, and select the expert's rows: those of the best level."""
         state, key = super().initialise(hyperparameters)
         count = self.static.parts
@@ -284,22 +274,14 @@ class DiscriminatorWeighted(EpisodeLearner):
         best = levels[self.episodes.of_row] == 0
         return state, Carry(key, jnp.cumsum(best / jnp.sum(best)))
 
-    def draw(
-        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
-    ) -> tuple[tuple[Batch, Batch], Carry]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Draw as many rows of E and of O."""
         of_all, key = super().draw(hyperparameters, state, carry.key)
         key, for_expert = jax.random.split(key)
         expert = self.table.sample_weighted(for_expert, carry.known, self.static.batch_size)
         return (expert, of_all), carry._replace(key=key)
 
-    def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
         """Loss of the discriminator, and the weighted one of the clone."""
         logits, likelihoods, chances = [], [], []
         for rows in batch:

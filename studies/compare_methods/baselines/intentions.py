@@ -19,9 +19,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
-from socialiq.learners.kernel import Terms, Trained
+from socialiq.learners.kernel import Trained
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
@@ -31,6 +30,7 @@ from studies.compare_methods.baselines.offline import ValueConfig
 from studies.compare_methods.baselines.shared import (
     Carry,
     EpisodeLearner,
+    Loss,
     log_likelihood,
     of_taken,
     soft_continuation,
@@ -82,28 +82,21 @@ class MultiIntention(EpisodeLearner):
         keys = jax.random.split(key, self.static.intentions)
         return tuple(super(MultiIntention, self).network(part) for part in keys)
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
         """Draw networks, and the first responsibilities: random ones break the symmetry."""
         state, key = super().initialise(hyperparameters)
         key, for_first = jax.random.split(key)
         count, concentration = self.episodes.inside.shape[0], jnp.ones(self.static.intentions)
         return state, Carry(key, jax.random.dirichlet(for_first, concentration, (count,)))
 
-    def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[tuple[Batch, Array], Carry]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
         """Draw demonstrations with their episodes' responsibilities."""
         key, for_rows = jax.random.split(carry.key)
         rows = self.rows(for_rows, hyperparameters.dataset)
         share = carry.known[self.episodes.of_row[rows]]
         return (self.table.rows(rows), share), carry._replace(key=key)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ), summed over the intentions.
 
         It is L_IQ (Eq 2.7, value_expert) of each, weighted by its responsibilities z.
@@ -175,7 +168,7 @@ class MultiIntention(EpisodeLearner):
         """Return the responsibilities."""
         return carry.known
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> IntentionPolicy:
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> IntentionPolicy:
         """Return the policies of the intentions with their episodes' mean totals."""
         record = self.record(hyperparameters)
         first, end = map(int, self.episodes.bounds[hyperparameters.dataset + jnp.arange(2)])

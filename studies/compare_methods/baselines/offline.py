@@ -25,14 +25,14 @@ from socialiq.learners import settings
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Terms
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.state import TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
 from studies.compare_methods.baselines.shared import (
     Baseline,
     Carry,
     EpisodeLearner,
+    Loss,
     Pairs,
     log_likelihood,
     of_taken,
@@ -86,9 +86,7 @@ class ImplicitQLearning(Baseline):
             drawn.append(QNetwork.initialise(part, *shape, scale=static.input_scale))
         return IQLNetworks(*drawn)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Losses of V (Eq 5), Q (Eq 6) and the policy (Eq 7); none has another's gradient."""
         observation, action = batch.observation, batch.action
         steady = of_taken(jax.vmap(target_network.values)(observation), action)
@@ -167,18 +165,13 @@ class SPRINQL(EpisodeLearner):
         """Draw both networks."""
         return SPRINQLNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
         """Draw the networks, and grade the episodes."""
         state, key = super().initialise(hyperparameters)
         run = hyperparameters.weights, hyperparameters.dataset
         return state, Carry(key, self.episodes.levels(*run, self.static.levels))
 
-    def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[Graded, Carry]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
         """Draw demonstrations with their levels, and pairs of episodes."""
         key, for_rows, for_pairs = jax.random.split(carry.key, 3)
         dataset, scores = hyperparameters.dataset, -carry.known.astype(jnp.float32)
@@ -188,9 +181,7 @@ class SPRINQL(EpisodeLearner):
         graded = Graded(self.table.rows(rows), level, self.episodes.pairs(*options))
         return graded, carry._replace(key=key)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Loss of Q, and that of the reference reward: alike within a level, ranked between.
 
         The term `reference` is the reference reward's, the others are Q's.

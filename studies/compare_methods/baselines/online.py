@@ -32,15 +32,14 @@ from socialiq.learners import settings
 from socialiq.learners.collect import Act, Source
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import config, losses
-from socialiq.learners.iq_learn.train import Carry, IQLearn
-from socialiq.learners.kernel import Terms
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from socialiq.types import Ending, RewardPair, Transitions
 from studies.compare_methods.baselines.shared import (
     Episodes,
+    Loss,
     Pairs,
     of_taken,
     preference_loss,
@@ -71,9 +70,7 @@ class LSIQ(IQLearn):
     Hyperparameters: ClassVar[type] = LSIQHyperparameters
     name: ClassVar[str] = "ls_iq"
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Half the squared distances of demonstrations and of own transitions to their targets.
 
         V(s') lies within ±1/(c (1 - γ)); after the end it is that of the absorbing state.
@@ -163,9 +160,7 @@ class TREX(IQLearn):
         """Draw both networks."""
         return TREXNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
-    def draw(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
-    ) -> tuple[TREXRows, Carry]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Act, sample the replay, and draw pairs of episodes."""
         batches, carry = super().draw(hyperparameters, state, carry)
         assert batches.replay is not None
@@ -174,9 +169,7 @@ class TREX(IQLearn):
         options = self.table, for_pairs, hyperparameters.dataset, self.static.pairs, scores
         return TREXRows(batches.replay, self.episodes.pairs(*options)), carry._replace(key=key)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Ranks of pairs, and half the squared Bellman error of Q on the learned reward."""
         rows, run = batch.replay, hyperparameters
         follows = soft_continuation(target_network.values, rows, run, self.static.endings)
@@ -190,7 +183,7 @@ class TREX(IQLearn):
         total = terms["ranks"] + terms["bellman"]
         return total, terms | {"loss": total}
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> QPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
         """Return the policy of Q."""
         record = self.record(hyperparameters)
         return QPolicy.of(state.network.values, hyperparameters.temperature, record)

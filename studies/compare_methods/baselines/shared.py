@@ -17,12 +17,15 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Learner
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.kernel import Learner, Terms
+from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from socialiq.types import RewardPair, Transitions
+
+Loss = tuple[Float[Array, ""], Terms]
+"""A loss and its terms by name."""
 
 
 def of_taken(
@@ -181,7 +184,7 @@ class Baseline(Learner):
         shape = (static.hidden, n_actions, static.activation, static.view)
         return DialNetwork.initialise(key, n_features, *shape)
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> Any:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> Any:  # noqa: ARG002
         """Return the policy of the acting part."""
         temperature = 1.0 if self.acting == "policy" else hyperparameters.temperature
         network = getattr(state.network, self.acting)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from socialiq.errors import UserError
 from socialiq.storage import packaged_results
 from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run
-from studies.mo_gymnasium import study
+from studies.mo_gymnasium import study, training
 from studies.mo_gymnasium.study import Config
-from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task, read, within
 from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 STUDY = find("mo-gymnasium")
@@ -214,3 +215,58 @@ def study_row(piece):
     label = {"task": piece.task, "method": piece.method, "steps": piece.steps}
     empty = dict.fromkeys(study.MEASURES, "")
     return label | empty | {"hypervolume": area}
+
+
+@pytest.fixture(name="budgets")
+def stubs_of_learners(monkeypatch):
+    """Learners that note the steps that they are given, and episodes of ten steps."""
+    calls = []
+
+    def value_dials(_task, steps, seeds, datasets=(), only=None):
+        calls.append((steps, len(datasets), only))
+        return [SimpleNamespace(at=lambda angle: angle) for _ in seeds]
+
+    shown = SimpleNamespace(n_transitions=60)
+    monkeypatch.setattr(training, "value_dials", value_dials)
+    monkeypatch.setattr(training, "demonstrations", lambda *_inputs: shown)
+    monkeypatch.setattr(
+        training, "train_trio", lambda _task, _data, seeds: [[1, 2, 3]] * len(seeds)
+    )
+    monkeypatch.setattr(Task, "time_limit", lambda _task: 10)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("method", "taken", "calls"),
+    [
+        ("dial", 2000, [(2000, 0, None)]),
+        # Three experts of 2,050 / 3 steps, in whole rounds of 100.
+        ("experts", 1800, [(600, 0, angle) for angle in (0.0, 45.0, 90.0)]),
+        # 60 steps are reserved for the episodes, and 60 are taken.
+        ("IQ-Learn trio", 1860, [(600, 0, angle) for angle in (0.0, 45.0, 90.0)]),
+        (
+            "dial from demonstrations",
+            900 + 60 + 1000,
+            [*((300, 0, angle) for angle in (0.0, 45.0, 90.0)), (1000, 2, None)],
+        ),
+    ],
+)
+def test_every_method_takes_at_most_the_steps_of_the_task(budgets, method, taken, calls):
+    task = dataclasses.replace(TASKS["deep-sea-treasure"], steps=2050)
+    policies, steps, settings = training.trained(task, method, (1, 2))
+    assert steps == taken <= task.steps and budgets == calls and len(policies) == 2
+    assert settings["hidden"] == list(task.hidden) and settings["temperature"] == 0.01
+    expert = 600 if method == "IQ-Learn trio" else 300
+    assert settings.get("steps_of_an_expert", expert) == expert
+
+
+@pytest.mark.parametrize("method", ["dial from demonstrations", "dial, standardised"])
+def test_too_few_steps_are_one_line(budgets, method):
+    task = dataclasses.replace(TASKS["deep-sea-treasure"], steps=150)
+    with pytest.raises(UserError, match="150 steps are too few"):
+        training.trained(task, method, (1,))
+    assert budgets == []
+
+
+def test_whole_numbers_are_seen_one_place_each():
+    assert training.one_hot(np.array([0, -2]), np.array([3, 1])) == ((0, 4), (-2, 4))

@@ -16,6 +16,7 @@ CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
 LONGER = "online, standardised, 300,000 updates"
 WITHOUT_FORCES = "online, standardised, temperature 0.3, 300,000 updates, no contact forces"
 
+KEY = ("task", "method", "trajectories", "seed")
 SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
 N_HOPPER = sum(method.forces for method in METHODS.values())
 """Methods of a task without contact forces."""
@@ -52,7 +53,7 @@ def folder(tmp_path):
         run("cloning", 1, 80.0, 40.0),
         run("regression", 0, 20.0),
     ):
-        (place / plan.name_of(plan.key_of(one))).write_text(json.dumps(one))
+        (place / plan.name_of(*(one[key] for key in KEY))).write_text(json.dumps(one))
     return str(tmp_path / "results")
 
 
@@ -150,7 +151,7 @@ def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
 
 def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
     newer = run("online, of a later version", 0, 1.0)
-    name = plan.name_of(plan.key_of(newer))
+    name = plan.name_of(*(newer[key] for key in KEY))
     (tmp_path / "results" / "pieces" / name).write_text(json.dumps(newer))
     with pytest.raises(UserError, match="is of online, of a later version on Hopper, which is unk"):
         plan.committed(folder)
