@@ -142,11 +142,10 @@ def test_runs_of_one_static_config_share_a_program() -> None:
 
 def test_a_method_of_a_mode_learns_from_each_mode_alone(monkeypatch) -> None:
     monkeypatch.setattr(Arena, "of_each_mode", lambda arena, runs: ("of modes", runs[::-1]))
-    arena = Arena(None, None, 1, [])
-    assert trained(lambda *inputs: [inputs], arena, METHODS["of_mode"], "ab") == [
-        ("of modes", "ba")
-    ]
-    assert trained(lambda *inputs: [inputs], arena, METHODS["clone"], "ab") == [(arena, "ab")]
+    arena, runs = Arena(None, None, 1, []), [Run(angle, 0, 0, ()) for angle in (0.0, 90.0)]
+    of_modes = trained(lambda *inputs: [inputs], arena, METHODS["of_mode"], runs)
+    assert of_modes == [("of modes", runs[::-1])]
+    assert trained(lambda *inputs: [inputs], arena, METHODS["clone"], runs) == [(arena, runs)]
 
 
 def row(method: str, setting: str, angle: float, seed: int, value: float, regret=0.0) -> dict:
@@ -186,7 +185,7 @@ def test_without_an_optimum_there_is_no_regret() -> None:
     assert {one["regret_low"] for one in pooled} == {""}
     (overall,) = comparison_tables.overall(pooled, ("world", "method"))
     assert (overall["value"], overall["regret"], overall["worst_regret"]) == (46.0, "", "")
-    results = Results.of("x", config_of(), {"pooled": pooled}, {})
+    results = Results.of("x", iq.IQLearnHyperparameters(), {"pooled": pooled}, {})
     assert comparison_tables.quantity(results, "w") == "value"
 
 
