@@ -85,13 +85,7 @@ def learn(
 ) -> Trained:
     """Train one run for each set and seed, the seeds of a set side by side.
 
-    Args:
-        task: Where an online learner acts.
-        method: What is trained.
-        datasets: Sets of demonstrations.
-        seeds: Training seeds.
-        updates: Gradient steps of each run; 0 for those of the method.
-        callbacks: Progress.
+    `updates` are the gradient steps of each run; 0 for those of the method.
     """
     scale = task.input_scale if method.scaled else 1.0
     updates = updates or method.static.updates
@@ -114,16 +108,10 @@ def learn(
 
 @dataclass(frozen=True)
 class Source:
-    """Sets of demonstrations, each of trajectories of its own.
+    """Sets of demonstrations, each of so many trajectories of its own.
 
-    Attributes:
-        task: Name in `TASKS`.
-        protocol: What is kept of a trajectory, one of `PROTOCOLS`.
-        trajectories: Trajectories of a set.
-        sets: Number of sets.
-        seed: Seed of the first episode; set i begins at seed + i * trajectories.
-        episodes: Evaluation episodes of each policy.
-        evaluation_seed: Seed of the evaluation's first states.
+    A protocol of `PROTOCOLS` says what is kept of a trajectory. Set i begins with the episode of
+    seed + i * trajectories. Policies are evaluated in `episodes` from `evaluation_seed` on.
     """
 
     task: str
@@ -165,14 +153,9 @@ def trajectories(task: Task, count: int, seed: int) -> Demonstrations:
 def thinned(
     episodes: Demonstrations, protocol: str, task: Task, seed: int, mirrored: bool
 ) -> Demonstrations:
-    """Return what a learner is given of whole trajectories.
+    """Return what a learner is given of whole trajectories, by one of `PROTOCOLS`.
 
-    Args:
-        episodes: Whole trajectories.
-        protocol: One of `PROTOCOLS`.
-        task: Their task.
-        seed: Seed of the random rows.
-        mirrored: Whether every row's mirror image is given too.
+    The seed is that of random rows; mirrored, every row's mirror image is given too.
     """
     rows = episodes
     if protocol == "rows":

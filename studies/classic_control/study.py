@@ -8,7 +8,7 @@ trajectory, so that everything is repeated over several.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,11 +105,6 @@ class Config:
         return [Source(task, *kind, self.data_seed, *seeds) for kind in kinds]
 
 
-def plan(config: Config) -> list[Job]:
-    """Return every job; none reads another."""
-    return list(_jobs(config))
-
-
 def jobs(config: Config) -> list[Job]:
     """Return `plan`, once every task's library is known to be there."""
     for task in config.tasks:
@@ -117,24 +112,28 @@ def jobs(config: Config) -> list[Job]:
     return plan(config)
 
 
-def _jobs(config: Config) -> Iterator[Job]:
+def plan(config: Config) -> list[Job]:
+    """Return every job; none reads another."""
+
     def training(source: Source, method: str, name: str) -> Job:
         run = runs.Training(source, method, config.seeds, config.updates)
         cost = 40.0 if "online" in method else 20.0
         return Job(f"{name}/{as_file_name(method)}", runs.train_and_score, run, cost=cost)
 
+    planned: list[Job] = []
     for task in config.tasks:
         for source in config.sources(task):
             name = "-".join(map(as_file_name, source.label().values()))
-            yield Job(f"data/{name}", runs.inspect, runs.Inspection(source, config.shrinkages))
+            inspection = runs.Inspection(source, config.shrinkages)
+            planned.append(Job(f"data/{name}", runs.inspect, inspection))
             thin = (task, source.trajectories) == ("CartPole", 1) and source.protocol != "whole"
-            for method in (*config.methods, *(config.published if thin else ())):
-                yield training(source, method, f"runs/{name}")
+            methods = (*config.methods, *(config.published if thin else ()))
+            planned += [training(source, method, f"runs/{name}") for method in methods]
     if "CartPole" in config.tasks:
         seeds = config.data_seed, config.episodes, config.evaluation_seed
         source = Source("CartPole", "rows", 1, min(config.sets, config.other_sets), *seeds)
-        for variant in config.variants:
-            yield training(source, variant, "variants")
+        planned += [training(source, variant, "variants") for variant in config.variants]
+    return planned
 
 
 def compute_tables(config: Config, context: Context) -> Findings:

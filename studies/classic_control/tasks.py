@@ -118,13 +118,9 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
 def returns(
     task: Task, act: Callable[[np.ndarray], np.ndarray], episodes: int, seed: int
 ) -> np.ndarray:
-    """Return the undiscounted return of each of some episodes, side by side.
+    """Return the undiscounted returns of episodes side by side, from the first states of a seed.
 
-    Args:
-        task: The task.
-        act: From observations, (episodes, features), to actions, (episodes,).
-        episodes: Number of episodes.
-        seed: Seed of the first states.
+    `act` goes from observations, (episodes, features), to actions, (episodes,).
     """
     if gymnasium.spec(task.env).vector_entry_point is not None:  # in one array
         envs = gymnasium.make_vec(task.env, episodes, vectorization_mode="vector_entry_point")

@@ -105,12 +105,7 @@ def jobs_of(
 ) -> Iterator[Job]:
     """Yield the job that trains a method, and one that drives for each setting and seed.
 
-    Args:
-        config: The comparison.
-        phase: Phase of the comparison, part of the jobs' names.
-        method: The method.
-        updates: Gradient steps of each network.
-        settings: Settings of the method's grid.
+    `updates` are the gradient steps of each network.
     """
     develops = phase == DEVELOPMENT
     angles = config.development_angles if develops else config.angles

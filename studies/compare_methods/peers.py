@@ -33,9 +33,8 @@ TAKEN, REQUESTS, MADE = "world.npz", "requests.json", "policies.npz"
 
 @dataclass(frozen=True)
 class Environment:
-    """Environment of a library: its name, and the pins that pip is given."""
+    """Environment of a library, by the pins that pip is given."""
 
-    library: str
     pins: str
 
 
@@ -56,7 +55,7 @@ def scripts() -> Path:
 
 def environment_job(library: str) -> Job:
     """Return the job that makes the environment of a library."""
-    environment = Environment(library, (scripts() / f"{library}.txt").read_text())
+    environment = Environment((scripts() / f"{library}.txt").read_text())
     return Job(f"environments/{library}", make_environment, environment, cost=200.0)
 
 
@@ -86,14 +85,8 @@ def train_tabular(
 ) -> list[dict[float, np.ndarray]]:
     """Train every run with a script; return its action probabilities by angle.
 
-    Args:
-        arena: Budget, settings and demonstrations.
-        ground: The world.
-        method: The method.
-        runs: Training runs.
-        served: Angles that the network of each trained angle serves.
-        environment: Folder of the library's environment.
-        folder: Folder for the exchanged files.
+    `served` has the angles that the network of each trained angle serves; `environment` is the
+    folder of the library's, and `folder` holds the exchanged files.
     """
     if method.of_mode:
         arena, runs = arena.of_each_mode(runs)

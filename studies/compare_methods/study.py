@@ -153,10 +153,7 @@ def phase_jobs(
 ) -> list[Job]:
     """Return every method's jobs after those that they read.
 
-    Args:
-        config: Configuration.
-        phase: Development, or that of the table.
-        chosen: Name of the setting by world and method; None for all that are tried.
+    `chosen` names the setting of each world and method; without it all are tried.
     """
     planned = [peers.environment_job(library) for library in config.peers]
     if intersection.WORLD in config.worlds:
@@ -268,11 +265,8 @@ def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
     """Return a row for each method: regret over all angles, steering, endings, what it is told.
 
     `steering` is α̂ at the largest target angle less α̂ at the smallest, in degrees; `r_social_gain`
-    is that difference of r_social. Collisions and arrivals are means over the angles.
-
-    Args:
-        pooled: Rows of `means`.
-        speeds: Updates per second of each world and method, and the device.
+    is that difference of r_social. Collisions and arrivals are means over the angles. `speeds` has
+    updates per second of each world and method, and the device.
     """
     keys = ("world", "method", "setting", "readout")
     measured = {(row["world"], row["method"]): row for row in speeds}

@@ -97,10 +97,8 @@ TASKS = {
 def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
     """Return the finite MDP of deep-sea-treasure: its states are `current_state`.
 
-    From the first state on, every action is tried in every state that is found, breadth first.
-
-    Args:
-        env: With a reward pair, discrete actions and deterministic steps.
+    From the first state on, every action is tried in every state that is found, breadth first. The
+    environment has a reward pair, discrete actions and deterministic steps.
     """
     inner: Any = env.unwrapped
     env.reset(seed=0)

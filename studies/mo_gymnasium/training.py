@@ -78,12 +78,8 @@ def value_dials(
 ) -> list[Any]:
     """Train a dial for each seed, online, with a gradient step for each step in the environment.
 
-    Args:
-        task: Where it acts.
-        steps: In the environment.
-        seeds: Training seeds.
-        datasets: Demonstrations for each seed; none for a dial that learns from its rewards alone.
-        only: The one angle to train for, in degrees; by default all from 0 to 90.
+    Without demonstrations it learns from its rewards alone. `only` is the one angle to train for,
+    in degrees; by default all from 0 to 90.
     """
     env, shown = task.make(), bool(datasets)
     space = env.observation_space
@@ -163,14 +159,9 @@ def soft_actors(
     dial: bool = False,
     changes: Sequence[Standardisation] = (),
 ) -> list[Any]:
-    """Train soft actor-critic, or its dial, for each seed and angle.
+    """Train soft actor-critic, or its dial, for each run: a seed, and an angle in degrees.
 
-    Args:
-        task: Where it acts.
-        steps: In the environment, and gradient steps.
-        runs: Training seeds, and angles in degrees.
-        dial: Whether a policy is trained for all angles.
-        changes: Standardisation of each run's observations; none for observations as they are.
+    `changes` standardise each run's observations; without them they are as they are.
     """
     static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
     own = dataclasses.replace(ACTOR_NUMBERS, discount=task.discount)

@@ -132,13 +132,7 @@ ABLATED = ("Hopper", 5)
 
 @dataclass(frozen=True)
 class Kept:
-    """An expert that is there already.
-
-    Attributes:
-        task: Name in `TASKS`.
-        folder: Results folder with its pieces.
-        sha256: Of its files, one after the other.
-    """
+    """An expert that is there already: the results folder, and the SHA-256 of its files."""
 
     task: str
     folder: str

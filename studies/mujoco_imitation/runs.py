@@ -95,15 +95,9 @@ RECIPES = METHODS | VARIANTS
 class Expert:
     """Recipe of an expert.
 
-    Attributes:
-        task: Name in `TASKS`.
-        seed: Of the training.
-        settings: Of the training.
-        every: Updates between two checkpoints.
-        judged: Episodes by whose mean return the best checkpoint is chosen.
-        judging_seed: Seed of the first of them; the next checkpoint has others.
-        episodes: Episodes of the reported return.
-        evaluation_seed: Seed of the first of these.
+    There is a checkpoint `every` so many updates. The best is chosen by the mean return of `judged`
+    episodes, the first of seed `judging_seed`; the next checkpoint has others. The reported return
+    is that of `episodes` from `evaluation_seed` on.
     """
 
     task: str
@@ -183,13 +177,7 @@ def _resumable(checkpoint: Path, progress: ProgressCallback, monitor: Any = None
 
 @dataclass(frozen=True)
 class Showing:
-    """Trajectories of an expert: the set of one imitation seed.
-
-    Attributes:
-        task: Name in `TASKS`.
-        trajectories: How many.
-        seed: Seed of the first one.
-    """
+    """Trajectories of an expert from a seed on: the set of one imitation seed."""
 
     task: str
     trajectories: int
@@ -208,16 +196,10 @@ def show(
 
 @dataclass(frozen=True)
 class Imitation:
-    """Training of one method on one number of trajectories, with some seeds in one program.
+    """Training of one method on sets of so many trajectories, with some seeds in one program.
 
-    Attributes:
-        task: Name in `TASKS`.
-        method: Name in `METHODS` or `VARIANTS`.
-        trajectories: Of a set of demonstrations.
-        seeds: Of the training; each has a set of its own, the inputs in this order.
-        updates: Of each run; 0 for those of the method.
-        episodes: Evaluation episodes of each policy.
-        evaluation_seed: Seed of the first one.
+    Each seed has a set of its own, the inputs in this order. `updates` are 0 for the method's own;
+    each policy is evaluated in `episodes` from `evaluation_seed` on.
     """
 
     task: str

@@ -202,13 +202,7 @@ class GuidedCloning(ConditionedClone):
 
 
 def guided(plain: QPolicy, optimal: QPolicy, guidance: float) -> QPolicy:
-    """Return one network with the logits (1 - w) plain + w optimal.
-
-    Args:
-        plain: Clone without a condition.
-        optimal: Clone given o = 1, of the same layers and encoding.
-        guidance: w.
-    """
+    """Return one network with the logits (1 - w) plain + w optimal, both of the same layers."""
     share = 1.0 - guidance
     matrices = list(zip(plain.weights, optimal.weights, strict=True))
     biases = list(zip(plain.biases, optimal.biases, strict=True))
@@ -317,11 +311,7 @@ def weighted_loss(
 ) -> Float[Array, ""]:
     """α E_E[-log π] - E_E[-log π η / (d (1 - d))] + E_O[-log π / (1 - d)] (their Eq 17).
 
-    Args:
-        likelihoods: log π of E's rows and of O's.
-        chances: d of E's rows and of O's, clipped.
-        share: η.
-        expert_weight: α.
+    Of log π and the clipped d, each of E's rows and of O's; `share` is η, `expert_weight` α.
     """
     (expert, of_all), (expert_chance, chance) = likelihoods, chances
     opposing = share / (expert_chance * (1.0 - expert_chance))

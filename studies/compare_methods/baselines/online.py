@@ -101,10 +101,7 @@ def absorbing_reward(
 ) -> Float[Array, ""]:
     """Return the least-squares reward of the state after the end: 1/c and -1/c by their shares.
 
-    Args:
-        expert: Endings of demonstrations, values of `types.Ending`.
-        own: Endings of the learner's own transitions.
-        largest: 1/c.
+    Of the endings (values of `types.Ending`) of demonstrations and of own transitions, and of 1/c.
     """
     ended = [jnp.sum(ending != int(Ending.NONE)) for ending in (expert, own)]
     return largest * (ended[0] - ended[1]) / jnp.maximum(ended[0] + ended[1], 1)

@@ -79,11 +79,8 @@ class Pairs(NamedTuple):
 def preference_loss(reward: Callable[[Array], Array], pairs: Pairs) -> Float[Array, ""]:
     """-log P of the ranks under Bradley and Terry (T-REX, Brown et al. 2019, their Eq 1).
 
-    P(first) = σ(Σ r of the first episode - Σ r of the second).
-
-    Args:
-        reward: From one observation to the learned reward r of each action.
-        pairs: The pairs.
+    P(first) = σ(Σ r of the first episode - Σ r of the second). `reward` goes from one observation
+    to the learned reward r of each action.
     """
     over_rows = jax.vmap(jax.vmap(jax.vmap(reward)))(pairs.rows.observation)
     taken = jnp.take_along_axis(over_rows, pairs.rows.action[..., None], axis=-1)

@@ -129,10 +129,7 @@ class Recipe:
     ) -> Any:
         """Return the recipe with other settings, as a table `[method.NAME]` declares them.
 
-        Args:
-            static: Changed fields of its static configuration.
-            numbers: Changed hyperparameters.
-            **options: Changed attributes of the recipe itself.
+        Of its static configuration, its hyperparameters, and attributes of its own (`options`).
         """
         settings = changed(self.static, static or {}), changed(self.numbers, numbers or {})
         return dataclasses.replace(self, static=settings[0], numbers=settings[1], **options)
@@ -166,11 +163,7 @@ def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
 
 
 def check_names(config: Any, **choices: Collection[str]) -> None:
-    """Refuse unknown names.
-
-    Args:
-        config: Configuration of a study.
-        **choices: Names that may stand in a field, by field: `tasks`, `methods`.
+    """Refuse names in fields of a study's configuration that are not among the field's choices.
 
     Raises:
         UserError: The line names the choices.
@@ -182,11 +175,6 @@ def check_names(config: Any, **choices: Collection[str]) -> None:
 
 def check_choices(config: Any, methods: Collection[str], worlds: Sequence[str] = WORLDS) -> None:
     """Refuse unknown worlds and methods, empty settings, and seeds used twice.
-
-    Args:
-        config: Configuration of a comparison.
-        methods: Names of all methods.
-        worlds: Names of all worlds.
 
     Raises:
         UserError: The line names what to change.

@@ -112,13 +112,9 @@ class Arena:
     def settings(
         self, config: type[Any], hyperparameters: type[Any], run: Run, **fixed: Any
     ) -> tuple[Any, Any]:
-        """Return the static config and the hyperparameters of a run.
+        """Return the static config and the hyperparameters of a run, of the given classes.
 
-        Args:
-            config: Class of a learner's static config.
-            hyperparameters: Class of its hyperparameters.
-            run: The run; its settings come before the world's.
-            **fixed: What the method itself differs in.
+        The run's settings come before what makes the method (`fixed`), and that before the world's.
         """
         chosen = fixed | dict(run.setting)
         structural, numeric = _names(config), _names(hyperparameters)
@@ -185,11 +181,9 @@ def in_programs(
 
 
 def offline(learner: Any, **fixed: Any) -> Learner:
-    """Return the training of a learner of demonstrations alone.
+    """Return the training of a class of learners of demonstrations alone.
 
-    Args:
-        learner: Its class.
-        **fixed: Settings that make the method; an advantage is the arena's kind.
+    `fixed` are the settings that make the method; an advantage is of the arena's kind.
     """
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
@@ -209,12 +203,9 @@ def offline(learner: Any, **fixed: Any) -> Learner:
 
 
 def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
-    """Return the training of IQ-Learn, or of a learner derived from it.
+    """Return the training of IQ-Learn, or of a class of learners derived from it.
 
-    Args:
-        learner: Class of the derived learner; None for IQ-Learn itself.
-        acts: Whether it acts in the world.
-        **fixed: Settings that make the method.
+    `acts`: whether it acts in the world; `fixed` are the settings that make the method.
     """
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
@@ -245,12 +236,7 @@ def dial_settings(
 ) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
     """Return a dial's settings: its own, with the comparison's network, batches and budget.
 
-    Args:
-        arena: The comparison's.
-        structure: Its own static config.
-        numbers: Its own hyperparameters.
-        run: The run; its settings come first.
-        shared: Hyperparameters that are the comparison's.
+    Of its hyperparameters the `shared` ones are the comparison's, and a run's settings come first.
     """
     base, names = arena.structure, ("hidden", "activation", "view", "endings", "replay_capacity")
     static = dataclasses.replace(
@@ -266,13 +252,7 @@ def dial_settings(
 
 
 def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shared: str) -> Learner:
-    """Return the training of a dial: one network for all angles of a seed and a setting.
-
-    Args:
-        structure: Its static config.
-        numbers: Its hyperparameters.
-        *shared: As of `dial_settings`.
-    """
+    """Return the training of a dial (`dial_settings`): a network for all angles of a run."""
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         def program(static: Any, own: list[Any]) -> Any:

@@ -39,18 +39,9 @@ EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
 
 @dataclass(frozen=True)
 class GridRuns:
-    """Configuration of a job: runs of a method in a gridworld.
+    """Configuration of a job: runs of a method in a gridworld, at target angles in degrees.
 
-    Attributes:
-        world: Name of the gridworld.
-        method: Name of the method.
-        updates: Of each network.
-        angles: Target angles in degrees.
-        settings: Settings that are tried.
-        seeds: Training seeds.
-        learning_rate: Of methods whose settings have none.
-        polyak: The same.
-        chunk: Of `Arena`.
+    `updates` are of each network; the rates are of methods whose settings have none.
     """
 
     world: str
@@ -108,13 +99,9 @@ def job_rows(work: Path, *name: Any) -> list[Row]:
 def chances(
     ground: Ground, policy: Any, angle: float, readout: Readout
 ) -> Float[np.ndarray, "state action"]:
-    """Return action probabilities of a policy at an angle.
+    """Return action probabilities at an angle in degrees.
 
-    Args:
-        ground: The world.
-        policy: A policy, one with `at`, or a table of probabilities by angle.
-        angle: In degrees.
-        readout: Action selection.
+    Of a policy, one with `at`, or a table of probabilities by angle.
     """
     if isinstance(policy, Mapping):
         table = policy[angle]
@@ -127,15 +114,9 @@ def chances(
 def rows_of(
     ground: Ground, method: Method, label: Row, seed: int, policy: Any, angles: Sequence[float]
 ) -> list[Row]:
-    """Return a policy's exact metrics and its regret at each angle that it serves.
+    """Return a policy's exact metrics and its regret at each angle in degrees that it serves.
 
-    Args:
-        ground: The world.
-        method: The method.
-        label: Columns of every row: world, method, setting.
-        seed: Training seed.
-        policy: As of `chances`.
-        angles: In degrees.
+    `label` has the columns of every row; the policy is as of `chances`.
     """
     rows: list[Row] = []
     for angle, readout in itertools.product(angles, method.readouts):
