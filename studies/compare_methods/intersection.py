@@ -7,7 +7,7 @@ is fast at. Episodes are driven by the compiled core, on as many processes as th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from socialiq_lab.comparison import (
     setting_name,
 )
 from socialiq_lab.comparison_runs import Arena
-from socialiq_lab.comparison_tables import ROWS
+from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import demonstration_sets as recorded
 from socialiq_lab.intersection.driving import BATCH, FIRST_EPISODE, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
@@ -60,17 +60,12 @@ ENVIRONMENTS = 12
 """Intersections side by side in which a learner acts."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class IntersectionRuns:
-    """Runs of a method at every angle, setting and seed, with networks of `hidden` layers."""
+@dataclass(frozen=True)
+class IntersectionRuns(GridRuns):
+    """Runs with networks of `hidden` layers, at the rates of the world in place of the others."""
 
-    method: str
-    updates: int
-    angles: tuple[float, ...]
-    settings: tuple[Setting, ...]
-    seeds: tuple[int, ...]
-    hidden: tuple[int, ...]
-    batch_size: int
+    hidden: tuple[int, ...] = (64, 64)
+    batch_size: int = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,42 +102,23 @@ def jobs_of(
 
     `updates` are the gradient steps of each network.
     """
-    develops = phase == DEVELOPMENT
-    angles = config.development_angles if develops else config.angles
-    seeds = config.development_seeds if develops else config.seeds
-    runs = IntersectionRuns(
-        method=method.name,
-        updates=updates,
-        angles=angles,
-        settings=settings,
-        seeds=seeds,
-        hidden=config.intersection_hidden,
-        batch_size=config.intersection_batch,
-    )
-    steps = updates * len(method.served(angles)) * len(settings) * len(seeds)
-    training = trained(phase, method)
+    shape = {"hidden": config.intersection_hidden, "batch_size": config.intersection_batch}
+    runs = IntersectionRuns.of(config, phase, WORLD, method, settings, updates, **shape)
+    steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
+    training = f"training/{WORLD}/{phase}/{method.name}"
     yield Job(training, train_method, runs, (recorded.DEMONSTRATIONS,), 20.0 + steps / 300)
-    for setting, seed in [(setting, seed) for setting in settings for seed in seeds]:
+    for setting, seed in [(setting, seed) for setting in settings for seed in runs.seeds]:
         episodes = Driving(
             method=method.name,
             setting=setting,
             seed=seed,
-            angles=angles,
+            angles=runs.angles,
             episodes=config.episodes,
-            first_seed=FIRST_DEVELOPMENT if develops else FIRST_EPISODE,
+            first_seed=FIRST_DEVELOPMENT if phase == DEVELOPMENT else FIRST_EPISODE,
         )
-        name = _name(phase, method, setting, seed)
-        yield Job(name, drive, episodes, (training,), 1.0 * len(angles))
-
-
-def trained(phase: str, method: Method) -> str:
-    """Return the folder of a method's training."""
-    return f"training/{WORLD}/{phase}/{method.name}"
-
-
-def _name(phase: str, method: Method, setting: Setting, seed: int) -> str:
-    number = method.settings.index(setting)
-    return f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
+        number = method.settings.index(setting)
+        name = f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
+        yield Job(name, drive, episodes, (training,), 1.0 * len(runs.angles))
 
 
 def train_method(
@@ -231,11 +207,3 @@ def drive_demonstrators(
             row[mode] = metrics.value(row["target_angle"])
         on_progress(number / len(MODES))
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
-
-
-def rows_of(
-    work: Path, phase: str, method: Method, settings: Sequence[Setting], seeds: Sequence[int]
-) -> Iterator[Row]:
-    """Yield the rows of a method's jobs."""
-    for setting, seed in [(setting, seed) for setting in settings for seed in seeds]:
-        yield from from_csv(work / _name(phase, method, setting, seed) / ROWS)

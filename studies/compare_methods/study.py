@@ -7,7 +7,7 @@ choose from, and a network of the same hidden layers.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from socialiq_lab.comparison import (
     check_choices,
     setting_name,
 )
-from socialiq_lab.comparison_tables import ROWS, GridRuns, job_name, job_rows, quantity
+from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows, quantity
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
@@ -145,7 +145,7 @@ def jobs(config: Config) -> list[Job]:
 
 def more_jobs(config: Config, work: Path) -> list[Job]:
     """Return every method's jobs at the setting that the development jobs' folders choose."""
-    return phase_jobs(config, FRESH, choose(list(_all_rows(config, work, DEVELOPMENT))))
+    return phase_jobs(config, FRESH, choose(job_rows(jobs(config), work, DEVELOPMENT)))
 
 
 def phase_jobs(
@@ -159,7 +159,9 @@ def phase_jobs(
     if intersection.WORLD in config.worlds:
         planned += intersection.shared_jobs(config, phase)
     for world, method in config.rows:
-        settings = _settings(config, world, method, chosen)
+        settings = config.settings_of(world, method)
+        if chosen is not None:
+            settings = (method.setting_of(chosen[world, method.name]),)
         if world not in GRIDWORLDS:
             updates = updates_of(method, config.intersection_updates)
             planned += intersection.jobs_of(config, phase, method, updates, settings)
@@ -169,17 +171,9 @@ def phase_jobs(
         inputs = (peers.environment_job(method.peer).name,) if method.peer else ()
         count = len(runs.seeds) * len(settings) * len(method.served(runs.angles))
         cost = count * (8.0 if method.peer else 1.0) + 10.0
-        name = job_name("methods", phase, world, method)
+        name = f"methods/{world}/{phase}/{method.name}"
         planned.append(Job(name, run_method, runs, inputs, cost))
     return planned
-
-
-def _settings(
-    config: Config, world: str, method: Method, chosen: Mapping[tuple[str, str], str] | None
-) -> tuple[Setting, ...]:
-    if chosen is None:
-        return config.settings_of(world, method)
-    return (method.setting_of(chosen[world, method.name]),)
 
 
 def run_method(
@@ -212,19 +206,6 @@ def run_method(
 # ----------------------------------------------------------------------------------------------
 
 
-def _all_rows(
-    config: Config, work: Path, phase: str, chosen: Mapping[tuple[str, str], str] | None = None
-) -> Iterator[Row]:
-    """Yield the rows of a phase; `chosen` names the settings of the fresh ones."""
-    seeds = config.seeds if phase == FRESH else config.development_seeds
-    for world, method in config.rows:
-        if world in GRIDWORLDS:
-            yield from job_rows(work, "methods", phase, world, method)
-        else:
-            settings = _settings(config, world, method, chosen)
-            yield from intersection.rows_of(work, phase, method, settings, seeds)
-
-
 def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:
     """Return, for each world and method, the setting with the greatest mean J(α), greedy."""
     return comparison_tables.choose(matching(rows, readout=READOUT), "setting")
@@ -233,16 +214,10 @@ def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which settings were chosen."""
     work = context.work
-    developed = list(_all_rows(config, work, DEVELOPMENT))
-    fresh = list(_all_rows(config, work, FRESH, choose(developed)))
+    developed = job_rows(context.jobs, work, DEVELOPMENT)
+    fresh = job_rows(context.jobs, work, FRESH)
     pooled = comparison_tables.means(fresh, KEYS)
-    speeds: list[Row] = []
-    for world, method in config.rows:
-        folder = job_name("methods", FRESH, world, method)
-        if world not in GRIDWORLDS:
-            folder = intersection.trained(FRESH, method)
-        speeds += from_csv(work / folder / SPEED)
-    by_method = overall(pooled, speeds)
+    by_method = overall(pooled, job_rows(context.jobs, work, FRESH, SPEED))
     gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
     references = [comparison_tables.references(world, config.angles) for world in gridworlds]
     on_road = intersection.WORLD in config.worlds

@@ -6,7 +6,7 @@ Every method of a world has the same updates, environment steps, network, rates 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ from socialiq_lab.comparison import (
     product,
 )
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
-from socialiq_lab.comparison_tables import ROWS, GridRuns, job_name, job_rows
+from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
@@ -152,7 +152,8 @@ def jobs(config: Config) -> list[Job]:
 
 def more_jobs(config: Config, work: Path) -> list[Job]:
     """Return every method's jobs at the λ that the development jobs' folders choose."""
-    chosen = comparison_tables.choose(list(_rows(config, DEVELOPMENT, work)), "strength")
+    developed = job_rows(jobs(config), work, DEVELOPMENT)
+    chosen = comparison_tables.choose(developed, "strength")
     return [
         _job(config, FRESH, world, method, (chosen.get((world, name), THESIS_STRENGTHS[world]),))
         for world, method in config.rows
@@ -166,7 +167,7 @@ def _job(
     settings = product(strength=strengths)
     run = GridRuns.of(config, phase, world, method, settings, config.updates, chunk=500)
     count = len(run.seeds) * len(strengths) * len(method.served(run.angles))
-    return Job(job_name("priors", phase, world, method), run_method, run, cost=count + 10.0)
+    return Job(f"priors/{world}/{phase}/{method.name}", run_method, run, cost=count + 10.0)
 
 
 def run_method(
@@ -217,17 +218,10 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
 # ----------------------------------------------------------------------------------------------
 
 
-def _rows(config: Config, phase: str, work: Path) -> Iterator[Row]:
-    """Yield the rows of a phase."""
-    for world, method in config.rows:
-        if phase == FRESH or method.settings:
-            yield from job_rows(work, "priors", phase, world, method)
-
-
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which λ was chosen."""
-    developed = list(_rows(config, DEVELOPMENT, context.work))
-    fresh = list(_rows(config, FRESH, context.work))
+    developed = job_rows(context.jobs, context.work, DEVELOPMENT)
+    fresh = job_rows(context.jobs, context.work, FRESH)
     also = ("effective_share",)
     pooled, aligned = comparison_tables.means(fresh, KEYS, also), alignment(fresh)
     references = [comparison_tables.references(world, config.angles) for world in config.worlds]

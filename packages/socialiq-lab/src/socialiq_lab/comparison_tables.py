@@ -28,6 +28,7 @@ from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
 from socialiq_lab.comparison_runs import Arena
+from socialiq_lab.jobs import Job
 from socialiq_lab.tables import column, groups, matching, mean, spread
 
 ROWS = "rows.csv"
@@ -54,22 +55,23 @@ class GridRuns:
     polyak: float
     chunk: int = 200
 
-    @staticmethod
+    @classmethod
     def of(
+        cls,
         config: Any,
         phase: str,
         world: str,
         method: Method,
         settings: tuple[Setting, ...],
         updates: int,
-        chunk: int = 200,
-    ) -> GridRuns:
+        **options: Any,
+    ) -> Any:
         """Return a comparison's runs of a method in one phase."""
         develops = phase == DEVELOPMENT
         angles = config.development_angles if develops else config.angles
         seeds = config.development_seeds if develops else config.seeds
         rates = config.learning_rate, config.polyak
-        return GridRuns(world, method.name, updates, angles, settings, seeds, *rates, chunk)
+        return cls(world, method.name, updates, angles, settings, seeds, *rates, **options)
 
     def arena(self, ground: Ground, on_progress: Callable[[float], None]) -> Arena:
         """Return the inputs of a method, with an equal mixture of trajectories for each seed."""
@@ -86,14 +88,11 @@ class GridRuns:
         )
 
 
-def job_name(study: str, phase: str, world: str, method: Method) -> str:
-    """Return the folder of a method's job in a gridworld."""
-    return f"{study}/{world}/{phase}/{method.name}"
-
-
-def job_rows(work: Path, *name: Any) -> list[Row]:
-    """Return the rows that a method's job in a gridworld has written; `name` as of `job_name`."""
-    return from_csv(work / job_name(*name) / ROWS)
+def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> list[Row]:
+    """Return the rows of a file that the jobs of a phase have written, in the jobs' order."""
+    folders = [work / job.name for job in jobs if phase in job.name.split("/")]
+    paths = [folder / file for folder in folders if (folder / file).is_file()]
+    return [row for path in paths for row in from_csv(path)]
 
 
 def chances(
