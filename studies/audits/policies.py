@@ -11,7 +11,7 @@ import numpy as np
 
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
-from socialiq.audit.resolve_policy import ATLAS
+from socialiq.audit.request import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.learners.callbacks import Callbacks
@@ -20,8 +20,8 @@ from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 from socialiq.worlds.registry import make
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 from socialiq_lab.gridworld_runs import grid_of, train_runs
 from socialiq_lab.study import StageCallback
 

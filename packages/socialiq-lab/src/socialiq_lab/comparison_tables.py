@@ -24,8 +24,8 @@ from socialiq.learners.iq_learn import presets
 from socialiq.plotting.style import figure
 from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row
+from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
-from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
 from socialiq_lab.comparison_runs import Arena
 from socialiq_lab.jobs import Job

@@ -1,0 +1,248 @@
+"""The audit log: append-only JSON lines, each with the hash of the line before it.
+
+One file for each owner and scenario. The chain shows that no line inside was changed, removed or
+moved. It can't show that lines at the end were removed, or that another file was written in its
+place: to find that, compare with a hash that someone else holds, for instance in an earlier
+report (`audit verify --log`).
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import os
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import filelock
+
+from socialiq.audit.profile.profile import Profile
+from socialiq.errors import UserError
+from socialiq.reading import open_file
+
+Entry = Mapping[str, Any]
+"""One line: number, kind, time, previous, sha256, and the fields of its kind."""
+
+COMMITMENT, SEED, RESULT = "commitment", "seed", "result"
+"""Kinds of lines: what was committed to, the seed that came after it, the verdict."""
+
+LARGEST_LOG = 64 * 1024 * 1024  # bytes; about 50,000 looks
+
+_WAIT = 60.0  # seconds for another process that is writing
+
+_PURPOSE = "socialiq audit log 1"
+
+
+class Subject(NamedTuple):
+    """Owner and scenario of a log; every look at it counts, whatever policy or profile it names.
+
+    A byte of a profile or a policy is free to change, so a count for each of them would be a count
+    of nothing.
+    """
+
+    owner: str
+    scenario_sha256: str
+
+    @staticmethod
+    def of(profile: Profile) -> Subject:
+        """Return the subject of a declaration."""
+        return Subject(profile.owner, profile.scenario.sha256)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the subject; the first line of its log follows it.
+
+        Of the name only letters and digits count, without case, so that spaces, punctuation and
+        invisible characters don't make another owner.
+        """
+        name = unicodedata.normalize("NFKC", self.owner).casefold()
+        plain = "".join(letter for letter in name if letter.isalnum()) or name
+        return _sha256(f"{_PURPOSE}\n{plain}\n{self.scenario_sha256}\n")
+
+    @property
+    def file_name(self) -> str:
+        """Name of its log: the owner's, as far as a file name allows, and the hash."""
+        plain = re.sub(r"[^a-z0-9]+", "-", self.owner.lower())[:40].strip("-") or "owner"
+        return f"{plain}-{self.sha256[:16]}.jsonl"
+
+
+class AuditLog:
+    """Lines of a log that were read and checked; `locked` alone gives one that may be extended.
+
+    The first line follows the hash of the subject.
+    """
+
+    def __init__(self, path: Path, subject_sha256: str, entries: list[Entry]) -> None:
+        self.path, self.subject_sha256, self.entries = path, subject_sha256, entries
+
+    @property
+    def head(self) -> str:
+        """Hash of the last line, or of the subject if there is none."""
+        return self.entries[-1]["sha256"] if self.entries else self.subject_sha256
+
+    @property
+    def commitments(self) -> list[Entry]:
+        """Lines of commitments, in their order."""
+        return [entry for entry in self.entries if entry["kind"] == COMMITMENT]
+
+    @property
+    def looks(self) -> int:
+        """Number of commitments."""
+        return len(self.commitments)
+
+    def look_of(self, sha256: str) -> int:
+        """Return the number of the look of a commitment, 0 if there is no such line."""
+        hashes = [entry["sha256"] for entry in self.commitments]
+        return hashes.index(sha256) + 1 if sha256 in hashes else 0
+
+    def following(self, kind: str, commitment: str) -> Entry | None:
+        """Return the first line of a kind that belongs to a commitment."""
+        entries = (entry for entry in self.entries if entry["kind"] == kind)
+        return next((entry for entry in entries if entry["commitment"] == commitment), None)
+
+    def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
+        """Write one more line, on the disk when this returns.
+
+        Raises:
+            UserError: If it can't be written.
+        """
+        entry = {
+            "number": len(self.entries) + 1,
+            "kind": kind,
+            "time": now().isoformat(timespec="seconds"),
+            **fields,
+            "previous": self.head,
+        }
+        entry["sha256"] = _sha256(_line(entry))
+        line = _line(entry).encode() + b"\n"
+        before = self.path.stat().st_size if self.path.exists() else None
+        try:
+            with self.path.open("ab", buffering=0) as file:
+                while line:
+                    line = line[file.write(line) :]
+                os.fsync(file.fileno())
+        except OSError as error:
+            with suppress(OSError):  # a part of a line would damage the log
+                if before is None:
+                    self.path.unlink()
+                else:
+                    os.truncate(self.path, before)
+            raise _not_written(self.path, error) from error
+        self.entries.append(entry)
+        return entry
+
+
+def now() -> datetime.datetime:
+    """Return the time of the machine's clock, UTC."""
+    return datetime.datetime.now(datetime.UTC)
+
+
+@contextmanager
+def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
+    """Open a subject's log in a folder to extend it; other processes wait meanwhile.
+
+    Raises:
+        UserError: As `read`, or if it can't be written or another process doesn't release it.
+    """
+    path = folder / subject.file_name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = filelock.FileLock(path.with_suffix(".lock")).acquire(timeout=_WAIT)
+    except filelock.Timeout as error:
+        raise UserError(
+            f"another process is writing {path}: try again when it has ended"
+        ) from error
+    except OSError as error:
+        raise _not_written(path, error) from error
+    with held:
+        entries = read(path, subject.sha256) if path.exists() else []
+        yield AuditLog(path, subject.sha256, entries)
+
+
+def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
+    """Return the lines of a log, all hashes checked.
+
+    The first line must follow the hash of the subject; None accepts any.
+
+    Raises:
+        UserError: If it can't be read, or a line was cut off, changed, removed or moved.
+    """
+    if not path.is_file():
+        raise UserError(f"no audit log {path}: `socialiq audit --log FOLDER` writes one")
+    with open_file(path) as file:
+        content = file.read(LARGEST_LOG + 1)
+    if len(content) > LARGEST_LOG:
+        raise UserError(f"{path} has more than {LARGEST_LOG:,} bytes: it is not an audit log")
+    lines = content.split(b"\n")
+    if lines.pop():
+        raise UserError(
+            f"{path}: the last line is incomplete: restore the file from a copy, or remove that "
+            "line and tell the auditor"
+        )
+    entries: list[Entry] = []
+    previous = subject_sha256
+    for number, line in enumerate(lines, 1):
+        entry = _entry(line)
+        fits = entry is not None and entry["number"] == number
+        if entry is None or not fits or entry["previous"] != (previous or entry["previous"]):
+            raise UserError(
+                f"{path}: line {number} was changed, or one before it removed or moved: restore "
+                "the file from a copy; without one, agree with the auditor on a new log"
+            )
+        entries.append(entry)
+        previous = entry["sha256"]
+    return entries
+
+
+_FIELDS = {
+    COMMITMENT: {
+        "policy_sha256": str,
+        "profile_sha256": str,
+        "confidence": float,
+        "episodes": int,
+        "soft": bool,
+        "references": list,
+        "seed": dict,
+    },
+    SEED: {"commitment": str, "seed": int},
+    RESULT: {"commitment": str, "decision": str, "report_sha256": str},
+}
+"""Fields that a line of each kind has, with their types, besides those of every line."""
+
+_OF_EVERY_LINE = {"number": int, "kind": str, "time": str, "previous": str, "sha256": str}
+
+
+def _entry(line: bytes) -> Entry | None:
+    """Return a line's content, None if its bytes are not those that `append` would write."""
+    try:
+        entry = json.loads(line)
+        fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}
+        content = {name: value for name, value in entry.items() if name != "sha256"}
+        same = entry["sha256"] == _sha256(_line(content)) and _line(entry).encode() == line
+        typed = all(type(entry[name]) is kind for name, kind in fields.items())
+        timed = time_of(entry).tzinfo is not None
+        return entry if same and typed and timed else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def time_of(entry: Entry) -> datetime.datetime:
+    """Return the time of a line."""
+    return datetime.datetime.fromisoformat(entry["time"])
+
+
+def _line(entry: Entry) -> str:
+    return json.dumps(entry, separators=(",", ":"), allow_nan=False)
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _not_written(path: Path, error: OSError) -> UserError:
+    return UserError(f"cannot write the audit log {path}: {error.strerror}; name another --log")
