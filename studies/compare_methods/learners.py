@@ -86,9 +86,9 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         for number, run in enumerate(numbers)
     ]
     second = dataclasses.replace(arena, updates=arena.updates - 2 * first.updates, world=None)
-    own = _preset("online-alone")
+    preset = _preset("online-alone")
     dials = [
-        runs_of_methods.dial_settings(second, *own, run, ("discount",)) for run in dialling_runs
+        runs_of_methods.dial_settings(second, *preset, run, ("discount",)) for run in dialling_runs
     ]
     shape = dataclasses.replace(dials[0][0], replay_batch=2 * arena.structure.batch_size)
     source = second.source(shape.updates, shape.environments)

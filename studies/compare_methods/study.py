@@ -193,8 +193,8 @@ def run_method(
     for run, policy in zip(runs, policies, strict=True):
         label = {"world": config.world, "method": method.name}
         label |= {"setting": setting_name(run.setting)}
-        own = ground, method, label, run.seed, policy, served[run.angle]
-        rows += comparison_tables.rows_of(*own)
+        evaluated = ground, method, label, run.seed, policy, served[run.angle]
+        rows += comparison_tables.rows_of(*evaluated)
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
     speed = arena.speed_row(config.world, method, len(runs))
     write_atomically(folder / SPEED, as_csv([speed]))

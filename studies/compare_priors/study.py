@@ -182,8 +182,8 @@ def run_method(
     rows: list[Row] = []
     for run, policy in zip(runs, train(arena, method, runs), strict=True):
         label = {"world": config.world, "method": method.name} | dict(run.setting)
-        own = ground, method, label, run.seed, policy, served[run.angle]
-        policy_rows = comparison_tables.rows_of(*own)
+        evaluated = ground, method, label, run.seed, policy, served[run.angle]
+        policy_rows = comparison_tables.rows_of(*evaluated)
         if not hasattr(policy, "at"):  # one policy, whatever the angle
             policy_rows.sort(key=lambda row: method.readouts.index(row["readout"]))
         share = effective_share(arena, method, run)

@@ -163,54 +163,39 @@ def measured(piece: Piece) -> Row:
     `asked_utility` and `asked_loss` are those of the policy of the asked angle, without a choice
     among the others; `second_rises` is the second reward at 90 degrees less that at 0.
     """
-    task, points = TASKS[piece.task], piece.points
-    row: Row = {
-        "task": piece.task,
-        "method": piece.method,
-        "seed": piece.seed,
-        "steps": piece.steps,
-        "hypervolume": hypervolume(points, np.array(task.reference)),
-        "expected_utility": expected_utility(points, ANGLES),
-        "asked_utility": "",
-        "mean_loss": "",
-        "largest_loss": "",
-        "asked_loss": "",
-        "second_rises": "",
-    }
+    row: Row = {name: getattr(piece, name) for name in ("task", "method", "seed", "steps")}
+    row |= dict.fromkeys((*MEASURES, "second_rises"), "") | _measures(piece.task, piece.points)
     if piece.angles is not None:
-        row["asked_utility"] = float(asked(piece).mean())
-        row["second_rises"] = float(points[-1, 1] - points[0, 1])
-    if task.exact:
-        best = tasks.exact_set(piece.task).vertices
-        losses = utility_losses(points, best, ANGLES)
-        row |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
-        if piece.angles is not None:
-            row["asked_loss"] = float((utilities(best, ANGLES) - asked(piece)).mean())
+        directions = np.array([exact_weights(angle) for angle in piece.angles])
+        utility = (piece.points * directions).sum(axis=1)
+        row["asked_utility"] = float(utility.mean())
+        row["second_rises"] = float(piece.points[-1, 1] - piece.points[0, 1])
+        if TASKS[piece.task].exact:
+            best = utilities(tasks.exact_set(piece.task).vertices, ANGLES)
+            row["asked_loss"] = float((best - utility).mean())
     return row
 
 
-def asked(piece: Piece) -> np.ndarray:
-    """Return J(α) of the policy of each angle of a piece that can be turned."""
-    assert piece.angles is not None
-    directions = np.array([exact_weights(angle) for angle in piece.angles])
-    return (piece.points * directions).sum(axis=1)
+def _measures(name: str, points: np.ndarray) -> Row:
+    """Return the measures of a set of mean totals on a task."""
+    task = TASKS[name]
+    area = hypervolume(points, np.array(task.reference))
+    measures = {"hypervolume": area, "expected_utility": expected_utility(points, ANGLES)}
+    if task.exact:
+        losses = utility_losses(points, tasks.exact_set(name).vertices, ANGLES)
+        measures |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
+    return measures
 
 
 def reference_rows(name: str) -> list[Row]:
     """Return the measures of the exact optimum of each angle, and of the known front."""
-    best, reference = tasks.exact_set(name), np.array(TASKS[name].reference)
+    best = tasks.exact_set(name)
     linear = np.array([best.optimum(angle).point for angle in ANGLES])
-    rows = []
-    for method, points in ((LINEAR, linear), (FRONT, tasks.known_front(name))):
-        losses = utility_losses(points, best.vertices, ANGLES)
-        measures = {
-            "hypervolume": hypervolume(points, reference),
-            "expected_utility": expected_utility(points, ANGLES),
-            "mean_loss": float(losses.mean()),
-            "largest_loss": float(losses.max()),
-        }
-        rows.append(_row({"task": name, "method": method, "runs": 0, "steps": 0}, measures))
-    return rows
+    label = {"task": name, "runs": 0, "steps": 0}
+    return [
+        _row(label | {"method": method}, _measures(name, points))
+        for method, points in ((LINEAR, linear), (FRONT, tasks.known_front(name)))
+    ]
 
 
 def pooled(rows: Sequence[Row]) -> list[Row]:
@@ -260,8 +245,8 @@ def comparison_rows(rows: Sequence[Row]) -> list[Row]:
 
 def _row(label: Row, measures: Row) -> Row:
     """Return a row with every column, empty where a measure isn't defined."""
-    names = ["hypervolume", "hypervolume_least", "hypervolume_largest"]
-    names += ["expected_utility", "expected_utility_least", "expected_utility_largest"]
+    names = [name + end for name in COMPARED for end in ("", "_least", "_largest")]
+    label = {name: label[name] for name in ("task", "method", "runs", "steps")}
     return label | {name: measures.get(name, "") for name in (*names, *MEASURES[2:])}
 
 

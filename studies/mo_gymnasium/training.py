@@ -81,16 +81,16 @@ def value_dials(
     Without demonstrations it learns from its rewards alone. `only` is the one angle to train for,
     in degrees; by default all from 0 to 90.
     """
-    env, shown = task.make(), bool(datasets)
+    env, demonstrated = task.make(), bool(datasets)
     space = env.observation_space
     assert isinstance(space, spaces.Box)  # of others no environment is made
     static = DialConfig(
-        demonstrations=shown,
+        demonstrations=demonstrated,
         backup="double",
         hidden=task.hidden,
         one_hot=one_hot(space.low, space.high) if task.exact else (),
         expert_batch=task.batch_size // 2,
-        replay_batch=task.batch_size // 2 if shown else task.batch_size,
+        replay_batch=task.batch_size // 2 if demonstrated else task.batch_size,
         updates=steps,
         replay_capacity=steps,
         environments=1,
@@ -98,9 +98,9 @@ def value_dials(
     )
     if only is not None:
         static = dataclasses.replace(static, low=only, high=only, margin=0.0)
-    own = dataclasses.replace(NUMBERS, discount=task.discount)
+    base = dataclasses.replace(NUMBERS, discount=task.discount)
     numbers = [
-        dataclasses.replace(own, seed=seed, dataset=number * shown)
+        dataclasses.replace(base, seed=seed, dataset=number * demonstrated)
         for number, seed in enumerate(seeds)
     ]
 
@@ -145,9 +145,9 @@ def actor_dials(
     if not datasets:
         return soft_actors(task, steps, [(seed, 0.0) for seed in seeds], dial=True)
     static = _demonstrated(task, steps, dial=True)
-    own = dataclasses.replace(DEMONSTRATED, discount=task.discount)
+    base = dataclasses.replace(DEMONSTRATED, discount=task.discount)
     numbers = [
-        dataclasses.replace(own, seed=seed, dataset=number) for number, seed in enumerate(seeds)
+        dataclasses.replace(base, seed=seed, dataset=number) for number, seed in enumerate(seeds)
     ]
     return _collected(task, ContinuousIQLearn, static, numbers, datasets)
 
@@ -164,8 +164,8 @@ def soft_actors(
     `changes` standardise each run's observations; without them they are as they are.
     """
     static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
-    own = dataclasses.replace(ACTOR_NUMBERS, discount=task.discount)
-    numbers = [dataclasses.replace(own, seed=seed, angle=angle) for seed, angle in runs]
+    base = dataclasses.replace(ACTOR_NUMBERS, discount=task.discount)
+    numbers = [dataclasses.replace(base, seed=seed, angle=angle) for seed, angle in runs]
     return _collected(task, SoftActorCritic, static, numbers, changes=changes)
 
 

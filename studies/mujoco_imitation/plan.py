@@ -210,8 +210,8 @@ def plan(config: Config) -> list[Job]:
             )
             planned.append(Job(expert, runs.train_expert, recipe, cost=300.0))
         elif missing:
-            kept = Kept(task, config.pieces, _sha256(expert_of(there, task)))
-            planned.append(Job(expert, keep, kept, cost=1.0))
+            copied = Kept(task, config.pieces, _sha256(expert_of(there, task)))
+            planned.append(Job(expert, keep, copied, cost=1.0))
         for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
             first = config.data_seed + max(COUNTS) * seed
             showing = runs.Showing(task, max(config.trajectories), first)

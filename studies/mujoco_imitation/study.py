@@ -95,14 +95,12 @@ def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
     """Return each cell of the plan, with the number of its runs and, if there are any, means."""
     rows = []
     for task, method, count in cells(config):
-        if method in VARIANTS:
-            continue
-        runs_of_cell = matching(runs, task=task, method=method, trajectories=count)
-        label = {"task": task, "trajectories": count, "method": method, "runs": len(runs_of_cell)}
-        online = count == 1 and METHODS[method].online
-        rows.append(
-            label | _pooled(runs_of_cell) | {"published": TASKS[task].published if online else ""}
-        )
+        if method in METHODS:
+            cell = matching(runs, task=task, method=method, trajectories=count)
+            row = {"task": task, "trajectories": count, "method": method, "runs": len(cell)}
+            online = count == 1 and METHODS[method].online
+            published = TASKS[task].published if online else ""
+            rows.append(row | _pooled(cell) | {"published": published})
     return rows
 
 
@@ -154,9 +152,10 @@ def ablation_rows(runs: Sequence[Row]) -> list[Row]:
     """Return the means of online imitation and of its variants, in the ablations' cell."""
     task, count = ABLATED
     cell = matching(runs, task=task, trajectories=count)
-    rows = []
-    for method in ("online", *VARIANTS):
-        runs_of_method = matching(cell, method=method)
-        if runs_of_method and (method != "online" or {row["method"] for row in cell} & {*VARIANTS}):
-            rows.append({"method": method, "runs": len(runs_of_method)} | _pooled(runs_of_method))
-    return rows
+    changed = any(row["method"] in VARIANTS for row in cell)
+    cells_of = {name: matching(cell, method=name) for name in ("online", *VARIANTS) if changed}
+    return [
+        {"method": name, "runs": len(runs_of_method)} | _pooled(runs_of_method)
+        for name, runs_of_method in cells_of.items()
+        if runs_of_method
+    ]

@@ -80,7 +80,7 @@ class MultiIntention(EpisodeLearner):
     def network(self, key: PRNGKeyArray) -> tuple[QNetwork, ...]:
         """Draw a network for each intention."""
         keys = jax.random.split(key, self.static.intentions)
-        return tuple(super(MultiIntention, self).network(part) for part in keys)
+        return tuple(super(MultiIntention, self).network(of_intention) for of_intention in keys)
 
     def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
         """Draw networks, and the first responsibilities: random ones break the symmetry."""
@@ -159,8 +159,8 @@ class MultiIntention(EpisodeLearner):
         def e_step(runs: Runs, done: int) -> Runs:
             if done == 0:  # the networks know nothing yet
                 return runs
-            known = step(self, arrays, runs.state.network, runs.carry.known)
-            return runs._replace(carry=runs.carry._replace(known=known))
+            responsibility = step(self, arrays, runs.state.network, runs.carry.known)
+            return runs._replace(carry=runs.carry._replace(known=responsibility))
 
         return super().train(hyperparameters, callbacks, chunk, e_step, world)
 

@@ -80,11 +80,11 @@ class ImplicitQLearning(Baseline):
     def network(self, key: PRNGKeyArray) -> IQLNetworks:
         """Draw three networks of the same hidden layers."""
         static, (n_features, n_actions) = self.static, self.sizes
-        drawn = []
-        for part, outputs in zip(jax.random.split(key, 3), (n_actions, 1, n_actions), strict=True):
+        keys, networks = jax.random.split(key, 3), []
+        for number, outputs in enumerate((n_actions, 1, n_actions)):
             shape = (n_features, static.hidden, outputs, static.activation, static.view)
-            drawn.append(QNetwork.initialise(part, *shape, scale=static.input_scale))
-        return IQLNetworks(*drawn)
+            networks.append(QNetwork.initialise(keys[number], *shape, scale=static.input_scale))
+        return IQLNetworks(*networks)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Losses of V (Eq 5), Q (Eq 6) and the policy (Eq 7); none has another's gradient."""

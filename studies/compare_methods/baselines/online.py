@@ -187,7 +187,7 @@ class TREX(IQLearn):
 
 
 class Inferred(NamedTuple):
-    """What a trained IQ-Learn's reward follows from: its Q, the temperature τ of V, and γ."""
+    """Reward that a trained IQ-Learn implies, by its Q, the temperature τ of V, and γ."""
 
     network: QNetwork
     temperature: float

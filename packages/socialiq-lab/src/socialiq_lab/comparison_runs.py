@@ -172,9 +172,8 @@ def in_programs(
     """Train the runs of each static config in one program; return policies in the runs' order."""
     policies: dict[int, Any] = {}
     for static in dict.fromkeys(static for static, _ in settings):
-        numbers = {
-            run: own for run, (own_static, own) in enumerate(settings) if own_static == static
-        }
+        same = [run for run, (of_run, _) in enumerate(settings) if of_run == static]
+        numbers = {run: settings[run][1] for run in same}
         program = train(static, list(numbers.values()))
         policies |= {run: program.policy(number) for number, run in enumerate(numbers)}
     return [policies[run] for run in range(len(settings))]
@@ -247,23 +246,23 @@ def dial_settings(
         environments=base.env_steps_per_update,
         updates=arena.updates,
     )
-    own = {name: getattr(arena.numbers, name) for name in shared} | dict(run.setting)
-    return static, dataclasses.replace(numbers, **own, seed=run.seed, dataset=run.dataset)
+    changes = {name: getattr(arena.numbers, name) for name in shared} | dict(run.setting)
+    return static, dataclasses.replace(numbers, **changes, seed=run.seed, dataset=run.dataset)
 
 
 def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shared: str) -> Learner:
     """Return the training of a dial (`dial_settings`): a network for all angles of a run."""
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
-        def program(static: Any, own: list[Any]) -> Any:
+        def program(static: Any, runs_numbers: list[Any]) -> Any:
             collector = None
             if static.online and arena.world is None:
                 source = arena.source(static.updates, static.environments)
-                collector = DialCollector([source] * len(own), static, own)
+                collector = DialCollector([source] * len(runs_numbers), static, runs_numbers)
             world = arena.world if static.online else None
             options = {"callbacks": arena.callbacks(), "chunk": arena.chunk}
             options["before_chunk"] = collector
-            return train_dial(static, own, arena.datasets, world, **options)
+            return train_dial(static, runs_numbers, arena.datasets, world, **options)
 
         settings = [dial_settings(arena, structure, numbers, run, shared) for run in runs]
         return in_programs(settings, program)
