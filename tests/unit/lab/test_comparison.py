@@ -51,7 +51,8 @@ class Own(comparison.Recipe):
 
 
 def test_recipes_are_changes_of_those_before_them() -> None:
-    bases = {"preset": Own(iq.IQLearnConfig(online=False), iq.IQLearnHyperparameters())}
+    offline = iq.IQLearnConfig(online=False, value_term="value_expert")
+    bases = {"preset": Own(offline, iq.IQLearnHyperparameters())}
     recipes = comparison.declared_recipes(
         {
             "first": {"of": "preset", "static": {"updates": 7}, "mirrored": True},

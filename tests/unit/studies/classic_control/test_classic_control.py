@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending
 from socialiq_lab.registry import declaration
 from studies.classic_control import runs, study
@@ -200,14 +202,12 @@ def test_sets_are_of_trajectories_of_their_own() -> None:
 def test_a_run_has_a_row_for_each_policy_and_one_for_their_ensemble(monkeypatch) -> None:
     """Two sets and two seeds; each policy pushes to its own side, and the ensemble by the mean."""
 
-    class Side:
-        def __init__(self, values) -> None:
-            self.values = np.array(values)
+    def taking(values) -> QPolicy:
+        drawn = QNetwork.initialise(jax.random.key(0), 4, (), 2)
+        leaves = [jnp.zeros((2, 4)), jnp.array(values)]
+        return QPolicy.of(jax.tree.unflatten(jax.tree.structure(drawn), leaves), 1.0, {})
 
-        def q_values(self, observations):
-            return np.tile(self.values, (len(observations), 1))
-
-    sides = [Side(values) for values in ([0.0, 1.0], [10.0, 7.0], [0.0, 1.0], [10.0, 9.5])]
+    sides = [taking(values) for values in ([0.0, 1.0], [10.0, 7.0], [0.0, 1.0], [10.0, 9.5])]
     trained = type("Trained", (), {"policy": lambda _self, run: sides[run]})()
     monkeypatch.setattr(runs, "learn", lambda *_inputs: trained)
     monkeypatch.setattr(runs.Source, "score", lambda _self, act: float(act(np.zeros((1, 4)))[0]))

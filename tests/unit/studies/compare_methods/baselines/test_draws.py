@@ -132,7 +132,7 @@ def test_an_intention_is_scored_by_its_episodes(bandit) -> None:
     policy = learner.policy(run, state, np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0]]))
     np.testing.assert_allclose(policy.totals[:2], [[8 / 3, 2 / 3], [0.0, 2.0]])
     assert np.isneginf(policy.totals[2]).all()
-    assert policy.at(0.0) is policy.policies[0] and policy.at(90.0) is policy.policies[1]
+    assert policy.at(10.0) is policy.policies[0] and policy.at(80.0) is policy.policies[1]
 
 
 def test_rows_of_an_intention_count_by_its_responsibilities(constant, rows_of) -> None:
