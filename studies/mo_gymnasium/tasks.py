@@ -87,11 +87,12 @@ class Task:
         return spec.max_episode_steps
 
 
-TASKS = {
-    name: Task(**{key: tuple(v) if isinstance(v, list) else v for key, v in row.items()})
-    for name, row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_text()).items()
-}
+TASKS: dict[str, Task] = {}
 """Tasks by name."""
+
+for _name, _row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_text()).items():
+    _fields: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in _row.items()}
+    TASKS[_name] = Task(**_fields)
 
 
 def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
