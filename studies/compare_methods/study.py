@@ -133,11 +133,6 @@ def updates_of(method: Method, updates: int) -> int:
     return updates * len(ANGLES) // shares[method.serves]
 
 
-# ----------------------------------------------------------------------------------------------
-# Jobs
-# ----------------------------------------------------------------------------------------------
-
-
 def jobs(config: Config) -> list[Job]:
     """Return the jobs of every method at each of its settings, and the peers' environments."""
     return phase_jobs(config, DEVELOPMENT, None)
@@ -199,11 +194,6 @@ def run_method(
     speed = arena.speed_row(config.world, method, len(runs))
     write_atomically(folder / SPEED, as_csv([speed]))
     on_progress(1.0)
-
-
-# ----------------------------------------------------------------------------------------------
-# Tables
-# ----------------------------------------------------------------------------------------------
 
 
 def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:

@@ -103,11 +103,6 @@ def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
     return comparison_runs.trained(LEARNERS[method.learner], arena, method, own_runs)
 
 
-# ----------------------------------------------------------------------------------------------
-# Configuration and jobs
-# ----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Config:
     """One budget and the same seeds for every method of a world."""
@@ -211,11 +206,6 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
             rows = losses.demonstration_weights(scores, jnp.ones(len(scores), bool), temperature)
             return float(losses.effective_sample_size(rows)) / data.n_transitions
     return 1.0
-
-
-# ----------------------------------------------------------------------------------------------
-# Tables, figures, views
-# ----------------------------------------------------------------------------------------------
 
 
 def compute_tables(config: Config, context: Context) -> Findings:

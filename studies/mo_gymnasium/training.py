@@ -52,10 +52,6 @@ SHOWN_EPISODES = 2
 
 LIBRARIES = ("socialiq", "mo-gymnasium", "gymnasium", "jax", "numpy")
 
-# ----------------------------------------------------------------------------------------------
-# Discrete actions
-# ----------------------------------------------------------------------------------------------
-
 ROUND, ACTOR_ROUND = 100, 50
 """Steps, and as many updates, before a learner of values, or an actor, acts with newer weights."""
 
@@ -124,10 +120,6 @@ def one_hot(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, int], ...]:
 def _policies(trained: Trained) -> list[Any]:
     return [trained.policy(run) for run in range(len(trained.hyperparameters))]
 
-
-# ----------------------------------------------------------------------------------------------
-# Continuous actions
-# ----------------------------------------------------------------------------------------------
 
 ACTOR_NUMBERS = config.SACHyperparameters(learning_rate=1e-3, temperature=0.1, polyak=0.005)
 """Numbers of soft actor-critic, and its dial; not tuned."""
@@ -198,11 +190,6 @@ def _collected(
     shape = sizes(env)[0], action_size(env)
     options: dict[str, Any] = {"chunk": ACTOR_ROUND, "before_chunk": collect}
     return _policies(actors.train(learner, static, numbers, datasets, None, shape, **options))
-
-
-# ----------------------------------------------------------------------------------------------
-# Methods
-# ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

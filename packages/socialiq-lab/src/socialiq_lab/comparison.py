@@ -22,10 +22,6 @@ WORLDS = (*GRIDWORLDS, "intersection")
 DEVELOPMENT, FRESH = "development", "fresh"
 """Phases: settings are chosen in the first, and the table is of the second."""
 
-# ----------------------------------------------------------------------------------------------
-# Methods
-# ----------------------------------------------------------------------------------------------
-
 Setting = tuple[tuple[str, float], ...]
 """Settings by name that differ from the world's."""
 
@@ -155,11 +151,6 @@ def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
     """Return the episodes of these modes."""
     numbers = [number for number, name in enumerate(data.mode_names) if name in modes]
     return data.select(np.flatnonzero(np.isin(data.episode_modes, numbers)))
-
-
-# ----------------------------------------------------------------------------------------------
-# Configurations
-# ----------------------------------------------------------------------------------------------
 
 
 def check_names(config: Any, **choices: Collection[str]) -> None:

@@ -153,10 +153,6 @@ def shared_values(kind: type, source: Any) -> dict[str, Any]:
     return {name: getattr(source, name) for name in _names(kind) & _names(type(source))}
 
 
-# ----------------------------------------------------------------------------------------------
-# Learners
-# ----------------------------------------------------------------------------------------------
-
 Learner = Callable[[Arena, Sequence[Run]], list[Any]]
 """Trains a policy for each run; one with `at` has a policy for each angle."""
 
