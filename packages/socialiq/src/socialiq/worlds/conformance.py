@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -36,32 +36,11 @@ except ImportError as error:
     ) from error
 
 
-class RealRoad(Protocol):
-    """One episode of highway-env, converted to the core's records."""
-
-    uncompared: frozenset[str]
-    """Fields of a record that it doesn't know."""
-
-    def reset(self, seed: int) -> np.ndarray:
-        """Start an episode, and return the observation."""
-        ...
-
-    def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
-        """Take the decision of which the core's results are given.
-
-        Returns:
-            The observation, whether the episode goes on or ends alike, and the greatest difference
-            of the rewards.
-        """
-        ...
-
-    def records(self) -> np.ndarray:
-        """Return the present vehicles and obstacles as records of the core."""
-        ...
-
-
-def compare_episode(
-    core: RoadBatch, real: RealRoad, choose: Callable[[], np.ndarray], seed: int
+def _compare_episode(
+    core: RoadBatch,
+    real: RealScene | _RealIntersection,
+    choose: Callable[[], np.ndarray],
+    seed: int,
 ) -> Compared:
     """Run the episode of a seed on both sides, up to its end or the first discrete difference.
 
@@ -85,7 +64,7 @@ def compare_episode(
     return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
 
 
-def _compared(core: RoadBatch, real: RealRoad) -> tuple[bool, float]:
+def _compared(core: RoadBatch, real: RealScene | _RealIntersection) -> tuple[bool, float]:
     """Whether all discrete fields are equal, and the greatest difference of the others."""
     ours, theirs = core.buffers.vehicles[0], real.records()
     moving = slice(None)  # obstacles have neither drivers nor commands
@@ -120,14 +99,15 @@ class Driver(IDMVehicle):
 
 
 class RealScene:
-    """The real scene (`RealRoad`); `environment` is highway-env's own."""
+    """The real scene; `environment` is highway-env's own."""
 
-    uncompared = frozenset(
+    uncompared: frozenset[str] = frozenset(
         {
             "time_headway", "jam_distance", "max_acceleration", "comfort_deceleration",
             "route", "destination", "obstacle",
         }
     )  # fmt: skip
+    """Fields of a record that it doesn't know."""
 
     def __init__(self, scene: Scene, options: RoadOptions) -> None:
         module, name = scene.real.split(":")
@@ -158,7 +138,12 @@ class RealScene:
         return observation.reshape(-1)
 
     def step(self, action: int, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
-        """Take a decision, as `RealRoad.step`; highway-env has no end by arrival, nor rewards."""
+        """Take the decision of which the core's results are given.
+
+        Returns:
+            The observation, whether the episode goes on or ends alike (highway-env has no end by
+            arrival), and the greatest difference of the rewards, of which it has none.
+        """
         observation, _, terminated, _, _ = self.environment.step(int(action))
         goes_on = int(decisions.ending[0]) == Ending.NONE
         return observation.reshape(-1), not (terminated and goes_on), 0.0
@@ -219,11 +204,11 @@ def compare_scene(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
         choices = ((FASTER,), (IDLE, FASTER, SLOWER), range(LANE_LEFT, len(ACTIONS)))
         allowed = np.array(choices[min(number % 4, 2)])
         draw = partial(rng.choice, allowed, 1)
-        yield compare_episode(core, real, draw, seed + number)
+        yield _compare_episode(core, real, draw, seed + number)
 
 
 class _RealIntersection:
-    """The back end highway_env as one side of a comparison (`RealRoad`)."""
+    """The back end highway_env as one side of a comparison (`RealScene`)."""
 
     uncompared: frozenset[str] = frozenset()
 
@@ -261,7 +246,7 @@ def compare_intersection(
     core, real = Batch(options, 1), _RealIntersection(options)
     for number in range(episodes):
         choose = partial(_act, core, driver or _driver_of_turn(number % 4, seed + number, options))
-        yield compare_episode(core, real, choose, seed + number)
+        yield _compare_episode(core, real, choose, seed + number)
 
 
 def _act(core: Batch, driver: Policy) -> np.ndarray:

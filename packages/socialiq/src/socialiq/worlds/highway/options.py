@@ -20,17 +20,11 @@ MOST_SPEEDS = 8
 
 @dataclass(frozen=True)
 class ClockOptions:
-    """Time of an episode.
+    """Time of an episode."""
 
-    Attributes:
-        simulation_frequency: Sub-steps of the physics per second.
-        policy_frequency: Decisions per second; divides the simulation frequency.
-        duration: Seconds after which an episode times out.
-    """
-
-    simulation_frequency: int = 10
-    policy_frequency: int = 1
-    duration: float = 20.0
+    simulation_frequency: int = 10  # sub-steps of the physics per second
+    policy_frequency: int = 1  # decisions per second; divides the simulation frequency
+    duration: float = 20.0  # seconds after which an episode times out
 
     @property
     def frames(self) -> int:
@@ -45,15 +39,11 @@ class ClockOptions:
 
 @dataclass(frozen=True)
 class EgoOptions:
-    """Choices and sight of the ego.
+    """Choices and sight of the ego."""
 
-    Attributes:
-        target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
-        observed_vehicles: Rows of the observation, the ego's included.
-    """
-
+    # speeds in m/s, equally spaced, that the ego's speed control steps through
     target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
-    observed_vehicles: int = 10
+    observed_vehicles: int = 10  # rows of the observation, the ego's included
 
     @property
     def max_speed(self) -> float:
@@ -63,48 +53,31 @@ class EgoOptions:
 
 @dataclass(frozen=True)
 class RewardOptions:
-    """Options of the reward pair (thesis 4.1).
+    """Options of the reward pair (thesis 4.1)."""
 
-    Attributes:
-        progress_unit: Metres of advance that count as 1.
-        zone: Influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
-            "travelled_8_m" as distance since the start; the others measure from the junction.
-        counted: Which neighbours within the conflict distance count: all, those that come from
-            another arm and haven't left the junction, or of these only those on an approach.
-        disruption: Eq 4.2's loss of speed with a dead zone, as in the text, or as printed,
-            which charges every neighbour at least the threshold.
-        crash: Whether the ego's collision replaces r_social or is added to it.
-        conflict_distance: Metres within which a neighbour counts.
-        progress_weight: w_p.
-        speed_weight: w_v.
-        collision_weight: w_c.
-        arrival_weight: w_a.
-        step_weight: w_s.
-        timeout_weight: w_t.
-        yielding_weight: w_y.
-        disruption_weight: w_d.
-        neighbour_collision_weight: Weight in r_social of the ego's collision.
-        speed_threshold: v_thresh of Eq 4.2, m/s.
-        speed_cap: v_cap of Eq 4.2, m/s.
-    """
-
-    progress_unit: float = 28.0
+    progress_unit: float = 28.0  # metres of advance that count as 1
+    # influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
+    # "travelled_8_m" as distance since the start; the others measure from the junction
     zone: Zone = "last_20_m"
+    # which neighbours within the conflict distance count: all, those that come from another arm and
+    # haven't left the junction, or of these only those on an approach
     counted: Counted = "all"
+    # Eq 4.2's loss of speed with a dead zone, as in the text, or as printed, which charges every
+    # neighbour at least the threshold
     disruption: Disruption = "dead_zone"
-    crash: Crash = "override"
-    conflict_distance: float = 20.0
-    progress_weight: float = 2.0
-    speed_weight: float = 0.5
-    collision_weight: float = -2.0
-    arrival_weight: float = 1.0
-    step_weight: float = -0.15
-    timeout_weight: float = -0.5
-    yielding_weight: float = 0.2
-    disruption_weight: float = -1.0
-    neighbour_collision_weight: float = -5.0
-    speed_threshold: float = 1.0
-    speed_cap: float = 5.0
+    crash: Crash = "override"  # whether the ego's collision replaces r_social or is added to it
+    conflict_distance: float = 20.0  # metres within which a neighbour counts
+    progress_weight: float = 2.0  # w_p
+    speed_weight: float = 0.5  # w_v
+    collision_weight: float = -2.0  # w_c
+    arrival_weight: float = 1.0  # w_a
+    step_weight: float = -0.15  # w_s
+    timeout_weight: float = -0.5  # w_t
+    yielding_weight: float = 0.2  # w_y
+    disruption_weight: float = -1.0  # w_d
+    neighbour_collision_weight: float = -5.0  # weight in r_social of the ego's collision
+    speed_threshold: float = 1.0  # v_thresh of Eq 4.2, m/s
+    speed_cap: float = 5.0  # v_cap of Eq 4.2, m/s
 
 
 @dataclass(frozen=True)

@@ -51,15 +51,12 @@ class Frame(NamedTuple):
 
 @runtime_checkable
 class View(Protocol):
-    """Road as pictures show it.
+    """Road as pictures show it."""
 
-    Attributes:
-        marks: What the legend explains besides that of every road: "gives way", "obstacle".
-        corner: Place in m of the legend's first mark where the road leaves space for it; None puts
-            the legend above the picture.
-    """
-
+    # what the legend explains besides that of every road: "gives way", "obstacle"
     marks: tuple[str, ...]
+    # place in m of the legend's first mark where the road leaves space for it; None puts the legend
+    # above the picture
     corner: tuple[float, float] | None
 
     def ground(self, axes: Any) -> None:

@@ -72,39 +72,30 @@ ContinuousActions = Literal["continuous", "continuous_steering"]
 
 @dataclass(frozen=True)
 class _SpawnOptions:
-    """Entry of vehicles; described in `Options`."""
+    """Entry of vehicles."""
 
+    # highway-env's number: one spawn less is tried at the start, each with probability 0.6
     initial_vehicle_count: int = 5
-    spawn_probability: float = 0.3
-    destination: Destination = "left"
+    spawn_probability: float = 0.3  # of a spawn attempt after each decision
+    destination: Destination = "left"  # of the ego: highway-env's o1; "random" draws one of three
 
 
 @dataclass(frozen=True)
 class _TrafficOptions:
-    """The other drivers; described in `Options`."""
+    """The other drivers."""
 
+    # whether they search for leaders beyond the end of their lane, as in intersection-v2
     connected_lanes: bool = False
-    population: str = "highway_env"
-    canonical: bool = False
+    population: str = "highway_env"  # distribution of their parameters, of `POPULATIONS`
+    canonical: bool = False  # break exact ties by the order of vehicles and lanes, not by rounding
 
 
 @dataclass(frozen=True)
 class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOptions, ClockOptions):
     """Scenario as configured in thesis 5.1.3, and options of its reward (4.1).
 
-    Fields stand in the order of the bases from last to first, which names of scenarios have. Those
-    of every road are described in `ClockOptions`, `EgoOptions` and `RewardOptions`.
-
-    Attributes:
-        initial_vehicle_count: highway-env's number: one spawn less than this is tried at the
-            start, each with probability 0.6.
-        spawn_probability: Probability of a spawn attempt after each decision.
-        destination: Destination of the ego; "left" is highway-env's o1. "random" draws one of the
-            three.
-        connected_lanes: Whether drivers search for leaders beyond the end of their lane, as
-            in intersection-v2.
-        population: Distribution of the other drivers' parameters; a name of `POPULATIONS`.
-        canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
+    Fields stand in the order of the bases from last to first, which names of scenarios have; the
+    bases describe them.
 
     Raises:
         UserError: If a value is not supported.
@@ -139,20 +130,18 @@ class ContinuousOptions(Options):
 
     Nothing steers along the lane for the ego: with acceleration alone it drives straight on.
 
-    Attributes:
-        destination: As of `Options`; only its route's progress depends on it. With acceleration
-            alone it must be "straight".
-        actions: "continuous": acceleration alone. "continuous_steering": acceleration, then the
-            angle of the front wheels.
-        offroad_terminal: Whether an episode ends when the ego is off the road after a decision, as
-            with highway-env's option of this name. It then costs r_env what a collision costs.
-
     Raises:
         UserError: As `Options`, and if the ego can't reach its destination.
     """
 
+    # as of `Options`; only its route's progress depends on it. With acceleration alone it must be
+    # "straight"
     destination: Destination = "straight"
+    # "continuous": acceleration alone. "continuous_steering": acceleration, then the angle of the
+    # front wheels
     actions: ContinuousActions = "continuous"
+    # whether an episode ends when the ego is off the road after a decision, as with highway-env's
+    # option of this name. It then costs r_env what a collision costs
     offroad_terminal: bool = False
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ starts, select the portable routines.
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -155,14 +155,6 @@ def environment_config(options: Options) -> dict[str, Any]:
     }
 
 
-class _Entry(NamedTuple):
-    """Facts of a vehicle that are lost once it has driven a part of its route."""
-
-    identity: int
-    origin: int
-    destination: int
-
-
 # Of an ego with continuous actions, which highway-env gives no target lane and no route.
 _ENTRY = ("o0", "ir0")
 _WHOLE_ROUTE = (None, None, None)
@@ -197,7 +189,8 @@ class _WatchedRoad(RegulatedRoad):
         )
         self.ego: Any = None
         self.contact, self.touched = int(Contact.NONE), -1
-        self._entries: dict[Any, _Entry] = {}
+        # Identity, origin and destination, which are lost once a part of the route is driven.
+        self._entries: dict[Any, tuple[int, int, int]] = {}
         lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
         self._lane_numbers = {lane: number for number, lane in enumerate(lanes)}
 
@@ -205,9 +198,9 @@ class _WatchedRoad(RegulatedRoad):
         """Number a vehicle that has just entered, and record its origin and destination."""
         destination = getattr(vehicle, "planned", None) or vehicle.route[-1][1]
         origin = vehicle.lane_index[0]
-        entry = _Entry(len(self._entries), int(origin[1:]), int(destination[1:]))
-        self._entries[vehicle] = entry
-        return entry.identity
+        identity = len(self._entries)
+        self._entries[vehicle] = identity, int(origin[1:]), int(destination[1:])
+        return identity
 
     def step(self, dt: float) -> None:
         """Advance by a sub-step; the ego's contacts are determined before it crashes."""
@@ -280,17 +273,13 @@ class HighwayIntersection:
     The state of an episode is recorded at three moments of a step. After a reset all three are
     the initial state.
 
-    Attributes:
-        environment: highway-env's environment itself.
-        before: Vehicles at the decision, VEHICLE (vehicles,).
-        after: Vehicles after the sub-steps, before clearing and spawning,
-            VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
-        terminated: Whether highway-env says that the last step led to a terminal state.
+    `before` has the vehicles at the decision, `after` those after the sub-steps, before clearing
+    and spawning: observation, endings and rewards are of that moment.
     """
 
     def __init__(self, options: Options) -> None:
         self.environment = _WatchedEnv(config=environment_config(options))
-        self.terminated = False
+        self.terminated = False  # as highway-env says of the last step
         self.reset()
 
     def reset(self, seed: int | None = None) -> np.ndarray:
