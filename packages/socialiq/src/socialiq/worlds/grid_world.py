@@ -88,14 +88,9 @@ class GridWorld(World):
     is_exact: ClassVar[bool] = True
 
     @property
-    def n_actions(self) -> int:
-        """Number of actions."""
-        return len(self.actions)
-
-    @property
     def action_space(self) -> spaces.Discrete:
         """Space of one action."""
-        return spaces.Discrete(self.n_actions)
+        return spaces.Discrete(len(self.actions))
 
     @property
     def observed(self) -> tuple[Feature, ...]:

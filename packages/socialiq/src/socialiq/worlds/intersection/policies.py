@@ -76,19 +76,8 @@ class RulePolicy:
         return (actions if np.ndim(observation) > 1 else np.asarray(actions[0])), state
 
 
-def go(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Always choose FASTER."""
-    return np.full(len(seen), FASTER)
-
-
-def wait(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Always choose SLOWER."""
-    return np.full(len(seen), SLOWER)
-
-
-def idle(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Keep the target speed."""
-    return np.full(len(seen), IDLE)
+def _always(action: int) -> Rule:
+    return lambda seen: np.full(len(seen), action)
 
 
 def stop_line(seen: Seen) -> Int64[np.ndarray, " batch"]:
@@ -166,9 +155,9 @@ def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePoli
 
 
 _RULES: dict[str, Rule] = {
-    "go": go,
-    "idle": idle,
-    "wait": wait,
+    "go": _always(FASTER),
+    "idle": _always(IDLE),  # keep the target speed
+    "wait": _always(SLOWER),
     "stop_line": stop_line,
     "gap_2s": gap(2.0),
     "gap_3s": gap(3.0),

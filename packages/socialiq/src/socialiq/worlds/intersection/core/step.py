@@ -213,11 +213,6 @@ def _lane(number, _road):
 
 
 @kernel
-def _kind(number, _road):
-    return number % 5
-
-
-@kernel
 def _same_origin(vehicles, slot, ego, _road):
     return vehicles[slot].origin == vehicles[ego].origin
 
@@ -235,7 +230,6 @@ def _records(count, _vehicles):
 _carry_out = carry_out_of(
     RoadKernels(
         lane=_lane,
-        kind=_kind,
         coordinate=traffic.route_coordinate,
         same_origin=_same_origin,
         arrived=traffic.arrived,
