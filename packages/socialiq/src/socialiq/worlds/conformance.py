@@ -245,12 +245,12 @@ def compare_intersection(
         raise UserError(f"episodes must be at least 1, got {episodes}")
     core, real = Batch(options, 1), _RealIntersection(options)
     for number in range(episodes):
-        choose = partial(_act, core, driver or _driver_of_turn(number % 4, seed + number, options))
+        policy_of_ego = driver or _driver_of_turn(number % 4, seed + number, options)
+
+        def choose(policy_of_ego: Policy = policy_of_ego) -> np.ndarray:
+            return policy_of_ego.predict(core.seen_by(policy_of_ego))[0]
+
         yield _compare_episode(core, real, choose, seed + number)
-
-
-def _act(core: Batch, driver: Policy) -> np.ndarray:
-    return driver.predict(core.seen_by(driver))[0]
 
 
 def _driver_of_turn(turn: int, seed: int, options: Options) -> Policy:

@@ -181,15 +181,12 @@ class GridBatch:
             if seeds is None:
                 raise UserError("every reset of a gridworld needs its seeds")
             for row, seed in zip(chosen, np.asarray(seeds).tolist(), strict=True):
-                self._fate[row] = self.fate_of(seed)
+                # Uniform numbers decide the first state and each outcome of an episode.
+                self._fate[row] = np.random.default_rng([_CHANCE, seed]).random(self._fate.shape[1])
             chances = np.broadcast_to(initial, (len(chosen), len(initial)))
             self.state[chosen] = _drawn(chances, self._fate[chosen, 0])
         self._time[chosen], self._waiting[chosen] = 0, False
         return self.observation
-
-    def fate_of(self, seed: int) -> Float[np.ndarray, " draw"]:
-        """Return the uniform numbers that decide the first state and each outcome of an episode."""
-        return np.random.default_rng([_CHANCE, seed]).random(self._fate.shape[1])
 
     def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> GridStep:
         """Take a step in some rows, all by default; there is no `auto_reset`, for want of seeds."""

@@ -22,7 +22,6 @@ from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.highway.world import RoadWorld, world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.world import Decisions
 
 jax: Any = Later("jax")
 
@@ -287,7 +286,18 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         terminated = np.isin(decisions.ending, TERMINAL) & ~resetting
         truncated = (decisions.ending == int(Ending.TIMEOUT)) & ~resetting
         reward = np.where(resetting, 0.0, score(self._weights, decisions.rewards))
-        ended, info = terminated | truncated, _info(decisions, ~resetting)
+        ended = terminated | truncated
+        info: dict[str, Any] = {
+            "reward_pair": np.stack(decisions.rewards, axis=1),
+            "signals": dict(decisions.signals),
+            "ending": decisions.ending,
+            "speed": decisions.speed,
+            "contact": decisions.contact,
+            "neighbours_collided": decisions.neighbours_collided,
+            "classical": np.stack(decisions.classical, axis=1),
+            "off_road": decisions.off_road,
+        }
+        info |= {f"_{name}": ~resetting for name in info}
         if not same_step:
             self._ended = ended
         elif ended.any():
@@ -298,20 +308,6 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
             info |= {"final_obs": final, "_final_obs": ended}
         observation = _timed(self.batch.observation, self.batch.time, self._clock)
         return observation, reward, terminated, truncated, info
-
-
-def _info(decisions: Decisions, mask: np.ndarray) -> dict[str, Any]:
-    info: dict[str, Any] = {
-        "reward_pair": np.stack(decisions.rewards, axis=1),
-        "signals": dict(decisions.signals),
-        "ending": decisions.ending,
-        "speed": decisions.speed,
-        "contact": decisions.contact,
-        "neighbours_collided": decisions.neighbours_collided,
-        "classical": np.stack(decisions.classical, axis=1),
-        "off_road": decisions.off_road,
-    }
-    return info | {f"_{name}": mask.copy() for name in info}
 
 
 def learning_env(

@@ -57,17 +57,12 @@ class RoadBatch(abc.ABC):
         self.begun = np.zeros(size, bool)  # rows whose random stream has begun
 
     @abc.abstractmethod
-    def _core(self) -> tuple[Any, Any]:
-        """Return the entry point of the road's core, and its tables for that."""
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
+        """Return the entry point of the road's core, its tables for that, and its lanes."""
 
     @abc.abstractmethod
     def like(self, size: int) -> RoadBatch:
         """Return a batch of so many episodes of the same road."""
-
-    @property
-    @abc.abstractmethod
-    def lanes(self) -> np.ndarray:
-        """Records of the road's lanes."""
 
     def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
         """Return a batch of copies of some episodes, which may repeat; this one is not changed.
@@ -82,7 +77,7 @@ class RoadBatch(abc.ABC):
         """Carry out one command for each episode, as `core.step.run`."""
         from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
 
-        run, road = self._core()
+        run, road, _ = self._core()
         arguments = commands, seeds, seeded, actions, self._settings, road
         run_in_parts(run, self._threads, self.size, self.buffers, *arguments)
 
@@ -155,7 +150,7 @@ class RoadBatch(abc.ABC):
         buffers, left = self.buffers, np.zeros(self.size, bool)
         if not auto_reset:
             self._waiting |= deciding & (buffers.ending != int(Ending.NONE))
-        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
+        step.off_road(self._core()[2], buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
             observation=buffers.reached.reshape(self.size, -1).copy(),
             rewards=RewardPair(*buffers.rewards.T.copy()),

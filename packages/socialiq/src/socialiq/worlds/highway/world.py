@@ -70,19 +70,14 @@ class Batch(RoadBatch):
         buffers = Buffers.of(options, CAR, most, size, traced)
         super().__init__(options, buffers, settings_of(options), threads)
 
-    def _core(self) -> tuple[Any, Any]:
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
-        return step.run, self.scene.road
+        return step.run, self.scene.road, self.scene.road.lanes
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scene."""
         return type(self)(self.scene, self.options, size, self._threads)
-
-    @property
-    def lanes(self) -> np.ndarray:
-        """Records of the scene's lanes."""
-        return self.scene.road.lanes
 
 
 @dataclass(frozen=True)

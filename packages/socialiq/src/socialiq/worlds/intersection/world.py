@@ -78,10 +78,10 @@ class Batch(RoadBatch):
 
             self._real = Reference(options, self.buffers)
 
-    def _core(self) -> tuple[Any, Any]:
-        from socialiq.worlds.intersection.core import step  # import Numba only when it is needed
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
+        from socialiq.worlds.intersection.core import geometry, step  # import Numba when needed
 
-        return step.run, 0
+        return step.run, 0, geometry.LANES
 
     def _run(self, commands_of_rows: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         if self._real is not None:
@@ -99,13 +99,6 @@ class Batch(RoadBatch):
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scenario, on the core."""
         return type(self)(self.options, size, self._threads)
-
-    @property
-    def lanes(self) -> np.ndarray:
-        """Records of the crossing's lanes."""
-        from socialiq.worlds.intersection.core.geometry import LANES
-
-        return LANES
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return numbers, or if actions are continuous float32 or float64 in [-1, 1].

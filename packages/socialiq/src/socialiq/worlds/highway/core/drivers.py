@@ -27,7 +27,10 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def reset(episode, cars, road, settings):
-    """Start an episode from the current state of the stream."""
+    """Start an episode from the current state of the stream.
+
+    Of each vehicle are drawn, in highway-env's order: lane, place, speed, destination, driver.
+    """
     episode.time = 0.0
     episode.sub_steps = 0
     episode.ego = 0
@@ -35,41 +38,36 @@ def reset(episode, cars, road, settings):
     episode.touched = -1
     episode.vehicles = len(road.entries)
     for slot in range(len(road.entries)):
-        cars[slot].identity = slot
-        _enter(episode, cars[slot], road.entries[slot], road)
+        car, entry = cars[slot], road.entries[slot]
+        car.identity = slot
+        number = entry.lane + 0
+        if entry.lanes > 1:
+            number += stream.up_to(episode, entry.lanes - 1)
+        lane = road.lanes[number]
+        along = entry.along + _spread(episode, entry.spread, entry.along_spread)
+        speed = entry.speed + _spread(episode, entry.spread, entry.speed_spread)
+        x, y = geometry.position(lane, along)
+        _stand(car, x, y, geometry.heading_at(lane, along), speed, road)
+        car.target_speed = entry.target_speed if entry.target_speed > 0 else speed
+        car.timer = ((x + y) * math.pi) % CHANGE_EVERY
+        car.time_headway, car.jam_distance = TIME_HEADWAY, JAM_DISTANCE
+        car.max_acceleration, car.comfort_deceleration = ACCELERATION, DECELERATION
+        car.exponent = EXPONENT
+        car.route, car.destination, car.leg = -1, 0, 0
+        if entry.destination >= 0:
+            car.route = road.lanes[car.lane].road
+            car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
+        if entry.exponent:
+            car.exponent = 3.5 + 1.0 * stream.uniform(episode)
     ego = cars[0]
     ego.exponent = EXPONENT
     ego.target_speed = settings.target_speeds[motion.speed_index(ego.speed, settings)]
     for number in range(len(road.obstacles)):
-        slot = len(road.entries) + number
-        cars[slot].identity = slot
+        obstacle = cars[len(road.entries) + number]
+        obstacle.identity = len(road.entries) + number
         x, y = road.obstacles[number, 0], road.obstacles[number, 1]
-        _stand(cars[slot], x, y, 0.0, 0.0, road)
-        cars[slot].obstacle = True
-
-
-@kernel
-def _enter(episode, car, entry, road):
-    """Draw a vehicle's start in highway-env's order: lane, place, speed, destination, driver."""
-    number = entry.lane + 0
-    if entry.lanes > 1:
-        number += stream.up_to(episode, entry.lanes - 1)
-    lane = road.lanes[number]
-    along = entry.along + _spread(episode, entry.spread, entry.along_spread)
-    speed = entry.speed + _spread(episode, entry.spread, entry.speed_spread)
-    x, y = geometry.position(lane, along)
-    _stand(car, x, y, geometry.heading_at(lane, along), speed, road)
-    car.target_speed = entry.target_speed if entry.target_speed > 0 else speed
-    car.timer = ((x + y) * math.pi) % CHANGE_EVERY
-    car.time_headway, car.jam_distance = TIME_HEADWAY, JAM_DISTANCE
-    car.max_acceleration, car.comfort_deceleration = ACCELERATION, DECELERATION
-    car.exponent = EXPONENT
-    car.route, car.destination, car.leg = -1, 0, 0
-    if entry.destination >= 0:
-        car.route = road.lanes[car.lane].road
-        car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
-    if entry.exponent:
-        car.exponent = 3.5 + 1.0 * stream.uniform(episode)
+        _stand(obstacle, x, y, 0.0, 0.0, road)
+        obstacle.obstacle = True
 
 
 @kernel

@@ -135,20 +135,14 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
     for slot in range(len(counted)):
         if counted[slot]:
             neighbours += 1
-            share = _disruption(lost[slot], settings)
+            loss, share = lost[slot], 0.0
+            if settings.disruption == _LITERAL:
+                loss = max(loss, settings.speed_threshold)
+            if settings.disruption == _LITERAL or loss > settings.speed_threshold:
+                share = min(loss / settings.speed_cap, 1.0)
             signals[_DISRUPTION] += share
             braking[slot] = share > 0
     signals[_YIELDING] = (1.0 - clip(speed / settings.max_speed, 0.0, 1.0)) * neighbours
-
-
-@kernel
-def _disruption(lost, settings):
-    """Return the second term of Eq 4.2 of a neighbour that lost so much speed, m/s."""
-    if settings.disruption == _LITERAL:
-        lost = max(lost, settings.speed_threshold)
-    elif lost <= settings.speed_threshold:
-        return 0.0
-    return min(lost / settings.speed_cap, 1.0)
 
 
 @kernel

@@ -82,23 +82,16 @@ def _add(episode, high, low):
 
 
 @kernel
-def _high_product(left, right):
-    """Return the upper 64 bits of a 128-bit product."""
-    left_low, left_high = left & _LOW_32, left >> _WORD
-    right_low, right_high = right & _LOW_32, right >> _WORD
-    low = left_low * right_low
-    middle = left_high * right_low + (low >> _WORD)
-    cross = left_low * right_high + (middle & _LOW_32)
-    return left_high * right_high + (middle >> _WORD) + (cross >> _WORD)
-
-
-@kernel
 def _advance(episode):
     """Advance the generator: multiply and add, modulo 2^128."""
     high, low = episode.state_high, episode.state_low
-    episode.state_high = (
-        high * _MULTIPLIER_LOW + low * _MULTIPLIER_HIGH + _high_product(low, _MULTIPLIER_LOW)
-    )
+    # The upper 64 bits of the 128-bit product of both low words, by their halves.
+    left_low, left_high = low & _LOW_32, low >> _WORD
+    right_low, right_high = _MULTIPLIER_LOW & _LOW_32, _MULTIPLIER_LOW >> _WORD
+    middle = left_high * right_low + (left_low * right_low >> _WORD)
+    cross = left_low * right_high + (middle & _LOW_32)
+    upper = left_high * right_high + (middle >> _WORD) + (cross >> _WORD)
+    episode.state_high = high * _MULTIPLIER_LOW + low * _MULTIPLIER_HIGH + upper
     episode.state_low = low * _MULTIPLIER_LOW
     _add(episode, episode.increment_high, episode.increment_low)
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
     distance,
@@ -117,32 +117,6 @@ def _draw(episode, field):
     return min(max(value, field[2]), field[3])
 
 
-@inlined_kernel
-def _enter_ego(episode, vehicles, settings):
-    """After the warm-up, add a vehicle near the junction and the ego, and clear space around it."""
-    _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
-    destination = settings.destination
-    if destination == 0:
-        destination = 1 + stream.up_to(episode, 2)
-    lane = LANES[0]
-    x, y = position(lane, 60.0 + 5.0 * (1.0 + stream.normal(episode)))
-    episode.ego = episode.vehicles
-    heading = heading_at(lane, 60.0)
-    ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
-    if not settings.continuous:
-        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
-    count = 0
-    for slot in range(episode.vehicles):
-        vehicle = vehicles[slot]
-        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
-        if slot == episode.ego or not crowding:
-            _move_slot(episode, vehicles, slot, count)
-            count += 1
-    episode.vehicles = count
-
-
 @kernel
 def _move_slot(episode, vehicles, slot, place):
     if place == slot:
@@ -173,7 +147,11 @@ def _sub_step(episode, vehicles, _road, settings):
 
 @kernel
 def _reset(episode, vehicles, road, settings):
-    """Start an episode from the stream: spawns along 80 m of the approaches, warm-up, the ego."""
+    """Start an episode from the stream.
+
+    Vehicles spawn along 80 m of the approaches and drive on; then another enters near the junction,
+    and the ego, around which space is cleared.
+    """
     episode.time = 0.0
     episode.sub_steps = 0
     episode.vehicles = 0
@@ -187,7 +165,27 @@ def _reset(episode, vehicles, road, settings):
         _spawn(episode, vehicles, along, 1.0, 1.0, INITIAL_PROBABILITY, False, settings)
     for _ in range(settings.warm_up):
         _sub_step(episode, vehicles, road, settings)
-    _enter_ego(episode, vehicles, settings)
+    _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
+    destination = settings.destination
+    if destination == 0:
+        destination = 1 + stream.up_to(episode, 2)
+    lane = LANES[0]
+    x, y = position(lane, 60.0 + 5.0 * (1.0 + stream.normal(episode)))
+    episode.ego = episode.vehicles
+    heading = heading_at(lane, 60.0)
+    ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
+    if not settings.continuous:
+        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
+    episode.contact = _NO_CONTACT
+    episode.touched = -1
+    count = 0
+    for slot in range(episode.vehicles):
+        vehicle = vehicles[slot]
+        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
+        if slot == episode.ego or not crowding:
+            _move_slot(episode, vehicles, slot, count)
+            count += 1
+    episode.vehicles = count
 
 
 @kernel
