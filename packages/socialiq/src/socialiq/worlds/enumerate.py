@@ -142,13 +142,8 @@ class GridState(NamedTuple):
 class GridBatch:
     """Episodes of a gridworld side by side (`world.Batch`).
 
-    The seed of an episode determines its first state and every chance outcome; a generator in its
-    place is one source for all of them.
-
-    Args:
-        table: The world, or its reachable part.
-        size: Number of episodes.
-        shared: Generator of all draws; seeds are then ignored.
+    The seed of an episode determines its first state and every chance outcome; a shared generator
+    in its place is one source for all of them. The table may be that of the reachable part.
     """
 
     def __init__(self, table: Table, size: int, shared: np.random.Generator | None = None) -> None:

@@ -219,13 +219,13 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
 
     Args:
-        scene: As of `RoadEnv`.
+        scene: This, `angle`, `clock` and `options` are as of `RoadEnv`.
         num_envs: Number of episodes.
-        angle: Social angle α in degrees of the scalar reward R(α).
+        angle: α in degrees.
         threads: Threads that share the episodes.
-        autoreset_mode: Gymnasium's, NEXT_STEP by default.
-        clock: As of `RoadEnv`.
-        options: As of `RoadEnv`.
+        autoreset_mode: Gymnasium's.
+        clock: Whether observations end with the time.
+        options: Fields of the road's options.
 
     Raises:
         UserError: If an option is unknown, or a number or the angle is invalid.
@@ -255,11 +255,9 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start episodes: row i with seed + i, or with its own seed from a list.
+        """Start episodes: row i with seed + i, or its own of a list; None continues the streams.
 
-        Args:
-            seed: One number, a list with a seed for each row, or None to continue the streams.
-            options: `reset_mask`, a Boolean for each row, selects the rows.
+        The option `reset_mask`, a Boolean for each row, selects the rows.
         """
         mask = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:

@@ -31,13 +31,7 @@ def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
 def filmstrip(
     world: GridWorld, states: Sequence[State], captions: Sequence[str] | None = None
 ) -> Figure:
-    """Draw an episode as a row of pictures, at most eight to a line.
-
-    Args:
-        world: The world.
-        states: The states in order.
-        captions: A title for each picture; by default t = 0, 1, ...
-    """
+    """Draw an episode as a row of pictures, eight to a line; without captions t = 0, 1, ..."""
     from matplotlib.figure import Figure
 
     columns = min(8, len(states))

@@ -70,11 +70,7 @@ def load_world(name: str) -> World:
 
 
 def loaded(entry: EntryPoint, file: str) -> Any:
-    """Return the object of an entry point, which reads a file.
-
-    Raises:
-        UserError: If its distribution is not installed.
-    """
+    """Return the object of an entry point, which reads a file; its distribution may be missing."""
     try:
         return entry.load()
     except ModuleNotFoundError as error:
@@ -83,11 +79,7 @@ def loaded(entry: EntryPoint, file: str) -> Any:
 
 
 def refuse_file(name: str) -> None:
-    """Raise an error for a file in place of a world.
-
-    Raises:
-        UserError: If it is a file's name, and the file holds no world.
-    """
+    """Refuse a name of a file that holds no world."""
     if name.lower().endswith(_FILES) and not is_world_file(name):
         raise UserError(
             "a recording can't be driven in: its neighbours do not react, so their losses of speed "

@@ -53,19 +53,15 @@ class Simulator(Protocol):
     @property
     def observation(self) -> Any:
         """Present observations of all rows."""
-        ...
 
     def seen_by(self, policy: Any) -> Any:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        ...
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Any:
         """Begin an episode in each of some rows, by its seed; return all observations."""
-        ...
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Any:
         """Take a step in some rows; return at least `rewards` and `ending` of all rows."""
-        ...
 
 
 @runtime_checkable
@@ -78,19 +74,15 @@ class Batch(Simulator, Protocol):
     @property
     def time(self) -> Float32[np.ndarray, " batch"]:
         """Decisions since the last reset of every episode: the clock's feature."""
-        ...
 
     def save(self) -> Any:
         """Return a copy of the state of every episode; its `rows(numbers)` picks or repeats."""
-        ...
 
     def restore(self, state: Any) -> None:
         """Restore a state with as many rows; episodes go on from it with identical bits."""
-        ...
 
     def branch(self, rows: Any) -> Batch:
         """Return a batch of copies of some episodes, which may repeat; this one is not changed."""
-        ...
 
 
 @runtime_checkable
@@ -99,11 +91,9 @@ class Actor(Protocol):
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
         """Note that an episode begins in each of some rows."""
-        ...
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
         """Return one action for each row; those of rows that don't run are not used."""
-        ...
 
 
 class World(abc.ABC):
@@ -139,11 +129,7 @@ class World(abc.ABC):
 
     @property
     def n_actions(self) -> int:
-        """Number of actions.
-
-        Raises:
-            UserError: If they are continuous.
-        """
+        """Number of actions; a `UserError` if they are continuous."""
         if isinstance(self.action_space, spaces.Discrete):
             return int(self.action_space.n)
         raise UserError(

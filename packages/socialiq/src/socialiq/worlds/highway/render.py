@@ -61,15 +61,12 @@ class View(Protocol):
 
     def ground(self, axes: Any) -> None:
         """Draw the empty road."""
-        ...
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:
         """Return what is visible of a scene, in a filmstrip if `strip`; of one size in all."""
-        ...
 
     def way(self, axes: Any, scene: Scene) -> None:
         """Draw the ego's influence zone and the rest of its way."""
-        ...
 
 
 def look(axes: Any, frame: Frame) -> None:
@@ -114,10 +111,7 @@ def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:
     """Draw scenes as a row of pictures without rewards, five to a line, or one if they are wide.
 
-    Args:
-        scenes: The scenes in order.
-        view: The road.
-        captions: A title for each picture; by default its time.
+    By default the title of a picture is its time.
     """
     from matplotlib.figure import Figure
 

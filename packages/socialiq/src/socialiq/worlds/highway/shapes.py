@@ -47,15 +47,9 @@ class Pose(NamedTuple):
 
 
 def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
-    """Return the centre line of a lane, with points at most half a metre apart but on a sine.
+    """Return the centre line of a lane, points (x, y) at most half a metre apart but on a sine.
 
-    Args:
-        lane: Its record, with the fields of `network.SHAPE`.
-        start: Lane coordinate of the first point, m.
-        end: Lane coordinate of the last point, m, at most the lane's length.
-
-    Returns:
-        Points (x, y), shape (points, 2).
+    It begins and ends at coordinates along the lane, m; the end is at most its length.
     """
     end = min(end, float(lane["length"]))
     along = np.linspace(start, end, 2 + int(2 * (end - start)))

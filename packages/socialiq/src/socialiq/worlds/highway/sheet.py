@@ -213,13 +213,7 @@ def _shown(scenes: Sequence[Scene], view: View) -> Iterator[Figure]:
 
 
 def save(path: Path, scenes: Sequence[Scene], view: View, frames_per_second: int = 10) -> None:
-    """Write a film, whole or not at all.
-
-    Args:
-        path: The file: .gif, or .mp4 if ffmpeg is installed.
-        scenes: The scenes in order, one frame each.
-        view: The road.
-        frames_per_second: 1 to 50.
+    """Write a film, whole or not at all: a .gif, or a .mp4 if ffmpeg is installed.
 
     Raises:
         UserError: If there is no scene, the suffix is not supported, ffmpeg is missing or fails,

@@ -103,14 +103,9 @@ class Buffers(NamedTuple):
     def of(
         options: RoadOptions, kind: np.dtype, most: int, size: int, traced: bool = False
     ) -> Buffers:
-        """Return empty buffers.
+        """Return empty buffers of so many episodes with at most so many vehicles, by their record.
 
-        Args:
-            options: Options of the road.
-            kind: Record of one vehicle.
-            most: Largest number of vehicles of an episode.
-            size: Number of episodes.
-            traced: Whether there is space for every sub-step.
+        If traced, there is space for every sub-step.
 
         Raises:
             UserError: If the size is not positive.

@@ -18,10 +18,9 @@ from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"
 MANIFEST = "manifest.json"
+# Studies whose results contain policies of the atlas, of discrete and of continuous actions.
 STUDIES = ("intersection", "intersection-networks", "intersection-policy-iteration")
-"""Studies whose results contain policies of the atlas."""
 CONTINUOUS_STUDIES = ("intersection-continuous",)
-"""Studies whose results contain policies with continuous actions."""
 
 
 def manifest(studies: tuple[str, ...] = STUDIES) -> dict[str, Any]:
@@ -64,11 +63,7 @@ def _checked(read: Callable[[Path], Any], name: str, studies: tuple[str, ...]) -
 
 
 def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
-    """Return the path of a policy's file.
-
-    Raises:
-        UserError: If the name is unknown.
-    """
+    """Return the path of a policy's file; refuse unknown names."""
     one_of("policy of the atlas", name, names(studies))
     of_study = [(folder, policies) for folder, policies in _parts(studies) if name in policies]
     folder, policies = of_study[0]

@@ -159,11 +159,8 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
         ego: The ego's slot, -1 without one.
         dt: s of the sub-step.
         tie: Depths closer than this are equal, m.
-        contact: Last `Contact` of the ego.
-        touched: Identity of what it touched.
-
-    Returns:
-        The ego's `Contact` and the identity of what it touched; as given if nothing.
+        contact: The ego's last `Contact`, returned if it touches nothing.
+        touched: Identity of what it touched, likewise.
     """
     intact = ego >= 0 and not vehicles[ego].crashed
     for first in range(count):

@@ -34,14 +34,7 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def _imagine(observation, episode, vehicles, settings):
-    """Write a state with the given observation, as `imagined` describes it.
-
-    Args:
-        observation: Rows of seven, the ego first.
-        episode: EPISODE record with a seeded stream; the rest is overwritten.
-        vehicles: VEHICLE records, overwritten as far as there are rows with a vehicle.
-        settings: SETTINGS record.
-    """
+    """Write a state with the given observation, as `imagined` says; the stream is seeded."""
     count = 0
     for row in range(len(observation)):
         if observation[row, 0] < 0.5:

@@ -37,15 +37,8 @@ def _spawn(
 ):
     """Spawn a vehicle with a probability. Draws in highway-env's order, also unused values.
 
-    Args:
-        episode: EPISODE record; its stream, its count of vehicles and identities change.
-        vehicles: VEHICLE records.
-        along: Metres along the approach, before 5 m and the spread are added.
-        position_spread: Standard deviation of the place, m.
-        speed_spread: Standard deviation of the speed, m/s.
-        probability: Probability of an attempt.
-        straight: Whether the vehicle must go straight on.
-        settings: SETTINGS record.
+    It is so many metres along its approach, before 5 m and the spread are added; spreads are
+    standard deviations, m and m/s. It may have to go straight on.
     """
     if stream.uniform(episode) > probability:
         return
