@@ -17,11 +17,10 @@ from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
 from socialiq.worlds.highway import Compared
 from socialiq.worlds.highway.core import drivers
-from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.highway.world import RoadBatch, world_of
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import RulePolicy, policy
 from socialiq.worlds.intersection.world import Batch

@@ -10,8 +10,8 @@ import numpy as np
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import SIGNALS, RoadOptions
+from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.pictures import EGO, OTHER
 
 if TYPE_CHECKING:

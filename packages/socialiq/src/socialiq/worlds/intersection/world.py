@@ -12,9 +12,8 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
-from socialiq.worlds.highway.episodes import RoadBatch, State
 from socialiq.worlds.highway.state import MAX_SPEED, SKIP
-from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import (
     ACCELERATION_RANGE,

@@ -12,9 +12,9 @@ from socialiq.worlds.highway.core import stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
-from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
+from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
 from socialiq.worlds.intersection.core.step import ENTRY_SPEED, draw_driver
 from socialiq.worlds.intersection.core.traffic import enforce, follow_road, route_coordinate
