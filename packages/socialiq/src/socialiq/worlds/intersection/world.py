@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -118,25 +118,11 @@ class Batch(RoadBatch):
             raise UserError(f"actions must lie between -1 and 1, got {wrong[0]}: clip them")
         return chosen
 
-    def save(self) -> State:
-        """Return a copy of the state of every episode.
-
-        Raises:
-            UserError: On the back end highway_env, whose state is held in Python objects.
-        """
-        if self._real is not None:
-            raise UserError("the state of highway-env can't be saved: use the core")
-        return super().save()
-
-    def restore(self, state: State) -> None:
-        """Restore a saved state; see `RoadBatch.restore`.
-
-        Raises:
-            UserError: If the shapes differ, or on the back end highway_env.
-        """
-        if self._real is not None:
-            raise UserError("the state of highway-env can't be restored: use the core")
-        super().restore(state)
+    @property
+    def _columns(self) -> State:
+        if self._real is not None:  # which holds its state in Python objects
+            raise UserError("the state of highway-env can't be saved or restored: use the core")
+        return super()._columns
 
 
 @dataclass(frozen=True)
@@ -184,7 +170,7 @@ class Intersection(RoadWorld):
         if self.options.continuous and self.options.destination != "straight":
             return None
         sides = env_range(self.options), social_range(self.options)
-        return sum(abs(w) * side.width for w, side in zip(weights, sides, strict=True))
+        return sum(abs(w) * (high - low) for w, (low, high) in zip(weights, sides, strict=True))
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the other populations of drivers, and connected lanes switched the other way."""
@@ -200,18 +186,6 @@ class Intersection(RoadWorld):
 _INSIDE_TURN = 1.3
 """Largest advance along a route per metre driven: on the tightest turn, of radius 9 m, within the
 half-width of a lane, 2 m, of its centre (9 / 7)."""
-
-
-class Range(NamedTuple):
-    """Smallest and largest value."""
-
-    low: float
-    high: float
-
-    @property
-    def width(self) -> float:
-        """Largest difference of two values."""
-        return self.high - self.low
 
 
 def decisions(options: Options) -> int:
@@ -237,7 +211,7 @@ def largest_progress(options: Options) -> float:
     return _INSIDE_TURN * fastest / options.policy_frequency / options.progress_unit
 
 
-def env_range(options: Options) -> Range:
+def env_range(options: Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_env (Eq 4.1), for any driver in any traffic.
 
     Collision and arrival replace the last decision's reward, a timeout adds to it.
@@ -247,13 +221,11 @@ def env_range(options: Options) -> Range:
     high = moved + max(held, 0.0) + options.step_weight
     earlier, late = decisions(options) - 1, options.timeout_weight
     terminal = options.collision_weight, options.arrival_weight
-    return Range(
-        min(earlier * low, 0.0) + min(*terminal, low, low + late),
-        max(earlier * high, 0.0) + max(*terminal, high, high + late),
-    )
+    least = min(earlier * low, 0.0) + min(*terminal, low, low + late)
+    return least, max(earlier * high, 0.0) + max(*terminal, high, high + late)
 
 
-def social_range(options: Options) -> Range:
+def social_range(options: Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_social (Eq 4.2), for any driver in any traffic.
 
     In every decision each other vehicle counts at most once with each of its two signals, which
@@ -264,7 +236,5 @@ def social_range(options: Options) -> Range:
     vehicles = count * options.initial_vehicle_count + count * (count - 1) // 2
     weights = options.yielding_weight, options.disruption_weight
     crash = options.neighbour_collision_weight
-    return Range(
-        vehicles * sum(min(weight, 0.0) for weight in weights) + min(crash, 0.0),
-        vehicles * sum(max(weight, 0.0) for weight in weights) + max(crash, 0.0),
-    )
+    least = vehicles * sum(min(weight, 0.0) for weight in weights) + min(crash, 0.0)
+    return least, vehicles * sum(max(weight, 0.0) for weight in weights) + max(crash, 0.0)
