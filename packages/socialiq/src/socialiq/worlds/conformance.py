@@ -139,9 +139,8 @@ class RealScene:
     def step(self, action: int, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
         """Take the decision of which the core's results are given.
 
-        Returns:
-            The observation, whether the episode goes on or ends alike (highway-env has no end by
-            arrival), and the greatest difference of the rewards, of which it has none.
+        Returns the observation, whether the episode goes on or ends alike (highway-env has no end
+        by arrival), and the greatest difference of the rewards, of which it has none.
         """
         observation, _, terminated, _, _ = self.environment.step(int(action))
         goes_on = int(decisions.ending[0]) == Ending.NONE

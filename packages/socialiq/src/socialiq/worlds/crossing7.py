@@ -191,11 +191,7 @@ def places(state: Sequence[int]) -> list[Place]:
 
 
 def make(options: Options | None = None) -> GridWorld:
-    """Build the 7x7 world with the given options.
-
-    Raises:
-        UserError: If the spawn probability is not in [0, 1].
-    """
+    """Build the 7x7 world with the given options; a probability must lie in [0, 1]."""
     chosen = options or Options()
     p = chosen.spawn_probability
     if not 0.0 <= p <= 1.0:

@@ -311,12 +311,8 @@ def expert_policy(
     Ties go to the first action within a relative 1e-12, and cos 90° keeps its float64 residue:
     the 5x5 altruist of Fig 6.1 exists only because of both (docs/worlds/crossing5.md).
 
-    Args:
-        table: The world, with all its states.
-        angle: Social angle in degrees.
-        variant: Solve the world itself, or the variant without spawns, as the thesis does before
-            it rolls the experts out in the stochastic world. Rewards don't depend on spawns.
-        discount: γ of Table C.1.
+    It solves the world itself, or the variant without spawns, as the thesis does before it rolls
+    the experts out in the stochastic world. Rewards don't depend on spawns. γ is of Table C.1.
     """
     mdp = table.mdp
     if variant == "deterministic":  # the first chance outcome always occurs: no vehicle spawns

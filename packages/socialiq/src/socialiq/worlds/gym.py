@@ -33,12 +33,8 @@ class GridWorldEnv(gymnasium.Env):
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
     (r_env, r_social), `signals` (every named signal), `ending` (its name) and the ego's `speed`.
 
-    Args:
-        world: Name of the world.
-        angle: Social angle α in degrees of the scalar reward R(α).
-        render_mode: "rgb_array" or None.
-        clock: Whether observations end with the time.
-        options: Options of the world, as for `worlds.registry.make`.
+    The world is named, with options as for `worlds.registry.make`. With a clock observations end
+    with the time. The render mode is "rgb_array" or None.
 
     Raises:
         UserError: If the world or an option is unknown, or the angle is invalid.
@@ -217,14 +213,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     of `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
     reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
 
-    Args:
-        scene: This, `angle`, `clock` and `options` are as of `RoadEnv`.
-        num_envs: Number of episodes.
-        angle: α in degrees.
-        threads: Threads that share the episodes.
-        autoreset_mode: Gymnasium's.
-        clock: Whether observations end with the time.
-        options: Fields of the road's options.
+    The threads share the episodes; the other arguments are those of `RoadEnv` and Gymnasium's.
 
     Raises:
         UserError: If an option is unknown, or a number or the angle is invalid.

@@ -55,11 +55,7 @@ def is_world_file(name: str) -> bool:
 
 
 def load_world(name: str) -> World:
-    """Read a world from a file.
-
-    Raises:
-        UserError: If it is no such file, is damaged, or its distribution is not installed.
-    """
+    """Read a world from a file; refuse what is none, is damaged, or lacks its distribution."""
     loader = _loaders().get(kind_of(Path(name)))
     if loader is None:
         refuse_file(name)
@@ -126,11 +122,7 @@ def _grid(name: str, options: Any, _written: str) -> GridWorld:
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:
-    """Build a gridworld: a world whose states can be enumerated.
-
-    Raises:
-        UserError: As `make`, and if the world is not a gridworld.
-    """
+    """Build a gridworld, a world whose states can be enumerated; refuse others as `make` does."""
     if name in WORLDS and name not in GRIDWORLDS:
         raise UserError(
             f"the states of {name} can't be listed, so nothing about it is exact: "
@@ -151,11 +143,7 @@ def default_options(name: str) -> dict[str, Any]:
 
 
 def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
-    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field.
-
-    Raises:
-        UserError: If the name, an option or an option's value is unknown.
-    """
+    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field."""
     one_of("world with continuous actions", name, tuple(CONTINUOUS))
     return parse_options(name, ContinuousOptions, {**CONTINUOUS[name], **(given or {})})
 

@@ -137,21 +137,10 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
         return self.width > 0
 
 
-SIGNALS = (
-    "progress",
-    "speed",
-    "step",
-    "collision",
-    "arrival",
-    "timeout",
-    "yielding",
-    "disruption",
-    "neighbour_collision",
-)
-"""All signals, those of r_env first; a signal's weight is the option of that name."""
-
-ENV_SIGNALS = SIGNALS[:6]
-SOCIAL_SIGNALS = SIGNALS[6:]
+ENV_SIGNALS = ("progress", "speed", "step", "collision", "arrival", "timeout")
+SOCIAL_SIGNALS = ("yielding", "disruption", "neighbour_collision")
+SIGNALS = ENV_SIGNALS + SOCIAL_SIGNALS
+"""All signals; a signal's weight is the option of that name."""
 
 SETTINGS = np.dtype(
     [

@@ -270,10 +270,6 @@ SCENES = tuple(_SCENES)
 
 
 def scene_of(name: str) -> Scene:
-    """Return a scene by name.
-
-    Raises:
-        UserError: If the name is unknown.
-    """
+    """Return a scene by name; refuse an unknown one."""
     one_of("scene", name, SCENES)
     return _SCENES[name]()

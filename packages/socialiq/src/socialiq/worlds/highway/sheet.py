@@ -55,11 +55,7 @@ def _gif(figures: Iterator[Figure], frames_per_second: int) -> bytes:
 
 
 def _mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
-    """Encode figures, always the same one, changed, as an MP4.
-
-    Raises:
-        UserError: If ffmpeg is missing or fails.
-    """
+    """Encode figures, always the same one, changed, as an MP4; ffmpeg may be missing or fail."""
     from matplotlib.animation import FFMpegWriter
 
     if not FFMpegWriter.isAvailable():

@@ -41,13 +41,8 @@ class RoadBatch(abc.ABC):
 
     Every episode has its own random stream, so results don't depend on the batch's size or the
     number of threads. By default `step` resets an episode that ends. The new episode continues the
-    stream, as in highway-env after a `reset()` without seed.
-
-    Args:
-        options: Options of the road.
-        buffers: Arrays that the road's core reads and writes, with a row for each episode.
-        settings: Record of the options, as the core reads it.
-        threads: Number of threads. A single thread is best for small batches.
+    stream, as in highway-env after a `reset()` without seed. The buffers are the arrays that the
+    road's core reads and writes. A single thread is best for small batches.
     """
 
     n_actions: ClassVar[int]  # of the road, discrete
@@ -180,11 +175,7 @@ class RoadBatch(abc.ABC):
         return State(*(column.copy() for column in self._columns))
 
     def restore(self, state: State) -> None:
-        """Restore a state saved with the same options; episodes go on from it with identical bits.
-
-        Raises:
-            UserError: If it has not as many rows as the batch, or other shapes.
-        """
+        """Restore a state of this size and these options; episodes go on with identical bits."""
         columns = self._columns
         for column, saved in zip(columns, state, strict=True):
             if column.shape != saved.shape or column.dtype != saved.dtype:

@@ -24,11 +24,7 @@ CONTINUOUS_STUDIES = ("intersection-continuous",)
 
 
 def manifest(studies: tuple[str, ...] = STUDIES) -> dict[str, Any]:
-    """Return every policy by name: file, SHA-256, provenance, measured behaviour.
-
-    Raises:
-        UserError: If the package was installed without the atlas.
-    """
+    """Return every policy by name: file, SHA-256, provenance, measured behaviour."""
     return {name: entry for _, policies in _parts(studies) for name, entry in policies.items()}
 
 
@@ -71,11 +67,7 @@ def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
 
 
 def path_for(name: str, options: Options) -> Path:
-    """Return the path of a policy's file, of the kind of actions that a scenario has.
-
-    Raises:
-        UserError: If the name is unknown, or the scenario steers: no policy of the atlas does.
-    """
+    """Return the path of a policy's file, of the scenario's kind of actions; none steers."""
     path = path_of(name, CONTINUOUS_STUDIES if options.continuous else STUDIES)
     if options.width == 2:
         raise UserError(

@@ -39,18 +39,9 @@ class Population(NamedTuple):
     comfort_deceleration: Normal  # m/s², positive
 
 
-def _fixed(value: float) -> Normal:
-    return Normal(value, 0.0, value, value)
-
-
+_FIXED = float("inf"), 1.5, 7.0, 6.0, 3.0
 POPULATIONS = {
-    "highway_env": Population(
-        desired_speed=_fixed(float("inf")),
-        time_headway=_fixed(1.5),
-        jam_distance=_fixed(7.0),
-        max_acceleration=_fixed(6.0),
-        comfort_deceleration=_fixed(3.0),
-    ),
+    "highway_env": Population(*(Normal(value, 0.0, value, value) for value in _FIXED)),
     "thesis": Population(
         desired_speed=Normal(8.0, 1.0, 5.0, 10.0),
         time_headway=Normal(1.5, 0.4, 0.5, 2.5),
@@ -64,7 +55,6 @@ POPULATIONS = {
 The thesis prints no distribution. Those of `thesis` are centred on highway-env's values, with
 spreads of the size that calibrations of the model report, and clipped to physical values.
 """
-
 
 Destination = Literal["right", "left", "straight", "random"]
 ContinuousActions = Literal["continuous", "continuous_steering"]

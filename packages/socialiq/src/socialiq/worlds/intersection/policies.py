@@ -141,11 +141,7 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
 
 
 def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePolicy:
-    """Return a reference policy of `NAMES`; the scenario may have continuous actions.
-
-    Raises:
-        UserError: If the name is unknown.
-    """
+    """Return a reference policy of `NAMES`, in a scenario that may have continuous actions."""
     one_of("reference policy", name, NAMES)
     if options is not None and options.continuous:
         return RulePolicy(accelerating(name, options.width, seed))

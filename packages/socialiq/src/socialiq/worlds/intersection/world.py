@@ -100,11 +100,7 @@ class Batch(RoadBatch):
         return type(self)(self.options, size, self._threads)
 
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return numbers, or if actions are continuous float32 or float64 in [-1, 1].
-
-        Raises:
-            UserError: If they have another shape or type, or one is out of range or NaN.
-        """
+        """Return numbers, or where actions are continuous floats in [-1, 1]; refuse others."""
         if not self.options.continuous:
             return super()._checked(actions)
         chosen, shape = np.asarray(actions), (self.size, self.options.width)

@@ -152,15 +152,9 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
     Two vehicles are pushed by half each, a vehicle at an obstacle by the whole. A push takes
     effect, and marks the crash, in the next sub-step; the last push of a vehicle counts.
 
-    Args:
-        vehicles: Records of vehicles, then of obstacles.
-        count: Number of vehicles.
-        records: Number of records.
-        ego: The ego's slot, -1 without one.
-        dt: s of the sub-step.
-        tie: Depths closer than this are equal, m.
-        contact: The ego's last `Contact`, returned if it touches nothing.
-        touched: Identity of what it touched, likewise.
+    Of so many records the first `count` are vehicles, the others obstacles; there may be no ego,
+    slot -1. Depths closer than `tie`, m, are equal. Returned are the ego's `Contact` and the
+    identity of what it touched, the last ones, as given, if it touches nothing.
     """
     intact = ego >= 0 and not vehicles[ego].crashed
     for first in range(count):

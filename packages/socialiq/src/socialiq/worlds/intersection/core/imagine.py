@@ -145,15 +145,10 @@ def imagined(
 ) -> State:
     """Draw one state for each observation, consistent with it.
 
-    The destinations and parameters of the other vehicles and the later traffic are drawn. Other
-    unobserved quantities take their most likely value: there is no vehicle beyond the rows of the
-    observation, no vehicle has crashed, the ego's target speed is the nearest to its speed, and
-    the time limit is not reached.
-
-    Args:
-        options: Scenario that the driver assumes.
-        observations: Observations, `observed_vehicles` rows of seven numbers, flat.
-        entropy: Seed of each draw. The same seed and observation give the same state.
+    The destinations and parameters of the other vehicles and the later traffic are drawn, by a seed
+    for each. Other unobserved quantities take their most likely value: there is no vehicle beyond
+    the rows of the observation, no vehicle has crashed, the ego's target speed is the nearest to
+    its speed, and the time limit is not reached.
     """
     rows = len(observations)
     rows_seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))
