@@ -62,9 +62,7 @@ class GridWorldEnv(gymnasium.Env):
         self._state, self._time = np.zeros(len(self.world.features), np.int32), 0
         self._rules: Any = None  # compiled at the first step
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         super().reset(seed=seed, options=options)
         chosen = self.np_random.choice(len(self.world.start), p=[p for _, p in self.world.start])
@@ -167,9 +165,7 @@ class RoadEnv(gymnasium.Env):
         self.observation_space = _observations(self.world, clock)
         self.action_space = self.world.action_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start the episode that highway-env starts with this seed, or continue the stream."""
         super().reset(seed=seed, options=options)
         if seed is None and not self.batch.begun.all():

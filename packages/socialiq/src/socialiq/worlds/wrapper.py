@@ -66,9 +66,7 @@ class RewardPairWrapper(gymnasium.Wrapper):
         self._weights = weights(check_angle(angle))
         self._observed: Any = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         self._observed, info = self.env.reset(seed=seed, options=options)
         return flat(self._observed), info
@@ -222,9 +220,7 @@ class AbsorbingStates(gymnasium.Wrapper):
         self._absorbed = np.zeros_like(low)
         self._absorbed[-1] = 1.0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         self._left = None
         observation, info = self.env.reset(seed=seed, options=options)

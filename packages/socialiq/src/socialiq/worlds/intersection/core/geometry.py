@@ -15,9 +15,6 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, turned_misfit
 from socialiq.worlds.highway.network import APPROACH, EXIT, SHAPE, Shape, arc, straight
-from socialiq.worlds.intersection.options import (
-    SPEED_LIMIT as SPEED_LIMIT,  # kernels read it from here
-)
 
 N_LANES = 20
 ACCESS_LENGTH = 100.0  # of approaches and exits, m

@@ -15,11 +15,12 @@ from socialiq.worlds.highway.core.vehicle import clip, speed_index
 from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
 from socialiq.worlds.highway.world import State
-from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, closest_lane
 from socialiq.worlds.intersection.core.step import ENTRY_SPEED, draw_driver
 from socialiq.worlds.intersection.core.traffic import enforce, follow_road, route_coordinate
 from socialiq.worlds.intersection.options import (
     POSITION_RANGE,
+    SPEED_LIMIT,
     SPEED_RANGE,
     VEHICLE,
     Options,

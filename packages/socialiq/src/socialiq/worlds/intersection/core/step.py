@@ -19,8 +19,8 @@ from socialiq.worlds.highway.core.vehicle import collide, speed_index
 from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.core import traffic
-from socialiq.worlds.intersection.core.geometry import LANES, SPEED_LIMIT, closest_lane
-from socialiq.worlds.intersection.options import SIGHT
+from socialiq.worlds.intersection.core.geometry import LANES, closest_lane
+from socialiq.worlds.intersection.options import SIGHT, SPEED_LIMIT
 
 INITIAL_PROBABILITY = 0.6  # of each spawn before the episode, whatever spawn_probability is
 ENTRY_SPEED = 8.0  # m/s, mean

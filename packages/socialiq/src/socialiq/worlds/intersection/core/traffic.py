@@ -12,15 +12,9 @@ from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.intersection.core.geometry import (
-    CONNECTED,
-    CONNECTED_OFFSETS,
-    LANES,
-    ROUTES,
-    SPEED_LIMIT,
-    closest_lane,
-)
-from socialiq.worlds.intersection.options import FASTER, IDLE, VEHICLE
+from socialiq.worlds.intersection.core import geometry as crossing
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES
+from socialiq.worlds.intersection.options import FASTER, IDLE, SPEED_LIMIT, VEHICLE
 
 LEG_COUNT = 3
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
@@ -47,14 +41,14 @@ def leader(vehicles, count, me, lane_number, settings):
     """Return the slot of the nearest vehicle ahead on a lane, -1 if none; the last of equals."""
     lane = LANES[lane_number]
     here = longitudinal(lane, vehicles[me].x, vehicles[me].y)
-    searched = CONNECTED.shape[1] if settings.connected_lanes else 1
+    searched = crossing.CONNECTED.shape[1] if settings.connected_lanes else 1
     front, nearest = -1, math.inf
     for slot in range(count):
         if slot == me:
             continue
         x, y = vehicles[slot].x, vehicles[slot].y
         for column in range(searched):
-            number = CONNECTED[lane_number, column]
+            number = crossing.CONNECTED[lane_number, column]
             if number < 0:
                 break
             connected = LANES[number]
@@ -63,7 +57,7 @@ def leader(vehicles, count, me, lane_number, settings):
             along = longitudinal(connected, x, y)
             if not -VEHICLE_LENGTH <= along < connected.length + VEHICLE_LENGTH:
                 continue
-            along += CONNECTED_OFFSETS[lane_number, column]
+            along += crossing.CONNECTED_OFFSETS[lane_number, column]
             if here <= along <= nearest + settings.tie:
                 front, nearest = slot, along
             break
@@ -103,7 +97,7 @@ def drive(vehicles, count, me, settings):
 def move(vehicle, dt, tie):
     """Advance a vehicle by a sub-step, and find its closest lane."""
     motion.advance(vehicle, dt)
-    vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
+    vehicle.lane = crossing.closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
 
 
 @kernel
