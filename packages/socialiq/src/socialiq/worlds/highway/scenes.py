@@ -98,10 +98,8 @@ class Scene(NamedTuple):
 def entry(lane: int, along: float, speed: float, **more: Any) -> np.ndarray:
     """Return an ENTRY record with the given fields."""
     record = np.zeros((), ENTRY)
-    for name, value in {
-        "lane": lane, "lanes": 1, "along": along, "speed": speed, "destination": -1,
-        "destinations": 1, "changes": True, **more,
-    }.items():  # fmt: skip
+    fields = {"lane": lane, "lanes": 1, "along": along, "speed": speed, "changes": True}
+    for name, value in (fields | {"destination": -1, "destinations": 1} | more).items():
         record[name] = value
     return record
 

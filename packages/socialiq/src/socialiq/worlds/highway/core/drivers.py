@@ -96,10 +96,11 @@ def _stand(car, x, y, heading, speed, road):
 
 
 @kernel
-def _at_end(car, lanes):
-    """Whether a vehicle is beyond 2.5 m before the end of its target lane."""
-    lane = lanes[car.target_lane]
-    return longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2
+def _follow_road(car, road):
+    """Select the next lane from 2.5 m before the end of the target lane."""
+    lane = road.lanes[car.target_lane]
+    if longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2:
+        car.target_lane = geometry.following(car, road)
 
 
 @kernel
@@ -141,8 +142,7 @@ def drive(cars, count, me, road):
     if car.crashed:
         return
     lanes = road.lanes
-    if _at_end(car, lanes):
-        car.target_lane = geometry.following(car, road)
+    _follow_road(car, road)
     if road.entries[me].changes:
         _change_lane(cars, count, me, lanes)
     car.steering = motion.steering(car, lanes[car.target_lane])
@@ -209,8 +209,7 @@ def _worthwhile(cars, me, here, candidate, lanes):
 def choose(_episode, cars, action, road, settings):
     """Carry out the ego's action: a target lane or a target speed."""
     car = cars[0]
-    if _at_end(car, road.lanes):
-        car.target_lane = geometry.following(car, road)
+    _follow_road(car, road)
     if action in (FASTER, SLOWER):
         level = motion.speed_index(car.speed, settings) + (1 if action == FASTER else -1)
         car.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
@@ -225,7 +224,6 @@ def choose(_episode, cars, action, road, settings):
 @kernel
 def control(car, road):
     """Set the ego's steering and an unbounded proportional acceleration for a sub-step."""
-    if _at_end(car, road.lanes):
-        car.target_lane = geometry.following(car, road)
+    _follow_road(car, road)
     car.steering = motion.steering(car, road.lanes[car.target_lane])
     car.acceleration = motion.SPEED_GAIN * (car.target_speed - car.speed)
