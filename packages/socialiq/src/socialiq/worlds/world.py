@@ -74,6 +74,7 @@ class Batch(Simulator, Protocol):
     @property
     def time(self) -> Float32[np.ndarray, " batch"]:
         """Decisions since the last reset of every episode: the clock's feature."""
+        ...
 
     def save(self) -> Any:
         """Return a copy of the state of every episode; its `rows(numbers)` picks or repeats."""
@@ -83,6 +84,7 @@ class Batch(Simulator, Protocol):
 
     def branch(self, rows: Any) -> Batch:
         """Return a batch of copies of some episodes, which may repeat; this one is not changed."""
+        ...
 
 
 @runtime_checkable
@@ -94,6 +96,7 @@ class Actor(Protocol):
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
         """Return one action for each row; those of rows that don't run are not used."""
+        ...
 
 
 class World(abc.ABC):

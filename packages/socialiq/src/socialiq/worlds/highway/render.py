@@ -64,6 +64,7 @@ class View(Protocol):
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:
         """Return what is visible of a scene, in a filmstrip if `strip`; of one size in all."""
+        ...
 
     def way(self, axes: Any, scene: Scene) -> None:
         """Draw the ego's influence zone and the rest of its way."""

@@ -75,12 +75,12 @@ class RoadBatch(abc.ABC):
         copies.restore(self.save().rows(rows))
         return copies
 
-    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         """Carry out one command for each episode, as `core.step.run`."""
         from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
 
         run, road, _ = self._core()
-        arguments = commands, seeds, seeded, actions, self._settings, road
+        arguments = command, seeds, seeded, actions, self._settings, road
         run_in_parts(run, self._threads, self.size, self.buffers, *arguments)
 
     def _checked(self, actions: Any) -> np.ndarray:

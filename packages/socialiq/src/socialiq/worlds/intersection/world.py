@@ -82,18 +82,18 @@ class Batch(RoadBatch):
 
         return step.run, 0, geometry.LANES
 
-    def _run(self, commands_of_rows: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         if self._real is not None:
-            self._real.run(commands_of_rows, seeds, seeded, actions)
+            self._real.run(command, seeds, seeded, actions)
             return
         if actions.ndim == 2:  # held in the egos' records
-            rows = np.flatnonzero(commands_of_rows != SKIP)
+            rows = np.flatnonzero(command != SKIP)
             ego = rows, self.buffers.episodes["ego"][rows]
             acceleration, steering = commands(actions[rows])
             self.buffers.vehicles["acceleration"][ego] = acceleration
             self.buffers.vehicles["steering"][ego] = steering
             actions = np.zeros(len(actions), np.int64)
-        super()._run(commands_of_rows, seeds, seeded, actions)
+        super()._run(command, seeds, seeded, actions)
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scenario, on the core."""
