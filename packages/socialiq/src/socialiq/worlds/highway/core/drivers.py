@@ -31,11 +31,8 @@ def reset(episode, cars, road, settings):
 
     Of each vehicle are drawn, in highway-env's order: lane, place, speed, destination, driver.
     """
-    episode.time = 0.0
-    episode.sub_steps = 0
-    episode.ego = 0
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    episode.time, episode.sub_steps, episode.ego = 0.0, 0, 0
+    episode.contact, episode.touched = _NO_CONTACT, -1
     episode.vehicles = len(road.entries)
     for slot in range(len(road.entries)):
         car, entry = cars[slot], road.entries[slot]
@@ -83,16 +80,11 @@ def _spread(episode, kind, size):
 def _stand(car, x, y, heading, speed, road):
     car.x, car.y, car.heading, car.speed = x, y, heading, speed
     car.along_x, car.along_y = math.cos(heading), math.sin(heading)
-    car.steering = 0.0
-    car.acceleration = 0.0
-    car.target_speed = speed
-    car.push_x = 0.0
-    car.push_y = 0.0
+    car.steering, car.acceleration, car.target_speed = 0.0, 0.0, speed
+    car.push_x, car.push_y = 0.0, 0.0
     car.lane = geometry.closest_lane(road.lanes, x, y, heading, 0)
     car.target_lane = car.lane
-    car.obstacle = False
-    car.crashed = False
-    car.pushed = False
+    car.obstacle, car.crashed, car.pushed = False, False, False
 
 
 @kernel

@@ -53,16 +53,14 @@ def seed(episode, entropy):
         value = (value * constant) & _LOW_32
         words[number] = value ^ value >> np.uint64(16)
     high, low = words[0] | words[1] << _WORD, words[2] | words[3] << _WORD
-    episode.state_high = _ZERO
-    episode.state_low = _ZERO
+    episode.state_high, episode.state_low = _ZERO, _ZERO
     start_high, start_low = words[4] | words[5] << _WORD, words[6] | words[7] << _WORD
     episode.increment_high = start_high << _ONE | start_low >> np.uint64(63)
     episode.increment_low = start_low << _ONE | _ONE
     _advance(episode)
     _add(episode, high, low)
     _advance(episode)
-    episode.has_half_word = False
-    episode.half_word = _ZERO
+    episode.has_half_word, episode.half_word = False, _ZERO
 
 
 @kernel

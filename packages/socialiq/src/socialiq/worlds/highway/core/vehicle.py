@@ -128,10 +128,8 @@ def advance(vehicle, dt):
     if vehicle.pushed:
         vehicle.x += vehicle.push_x
         vehicle.y += vehicle.push_y
-        vehicle.crashed = True
-        vehicle.pushed = False
-        vehicle.push_x = 0.0
-        vehicle.push_y = 0.0
+        vehicle.crashed, vehicle.pushed = True, False
+        vehicle.push_x, vehicle.push_y = 0.0, 0.0
     heading = vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt
     if heading != vehicle.heading:  # its unit vector is read by many kernels
         vehicle.heading = heading

@@ -60,14 +60,9 @@ def _imagine(observation, episode, vehicles, settings):
             vehicle.target_speed = min(vehicle.target_speed, vehicle.desired_speed)
         follow_road(vehicle)
         count += 1
-    episode.time = 0.0
-    episode.sub_steps = settings.warm_up
-    episode.vehicles = count
-    episode.ego = 0
-    episode.start = route_coordinate(vehicles[0], 0)
-    episode.next_identity = count
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    episode.time, episode.sub_steps, episode.vehicles = 0.0, settings.warm_up, count
+    episode.ego, episode.start = 0, route_coordinate(vehicles[0], 0)
+    episode.next_identity, episode.contact, episode.touched = count, _NO_CONTACT, -1
     enforce(vehicles, count, 0, settings)
 
 
@@ -79,15 +74,10 @@ def _place(row, vehicle, tie):
     vehicle.along_x, vehicle.along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
     along = row[3] * vehicle.along_x + row[4] * vehicle.along_y
     vehicle.speed = along * SPEED_RANGE
-    vehicle.steering = 0.0
-    vehicle.acceleration = 0.0
-    vehicle.desired_speed = math.inf
-    vehicle.push_x = 0.0
-    vehicle.push_y = 0.0
+    vehicle.steering, vehicle.acceleration, vehicle.desired_speed = 0.0, 0.0, math.inf
+    vehicle.push_x, vehicle.push_y = 0.0, 0.0
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, 0, tie)
-    vehicle.yielding = False
-    vehicle.crashed = False
-    vehicle.pushed = False
+    vehicle.yielding, vehicle.crashed, vehicle.pushed = False, False, False
 
 
 @kernel

@@ -15,7 +15,7 @@ from socialiq.worlds.highway.core.geometry import (
     position,
 )
 from socialiq.worlds.highway.core.step import RoadKernels, carry_out_of
-from socialiq.worlds.highway.core.vehicle import collide, speed_index
+from socialiq.worlds.highway.core.vehicle import advance, collide, speed_index
 from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.core import traffic
@@ -63,26 +63,16 @@ def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
     vehicle = vehicles[episode.vehicles]
     vehicle.x, vehicle.y, vehicle.heading, vehicle.speed = x, y, heading, speed
     vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
-    vehicle.steering = 0.0
-    vehicle.acceleration = 0.0
-    vehicle.target_speed = speed
-    vehicle.desired_speed = math.inf
-    vehicle.time_headway = 0.0
-    vehicle.jam_distance = 0.0
-    vehicle.max_acceleration = 0.0
-    vehicle.comfort_deceleration = 0.0
-    vehicle.exponent = 0.0
-    vehicle.push_x = 0.0
-    vehicle.push_y = 0.0
+    vehicle.steering, vehicle.acceleration = 0.0, 0.0
+    vehicle.target_speed, vehicle.desired_speed = speed, math.inf
+    vehicle.time_headway, vehicle.jam_distance, vehicle.exponent = 0.0, 0.0, 0.0
+    vehicle.max_acceleration, vehicle.comfort_deceleration = 0.0, 0.0
+    vehicle.push_x, vehicle.push_y = 0.0, 0.0
     vehicle.identity = episode.next_identity
     vehicle.lane = closest_lane(x, y, heading, 5 * origin, tie)
     vehicle.target_lane = vehicle.lane
-    vehicle.origin = origin
-    vehicle.destination = destination
-    vehicle.leg = 0
-    vehicle.yielding = False
-    vehicle.crashed = False
-    vehicle.pushed = False
+    vehicle.origin, vehicle.destination, vehicle.leg = origin, destination, 0
+    vehicle.yielding, vehicle.crashed, vehicle.pushed = False, False, False
     episode.vehicles += 1
     episode.next_identity += 1
     return vehicle
@@ -132,7 +122,9 @@ def _sub_step(episode, vehicles, _road, settings):
     if episode.sub_steps % settings.rule_period == 0:
         traffic.enforce(vehicles, count, ego, settings)
     for slot in range(count):
-        traffic.move(vehicles[slot], settings.dt, settings.tie)
+        car = vehicles[slot]
+        advance(car, settings.dt)
+        car.lane = closest_lane(car.x, car.y, car.heading, car.lane, settings.tie)
     contact, touched = episode.contact, episode.touched
     struck = collide(vehicles, count, count, ego, settings.dt, settings.tie, contact, touched)
     episode.contact, episode.touched = struck
@@ -145,13 +137,8 @@ def _reset(episode, vehicles, road, settings):
     Vehicles spawn along 80 m of the approaches and drive on; then another enters near the junction,
     and the ego, around which space is cleared.
     """
-    episode.time = 0.0
-    episode.sub_steps = 0
-    episode.vehicles = 0
-    episode.ego = -1
-    episode.next_identity = 0
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    episode.time, episode.sub_steps, episode.vehicles, episode.ego = 0.0, 0, 0, -1
+    episode.next_identity, episode.contact, episode.touched = 0, _NO_CONTACT, -1
     tries = settings.initial_vehicle_count - 1
     for number in range(tries):
         along = number * (80.0 / tries)
@@ -169,8 +156,7 @@ def _reset(episode, vehicles, road, settings):
     ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
     if not settings.continuous:
         ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    episode.contact, episode.touched = _NO_CONTACT, -1
     count = 0
     for slot in range(episode.vehicles):
         vehicle = vehicles[slot]

@@ -93,13 +93,6 @@ def drive(vehicles, count, me, settings):
     vehicle.acceleration = clip(acceleration, -MAX_ACCELERATION, MAX_ACCELERATION)
 
 
-@inlined_kernel
-def move(vehicle, dt, tie):
-    """Advance a vehicle by a sub-step, and find its closest lane."""
-    motion.advance(vehicle, dt)
-    vehicle.lane = crossing.closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
-
-
 @kernel
 def choose(episode, vehicles, action, _road, settings):
     """Set the target speed that an action selects; IDLE keeps the current target speed."""
