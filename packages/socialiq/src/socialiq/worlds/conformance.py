@@ -9,17 +9,15 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
-from socialiq.worlds.highway import Compared
 from socialiq.worlds.highway.core import drivers
-from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.options import FEATURES, RoadOptions
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
-from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.highway.world import RoadBatch, world_of
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import RulePolicy, policy
@@ -33,6 +31,19 @@ except ImportError as error:
     raise UserError(
         "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
     ) from error
+
+
+class Compared(NamedTuple):
+    """Differences of one episode between core and highway-env."""
+
+    seed: int  # seed of the episode
+    steps: int  # decisions compared; the comparison stops at the first discrete difference
+    # 1 if vehicles, their order, lanes, flags, ending or contact differ anywhere, else 0
+    discrete_differences: int
+    max_deviation: float  # greatest difference of any continuous field: m, rad, m/s, m/s²
+    max_observation_deviation: float  # greatest difference of any number of the observation
+    max_reward_deviation: float  # greatest difference of r_env or r_social
+    off_road: bool  # whether the ego was off the road after a decision
 
 
 def _compare_episode(

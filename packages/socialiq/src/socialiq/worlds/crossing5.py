@@ -88,15 +88,12 @@ def places(state: Sequence[int]) -> list[Place]:
 def make(options: Options | None = None) -> GridWorld:
     """Build the 5x5 world with the given options."""
     chosen = options or Options()
+    ego = Feature("x_ego", 0, 5), Feature("y_ego", 2, 1)
+    other = Feature("x_other", 2, 1), Feature("y_other", 0, 5)
     return GridWorld(
         name="crossing5",
         options=chosen,
-        features=(
-            Feature("x_ego", 0, 5),
-            Feature("y_ego", 2, 1),
-            Feature("x_other", 2, 1),
-            Feature("y_other", 0, 5),
-        ),
+        features=(*ego, *other),
         actions=("Wait", "Go"),
         start=(((0, 2, 2, 0), 1.0),),
         chance=(1.0,),

@@ -196,19 +196,13 @@ def make(options: Options | None = None) -> GridWorld:
     p = chosen.spawn_probability
     if not 0.0 <= p <= 1.0:
         raise UserError(f"spawn_probability {p:g} is not a probability: choose one in [0, 1]")
+    slots = [(Feature(f"y_{slot}", -1, 8), Feature(f"v_{slot}", 0, 3)) for slot in (1, 2)]
     empty, filled = (0, STOP, 0, FAST, ABSENT, STOP), (0, STOP, 0, FAST, 0, FAST)
     at_random = ((empty, 1.0 - p), (filled, p))
     return GridWorld(
         name="crossing7",
         options=chosen,
-        features=(
-            Feature("x_ego", 0, 7),
-            Feature("v_ego", 0, 3),
-            Feature("y_1", -1, 8),
-            Feature("v_1", 0, 3),
-            Feature("y_2", -1, 8),
-            Feature("v_2", 0, 3),
-        ),
+        features=(Feature("x_ego", 0, 7), Feature("v_ego", 0, 3), *slots[0], *slots[1]),
         actions=("STOP", "SLOW", "FAST"),
         start=at_random if chosen.second_slot_at_start == "random" else ((empty, 1.0),),
         chance=(1.0 - p, p),

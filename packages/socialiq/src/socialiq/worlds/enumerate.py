@@ -21,7 +21,7 @@ from socialiq.social.angle import score, weights
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld, Outcome
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.world import observed_with_time, rows_of
 
 jax: Any = Later("jax")

@@ -16,8 +16,8 @@ from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds import pictures, registry
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import Scene
-from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection

@@ -18,7 +18,7 @@ from socialiq.nn.saved import Arrays, Header
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import kind_of
 from socialiq.worlds import crossing5, crossing7
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid

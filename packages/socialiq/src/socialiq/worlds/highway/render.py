@@ -10,7 +10,7 @@ import numpy as np
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.options import SIGNALS, RoadOptions
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.pictures import EGO, OTHER
 
@@ -161,15 +161,10 @@ def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
     buffers = batch.buffers
     signals = {
-        name: float(weight_of(batch.options, name) * value) if begun else 0.0
+        name: float(getattr(batch.options, f"{name}_weight") * value) if begun else 0.0
         for name, value in zip(SIGNALS, buffers.signals[row], strict=True)
     }
     return signals, RewardPair(*(buffers.rewards[row] * begun).tolist())
-
-
-def weight_of(options: RoadOptions, signal: str) -> float:
-    """Return a signal's weight in its reward."""
-    return float(getattr(options, f"{signal}_weight"))
 
 
 def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:

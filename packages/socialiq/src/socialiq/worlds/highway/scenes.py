@@ -12,7 +12,7 @@ import numpy as np
 from socialiq.errors import one_of
 from socialiq.worlds.highway import network
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, Lane, Network, sine, straight
-from socialiq.worlds.highway.state import DRIVER, FLAGS, MOTION, PUSH
+from socialiq.worlds.highway.options import DRIVER, FLAGS, MOTION, PUSH
 
 ACTIONS = ("lane_left", "idle", "lane_right", "faster", "slower")
 """Actions: to the next lane, keep, or one target speed up or down from the present speed."""

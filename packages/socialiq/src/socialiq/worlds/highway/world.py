@@ -14,9 +14,19 @@ from jaxtyping import Float32
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.options import SIGNALS, RoadOptions, reward_definition, settings_of
+from socialiq.worlds.highway.options import (
+    DECIDE,
+    DECIDE_AND_RESET,
+    FEATURES,
+    RESET,
+    SIGNALS,
+    SKIP,
+    Buffers,
+    RoadOptions,
+    reward_definition,
+    settings_of,
+)
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, Scene, scene_of
-from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, FEATURES, RESET, SKIP, Buffers
 from socialiq.worlds.world import Decisions, World, observed_with_time, rows_of
 
 if TYPE_CHECKING:

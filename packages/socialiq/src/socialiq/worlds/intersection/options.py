@@ -9,9 +9,18 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.worlds.highway import options as road_options
-from socialiq.worlds.highway.options import ClockOptions, EgoOptions, RewardOptions, RoadOptions
+from socialiq.worlds.highway.options import (
+    DRIVER,
+    FLAGS,
+    MOTION,
+    PUSH,
+    Buffers,
+    ClockOptions,
+    EgoOptions,
+    RewardOptions,
+    RoadOptions,
+)
 from socialiq.worlds.highway.scenes import sight
-from socialiq.worlds.highway.state import DRIVER, FLAGS, MOTION, PUSH, Buffers
 
 
 class Normal(NamedTuple):

@@ -10,6 +10,8 @@ ulp, and stopping vehicles magnify that. The variables of `highway.PORTABLE`, se
 starts, select the portable routines.
 """
 
+# pyright: reportMissingImports=false
+# Type checks also run where the extra is not installed.
 from __future__ import annotations
 
 import math
@@ -21,7 +23,7 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.conformance import write_commands, write_motion
 from socialiq.worlds.gym import TERMINAL
-from socialiq.worlds.highway import state
+from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.intersection.core import step, traffic
@@ -38,16 +40,11 @@ from socialiq.worlds.intersection.options import (
 )
 
 try:
-    # Type checks also run where the extra is not installed.
-    from highway_env.envs.common.action import (  # pyright: ignore[reportMissingImports]
-        ContinuousAction,
-    )
-    from highway_env.envs.intersection_env import (  # pyright: ignore[reportMissingImports]
-        IntersectionEnv,
-    )
-    from highway_env.road.regulation import RegulatedRoad  # pyright: ignore[reportMissingImports]
-    from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
-    from highway_env.vehicle.kinematics import Vehicle  # pyright: ignore[reportMissingImports]
+    from highway_env.envs.common.action import ContinuousAction
+    from highway_env.envs.intersection_env import IntersectionEnv
+    from highway_env.road.regulation import RegulatedRoad
+    from highway_env.vehicle.behavior import IDMVehicle
+    from highway_env.vehicle.kinematics import Vehicle
 except ImportError as error:
     raise UserError(
         "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
@@ -123,7 +120,7 @@ def environment_config(options: Options) -> dict[str, Any]:
         "observation": {
             "type": "Kinematics",
             "vehicles_count": options.observed_vehicles,
-            "features": list(state.FEATURES),
+            "features": list(roads.FEATURES),
             "features_range": {"x": metres, "y": metres, "vx": speed, "vy": speed},
             "absolute": True,
             "order": "sorted",
@@ -179,7 +176,7 @@ class _WatchedRoad(RegulatedRoad):
             neighbour_vehicles_connected_lanes=road.neighbour_vehicles_connected_lanes,
         )
         self.ego: Any = None
-        self.contact, self.touched = int(state.Contact.NONE), -1
+        self.contact, self.touched = int(roads.Contact.NONE), -1
         # Identity, origin and destination, which are lost once a part of the route is driven.
         self._entries: dict[Any, tuple[int, int, int]] = {}
         lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
@@ -308,7 +305,7 @@ class HighwayIntersection:
 class Reference:
     """One highway-env for each row of the buffers, in the place of the core."""
 
-    def __init__(self, options: Options, buffers: state.Buffers) -> None:
+    def __init__(self, options: Options, buffers: roads.Buffers) -> None:
         self._buffers, self._settings = buffers, settings_of(options)
         self.rows = [HighwayIntersection(options) for _ in buffers.episodes]
 
@@ -320,7 +317,7 @@ class Reference:
         finds the difference.
         """
         buffers = self._buffers
-        decided = np.isin(commands, (state.DECIDE, state.DECIDE_AND_RESET))
+        decided = np.isin(commands, (roads.DECIDE, roads.DECIDE_AND_RESET))
         observation = np.zeros_like(buffers.reached)
         for row in np.flatnonzero(decided):
             real = self.rows[row]
@@ -329,7 +326,7 @@ class Reference:
             buffers.after[row, : len(real.after)] = real.after
             buffers.present[row] = len(real.after), real.ego_after
             self._write(row)
-        annotated = np.where(decided, state.ANNOTATE, state.SKIP).astype(np.int8)
+        annotated = np.where(decided, roads.ANNOTATE, roads.SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
         rows = 0, 0, len(commands)
         step.run(buffers, annotated, seeds, unseeded, unused, self._settings, *rows)
@@ -339,8 +336,8 @@ class Reference:
                 buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
         buffers.reached[decided] = observation[decided]
         buffers.observation[decided] = observation[decided]
-        ended = (commands == state.DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
-        for row in np.flatnonzero((commands == state.RESET) | ended):
+        ended = (commands == roads.DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
+        for row in np.flatnonzero((commands == roads.RESET) | ended):
             begun = self.rows[row].reset(int(seeds[row]) if seeded[row] else None)
             buffers.observation[row] = begun.reshape(buffers.observation[row].shape)
             self._write(row)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
-from socialiq.worlds.highway.state import MAX_SPEED, SKIP
+from socialiq.worlds.highway.options import MAX_SPEED, SKIP
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import (
@@ -39,12 +39,8 @@ def commands(actions: Float[np.ndarray, "batch value"]) -> list[Float[np.ndarray
     They are computed in highway-env's order of operations and in the actions' own precision;
     float32 rounds differently from float64. Without a second column the wheels stand straight.
     """
-    held = [
-        low + (values - -1) * (high - low) / (1 - -1)
-        for values, (low, high) in zip(
-            actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False
-        )
-    ]
+    ranges = zip(actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False)
+    held = [low + (values - -1) * (high - low) / (1 - -1) for values, (low, high) in ranges]
     return held if len(held) == 2 else [*held, np.zeros(len(actions))]
 
 

@@ -27,7 +27,7 @@ NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = ("network", "options", "scenes", "state")  # that kernels read
+_TABLES = ("network", "options", "scenes")  # that kernels read
 
 
 def kernel(function: Callable[..., Any]) -> Any:

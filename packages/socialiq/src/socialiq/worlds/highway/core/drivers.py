@@ -9,8 +9,8 @@ from socialiq.worlds.highway.core import vehicle as motion
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import FASTER, LANE_LEFT, LANE_RIGHT, NORMAL, SLOWER, UNIFORM
-from socialiq.worlds.highway.state import Contact
 
 CHANGE_EVERY = 1.0  # s
 LEAST_GAIN = 0.2  # m/s², of a lane change

@@ -13,7 +13,7 @@ from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kerne
 from socialiq.worlds.highway.core.geometry import closest_lane, distance, longitudinal, on_lane
 from socialiq.worlds.highway.core.vehicle import advance, collide
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
+from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
 
 _NO_ENDING, _NO_CONTACT = int(Ending.NONE), int(Contact.NONE)
 

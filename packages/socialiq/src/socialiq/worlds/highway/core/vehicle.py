@@ -20,7 +20,7 @@ from socialiq.worlds.highway.core.geometry import (
     tan,
     wrap_to_pi,
 )
-from socialiq.worlds.highway.state import MAX_SPEED, Contact
+from socialiq.worlds.highway.options import MAX_SPEED, Contact
 
 LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed
 HEADING_GAIN = 1 / 0.2  # 1/s, heading error to turning rate

@@ -13,7 +13,7 @@ from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kerne
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
+from socialiq.worlds.highway.options import EPISODE, FEATURES, Contact
 from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, closest_lane
 from socialiq.worlds.intersection.core.step import ENTRY_SPEED, draw_driver

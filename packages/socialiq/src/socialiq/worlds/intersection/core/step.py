@@ -17,7 +17,7 @@ from socialiq.worlds.highway.core.geometry import (
 from socialiq.worlds.highway.core.step import RoadKernels, carry_out_of
 from socialiq.worlds.highway.core.vehicle import advance, collide, speed_index
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.core import traffic
 from socialiq.worlds.intersection.core.geometry import LANES, closest_lane
 from socialiq.worlds.intersection.options import SIGHT, SPEED_LIMIT
