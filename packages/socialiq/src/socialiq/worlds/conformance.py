@@ -94,9 +94,8 @@ def _compared(core: RoadBatch, real: RealScene | _RealIntersection) -> tuple[boo
             continue
         with np.errstate(invalid="ignore"):  # infinite desired speeds
             apart = np.abs(values - expected)
-        worst = np.maximum(
-            worst, np.where((values == expected) | np.isnan(expected), 0.0, apart).max()
-        )
+        apart = np.where((values == expected) | np.isnan(expected), 0.0, apart)
+        worst = np.maximum(worst, apart.max())
     return True, float(worst)
 
 
@@ -265,12 +264,8 @@ def compare_intersection(
 def _driver_of_turn(turn: int, seed: int, options: Options) -> Policy:
     if not options.continuous:
         return policy(("go", "idle", "wait", "random")[turn], seed)
-    least, steering, kind = (
-        (1.0, 0.0, np.float32),
-        (-0.3, 0.1, np.float32),
-        (-1.0, 0.1, np.float64),
-        (-1.0, 1.0, np.float32),
-    )[turn]  # least acceleration, most steering and type of the actions
+    least, steering = ((1.0, 0.0), (-0.3, 0.1), (-1.0, 0.1), (-1.0, 1.0))[turn]
+    kind = np.float64 if turn == 2 else np.float32
     low, high = np.array([least, -steering]), np.array([1.0, steering])
     low, high, rng = low[: options.width], high[: options.width], np.random.default_rng(seed)
     return RulePolicy(lambda seen: rng.uniform(low, high, (len(seen), len(low))).astype(kind))

@@ -45,9 +45,8 @@ class Table:
     ) -> Float32[np.ndarray, "row feature"]:
         """Return the observations of the states with these indices at these times."""
         features = self.states[state]
-        return (np.column_stack([features, time]) if self.world.clock else features).astype(
-            np.float32
-        )
+        seen = np.column_stack([features, time]) if self.world.clock else features
+        return seen.astype(np.float32)
 
     def reachable_part(self) -> Table:
         """Return the table restricted to the states that some policy can reach."""
@@ -63,9 +62,8 @@ def tabulate(world: GridWorld) -> Table:
     """
     states, outcome = world.states(), _outcomes(world)
     chance = np.asarray(world.chance, np.float64)
-    signals = {
-        name: np.asarray(value, np.float64) @ chance for name, value in outcome.signals.items()
-    }
+    shares = {name: np.asarray(value, np.float64) for name, value in outcome.signals.items()}
+    signals = {name: value @ chance for name, value in shares.items()}
     initial = np.zeros(len(states))
     for state, probability in world.start:
         initial[world.index(state)] += probability

@@ -227,8 +227,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     ) -> None:
         self.world, self.batch = _road(scene, options, num_envs, threads)
         self.num_envs, self._clock = num_envs, clock
-        self.metadata = {"autoreset_mode": autoreset_mode}
-        self.autoreset_mode = autoreset_mode
+        self.metadata, self.autoreset_mode = {"autoreset_mode": autoreset_mode}, autoreset_mode
         self._weights = weights(check_angle(angle))
         self.single_observation_space = _observations(self.world, clock)
         self.single_action_space: gymnasium.Space[Any] = self.world.action_space

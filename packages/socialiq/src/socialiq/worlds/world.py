@@ -27,20 +27,17 @@ _NONE = np.zeros(0)
 class Decisions(NamedTuple):
     """Results of one decision in every episode of a batch; empty where a world reports nothing."""
 
-    # of the state reached, before any reset, (batch, features)
-    observation: Float32[np.ndarray, "batch feature"]
-    rewards: RewardPair  # the reward pair, each (batch,)
-    ending: Int8[np.ndarray, " batch"]  # values of `types.Ending`, (batch,)
-    # every named signal, unweighted, each (batch,)
-    signals: Mapping[str, Float[np.ndarray, " batch"]]
-    speed: Float[np.ndarray, " batch"]  # the ego's speed, m/s or cells a step, (batch,)
-    # values of `Contact`: which vehicle struck, if the ego collided, (batch,)
-    contact: Int8[np.ndarray, " batch"]
-    # number of other vehicles that collided with each other, (batch,)
+    observation: Float32[np.ndarray, "batch feature"]  # of the state reached, before any reset
+    rewards: RewardPair  # of the decision, each (batch,)
+    ending: Int8[np.ndarray, " batch"]  # values of `types.Ending`
+    signals: Mapping[str, Float[np.ndarray, " batch"]]  # every named signal, unweighted
+    speed: Float[np.ndarray, " batch"]  # the ego's speed, m/s or cells a step
+    contact: Int8[np.ndarray, " batch"]  # values of `Contact`: who struck, if the ego collided
+    # number of other vehicles that collided with each other
     neighbours_collided: Int64[np.ndarray, " batch"] = _NONE.astype(np.int64)
     # the ego's own reward and its neighbours' mean (thesis A.1), each (batch,)
     classical: RewardPair = RewardPair(_NONE, _NONE)
-    # whether the ego's centre is beyond the edges of its closest lane, (batch,)
+    # whether the ego's centre is beyond the edges of its closest lane
     off_road: Bool[np.ndarray, " batch"] = _NONE.astype(bool)
 
 

@@ -101,10 +101,11 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
         for name, kind in kinds.items():
             if get_args(kind) and isinstance(getattr(self, name), str):
                 one_of(name, getattr(self, name), get_args(kind))
-        for name in ("simulation_frequency", "policy_frequency"):
+        counts = {"simulation_frequency": 1, "policy_frequency": 1, "observed_vehicles": 2}
+        for name, least in counts.items():
             value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
-                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
+            if not (isinstance(value, int) and value >= least):
+                raise UserError(f"{name} must be a whole number of at least {least}, got {value}")
         if self.simulation_frequency % self.policy_frequency:
             raise UserError(
                 f"simulation_frequency {self.simulation_frequency} is not a multiple of "
@@ -121,9 +122,6 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
             )
         if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
             raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
-        rows = self.observed_vehicles
-        if not (isinstance(rows, int) and rows >= 2):
-            raise UserError(f"observed_vehicles must be a whole number of at least 2, got {rows}")
         for name, kind in kinds.items():
             if kind is float and not math.isfinite(getattr(self, name)):
                 raise UserError(f"{name} must be a finite number, got {getattr(self, name)}")
@@ -182,13 +180,10 @@ SETTINGS = np.dtype(
 
 
 def settings_of(options: RoadOptions) -> np.ndarray:
-    """Return the record as an array of one element.
-
-    What only the intersection has stays 0; `intersection.settings` writes it.
-    """
+    """Return the record as an array of one element; the intersection writes more of its fields."""
     record = np.zeros(1, SETTINGS)
     for name in SETTINGS.names or ():
-        if hasattr(RoadOptions, name) and name not in ("target_speeds", *_NAMED):
+        if hasattr(options, name) and name not in (*_CODED, *_NAMED):
             record[name] = getattr(options, name)
     for name, kind in _NAMED.items():
         record[name] = get_args(kind).index(getattr(options, name))
@@ -201,6 +196,7 @@ def settings_of(options: RoadOptions) -> np.ndarray:
     return record
 
 
+_CODED = ("target_speeds", "population", "destination")
 _NAMED = {"zone": Zone, "counted": Counted, "disruption": Disruption, "crash": Crash}
 
 _UNITS = (
@@ -307,8 +303,7 @@ class Buffers(NamedTuple):
     contact: np.ndarray  # values of `Contact`, int8: which vehicle struck, if the ego collided
     neighbours_collided: np.ndarray  # number of other vehicles that collided with each other
     braking: np.ndarray  # whether a vehicle's braking was charged to the ego, (batch, capacity)
-    # vehicles after each sub-step, (batch, frames, capacity); empty if not traced
-    trace: np.ndarray
+    trace: np.ndarray  # vehicles after each sub-step, (batch, frames, capacity); empty: untraced
 
     @staticmethod
     def of(

@@ -111,15 +111,8 @@ def _mirrored(half: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 _NOSE, _SIDE = VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2
-_BODY = _mirrored(
-    [
-        (_NOSE, 0.35),
-        (_NOSE - 0.3, _SIDE - 0.2),
-        (_NOSE - 0.8, _SIDE),
-        (0.25 - _NOSE, _SIDE),
-        (-_NOSE, _SIDE - 0.25),
-    ]
-)
+_BONNET = [(_NOSE, 0.35), (_NOSE - 0.3, _SIDE - 0.2), (_NOSE - 0.8, _SIDE)]
+_BODY = _mirrored([*_BONNET, (0.25 - _NOSE, _SIDE), (-_NOSE, _SIDE - 0.25)])
 _WINDSCREEN = _mirrored([(1.5, 0.85), (0.3, 0.65)])
 _REAR_WINDOW = _mirrored([(-1.6, 0.6), (-2.0, 0.7)])
 _LAMP = [(_NOSE - 0.5, 0.35), (_NOSE + 0.15, 0.35), (_NOSE - 0.1, 0.95), (_NOSE - 0.8, 0.95)]

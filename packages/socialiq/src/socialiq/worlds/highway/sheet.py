@@ -145,9 +145,8 @@ class _Sheet:
         traffic(self.road, scene, self.view)
         self.caption.set_text(scene.caption)
         self.time.set_text(f"t = {scene.time:.1f} s")
-        for total, name, reward in zip(
-            self.totals, ("r_env", "r_social"), scene.rewards, strict=True
-        ):
+        rewards = zip(self.totals, ("r_env", "r_social"), scene.rewards, strict=True)
+        for total, name, reward in rewards:
             total.set_text(f"{name} = {_signed(float(reward))}")
         for name, bar in self.bars.items():
             value = float(scene.signals.get(name, 0.0))

@@ -168,13 +168,8 @@ def settings_of(options: Options) -> np.ndarray:
     record["warm_up"] = 3 * options.simulation_frequency
     record["rule_period"] = int(1 / (1 / options.simulation_frequency) / 2)
     record["tie"] = TIE if options.canonical else 0.0
-    record["initial_vehicle_count"] = options.initial_vehicle_count
-    record["spawn_probability"] = options.spawn_probability
     record["destination"] = _ARMS[options.destination]
-    record["connected_lanes"] = options.connected_lanes
     record["population"] = POPULATIONS[options.population]
-    if isinstance(options, ContinuousOptions):
-        record["offroad_terminal"] = options.offroad_terminal
     return record
 
 

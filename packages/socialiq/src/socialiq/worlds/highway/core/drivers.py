@@ -62,8 +62,7 @@ def reset(episode, cars, road, settings):
     for number in range(len(road.obstacles)):
         obstacle = cars[len(road.entries) + number]
         obstacle.identity = len(road.entries) + number
-        x, y = road.obstacles[number, 0], road.obstacles[number, 1]
-        _stand(obstacle, x, y, 0.0, 0.0, road)
+        _stand(obstacle, road.obstacles[number, 0], road.obstacles[number, 1], 0.0, 0.0, road)
         obstacle.obstacle = True
 
 
@@ -190,8 +189,7 @@ def _worthwhile(cars, me, here, candidate, lanes):
     if _acceleration(cars, rear, me, car.exponent, lanes) < -MOST_IMPOSED:
         return False
     after = _acceleration(cars, me, front, car.exponent, lanes)
-    if car.route >= 0 and car.leg == 0:
-        # Its way prescribes the lane on which it began.
+    if car.route >= 0 and car.leg == 0:  # its way prescribes the lane on which it began
         return False
     front, _ = _neighbours(cars, me, here, lanes)
     return not after - _acceleration(cars, me, front, car.exponent, lanes) < LEAST_GAIN

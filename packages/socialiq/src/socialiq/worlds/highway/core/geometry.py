@@ -163,10 +163,7 @@ def _boxed_misfit(lane, x, y, heading, enough):
 
     The misfit in place is the length of a way to the lane, so at least the distance to its box.
     """
-    if (
-        max(lane.low_x - x, x - lane.high_x) > enough
-        or max(lane.low_y - y, y - lane.high_y) > enough
-    ):
+    if max(lane.low_x - x, x - lane.high_x, lane.low_y - y, y - lane.high_y) > enough:
         return math.inf
     return turned_misfit(lane, x, y, heading, enough)
 

@@ -62,10 +62,8 @@ _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
 _OVERRIDE, _ADD = range(len(get_args(Crash)))
 _PROGRESS, _SPEED, _STEP, _COLLISION, _ARRIVAL, _TIMEOUT = range(_N_ENV)
 _YIELDING, _DISRUPTION, _NEIGHBOUR_COLLISION = range(_N_ENV, _N_SIGNALS)
-_NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = (
-    int(kind)
-    for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER)
-)
+_ENDINGS = Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER
+_NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = map(int, _ENDINGS)
 
 
 @kernel
@@ -223,8 +221,7 @@ def _write(vehicle, x, y, vx, vy, sight, row):
     row[2] = _scaled(vehicle.y - y, sight.y)
     row[3] = _scaled(vehicle.speed * vehicle.along_x - vx, sight.vx)
     row[4] = _scaled(vehicle.speed * vehicle.along_y - vy, sight.vy)
-    row[5] = vehicle.along_x
-    row[6] = vehicle.along_y
+    row[5], row[6] = vehicle.along_x, vehicle.along_y
 
 
 @kernel

@@ -100,9 +100,8 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
 
 def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[..., Any]:
     """Return the kernel that writes a decision's results from its two snapshots."""
-    arrived, records = kernels.arrived, kernels.records
+    arrived, records, same_origin = kernels.arrived, kernels.records, kernels.same_origin
     lane_of, coordinate = kernels.lane, kernels.coordinate
-    same_origin = kernels.same_origin
 
     @kernel
     def is_on_road(vehicle, road):
@@ -214,20 +213,9 @@ def _records(_count, cars):
     return len(cars)
 
 
-_carry_out = carry_out_of(
-    RoadKernels(
-        lane=_lane,
-        coordinate=_coordinate,
-        same_origin=_same_origin,
-        arrived=_arrived,
-        sight=_sight,
-        choose=drivers.choose,
-        sub_step=_sub_step,
-        renew=_renew,
-        reset=drivers.reset,
-        records=_records,
-    )
-)
+_TABLES = _lane, _coordinate, _same_origin, _arrived, _sight
+_CHANGES = drivers.choose, _sub_step, _renew, drivers.reset
+_carry_out = carry_out_of(RoadKernels(*_TABLES, *_CHANGES, _records))
 
 
 def _entry(sources: int):
@@ -246,8 +234,8 @@ run: Any = _entry(fingerprint())
 """Carry out a command for every episode of a batch; the intersection has an equal entry point.
 
 Args:
-    buffers: Arrays read and written, `state.Buffers`.
-    commands: One of `state`'s commands for each episode, int8.
+    buffers: Arrays read and written, `options.Buffers`.
+    commands: One of `options`' commands for each episode, int8.
     entropy: Seed of each episode's stream, uint64; it begins where `seeded`, bool.
     actions: The ego's actions, int64. Continuous ones are held in its record instead.
     options: SETTINGS record in an array of one.

@@ -163,8 +163,7 @@ def up_to(episode, largest):
 @kernel
 def two_of_four(episode):
     """Return two different integers below 4, as `Generator.choice(4, 2, replace=False)`."""
-    first = up_to(episode, 2)
-    second = up_to(episode, 3)
+    first, second = up_to(episode, 2), up_to(episode, 3)
     if second == first:
         second = 3
     if up_to(episode, 1) == 0:

@@ -100,11 +100,8 @@ def desired_gap(vehicle, other):
     closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y
     # highway-env negates the product of the maximum and the (negative) comfortable value.
     product = vehicle.max_acceleration * vehicle.comfort_deceleration
-    return (
-        vehicle.jam_distance
-        + vehicle.speed * vehicle.time_headway
-        + vehicle.speed * closing / (2 * math.sqrt(product))
-    )
+    kept = vehicle.jam_distance + vehicle.speed * vehicle.time_headway
+    return kept + vehicle.speed * closing / (2 * math.sqrt(product))
 
 
 @kernel
@@ -162,20 +159,15 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
             reach = _REACH if second >= count else _DIAGONAL
             if distance(partner.x, partner.y, car.x, car.y) > reach + car.speed * dt:
                 continue
-            if second >= count:
-                sides = _OBSTACLE, _OBSTACLE
-                overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
-                if will_overlap:
-                    car.push_x, car.push_y, car.pushed = push_x, push_y, True
-            else:
-                sides = VEHICLE_LENGTH, VEHICLE_WIDTH
-                overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
-                if will_overlap:
-                    car.push_x, car.push_y, car.pushed = push_x / 2, push_y / 2, True
-                    partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
+            sides = (_OBSTACLE, _OBSTACLE) if second >= count else (VEHICLE_LENGTH, VEHICLE_WIDTH)
+            overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
+            if will_overlap and second >= count:
+                car.push_x, car.push_y, car.pushed = push_x, push_y, True
+            elif will_overlap:
+                car.push_x, car.push_y, car.pushed = push_x / 2, push_y / 2, True
+                partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
             if overlap:
-                car.crashed = True
-                partner.crashed = True
+                car.crashed, partner.crashed = True, True
             if intact and (overlap or will_overlap) and (first == ego or second == ego):
                 touching = partner if first == ego else car
                 contact, touched = _who_struck(vehicles[ego], touching), touching.identity
@@ -230,8 +222,7 @@ def _separate(vehicle, partner, sides, dt, tie):
         normal_x = -corners[end, 1] + corners[begin, 1]
         normal_y = corners[end, 0] - corners[begin, 0]
         length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
-        normal_x /= length
-        normal_y /= length
+        normal_x, normal_y = normal_x / length, normal_y / length
         low, high = _project(first, normal_x, normal_y)
         other_low, other_high = _project(second, normal_x, normal_y)
         if _gap(low, high, other_low, other_high) > 0:

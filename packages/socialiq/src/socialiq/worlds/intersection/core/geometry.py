@@ -27,8 +27,7 @@ LANE = np.dtype([*SHAPE, ("kind", np.int64), ("priority", np.int64)], align=True
 
 def _lanes() -> np.ndarray:
     right, half = LANE_WIDTH + 5.0, LANE_WIDTH / 2
-    left = right + LANE_WIDTH
-    outer = right + half
+    left, outer = right + LANE_WIDTH, right + half
     lanes = np.zeros(N_LANES, LANE)
     for corner in range(4):
         angle = math.radians(90 * corner)

@@ -45,8 +45,7 @@ def _imagine(observation, episode, vehicles, settings):
         vehicle.identity = row
         _route(episode, vehicle, settings.destination if row == 0 else 0)
         if row == 0:
-            level = speed_index(vehicle.speed, settings)
-            vehicle.target_speed = settings.target_speeds[level]
+            vehicle.target_speed = settings.target_speeds[speed_index(vehicle.speed, settings)]
         else:
             draw_driver(episode, vehicle, settings)
             # A moving vehicle aims at its present speed. A held one that has not yielded yet aims
@@ -72,8 +71,7 @@ def _place(row, vehicle, tie):
     vehicle.x, vehicle.y = row[1] * POSITION_RANGE, row[2] * POSITION_RANGE
     vehicle.heading = math.atan2(row[6], row[5])
     vehicle.along_x, vehicle.along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
-    along = row[3] * vehicle.along_x + row[4] * vehicle.along_y
-    vehicle.speed = along * SPEED_RANGE
+    vehicle.speed = (row[3] * vehicle.along_x + row[4] * vehicle.along_y) * SPEED_RANGE
     vehicle.steering, vehicle.acceleration, vehicle.desired_speed = 0.0, 0.0, math.inf
     vehicle.push_x, vehicle.push_y = 0.0, 0.0
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, 0, tie)
@@ -89,9 +87,7 @@ def _route(episode, vehicle, destination):
     corner, kind = vehicle.lane // 5, vehicle.lane % 5
     vehicle.target_lane = vehicle.lane
     if kind == EXIT:
-        vehicle.destination = (corner + 3) % 4
-        vehicle.origin = (corner + 1) % 4
-        vehicle.leg = 2
+        vehicle.origin, vehicle.destination, vehicle.leg = (corner + 1) % 4, (corner + 3) % 4, 2
         return
     vehicle.origin = corner
     vehicle.leg = 0 if kind == APPROACH else 1

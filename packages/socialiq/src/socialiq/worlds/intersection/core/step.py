@@ -204,20 +204,9 @@ def _records(count, _vehicles):
     return count
 
 
-_carry_out = carry_out_of(
-    RoadKernels(
-        lane=_lane,
-        coordinate=traffic.route_coordinate,
-        same_origin=_same_origin,
-        arrived=traffic.arrived,
-        sight=_sight,
-        choose=traffic.choose,
-        sub_step=_sub_step,
-        renew=_renew,
-        reset=_reset,
-        records=_records,
-    )
-)
+_TABLES = _lane, traffic.route_coordinate, _same_origin, traffic.arrived, _sight
+_CHANGES = traffic.choose, _sub_step, _renew, _reset
+_carry_out = carry_out_of(RoadKernels(*_TABLES, *_CHANGES, _records))
 
 
 def _entry(sources: int):

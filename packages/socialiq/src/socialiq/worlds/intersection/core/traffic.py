@@ -165,8 +165,7 @@ def enforce(vehicles, count, ego, settings):
             if slot == ego or vehicles[slot].yielding:
                 continue
             if _meet(predictions[first], predictions[second]):
-                vehicles[slot].yielding = True
-                vehicles[slot].target_speed = 0.0
+                vehicles[slot].yielding, vehicles[slot].target_speed = True, 0.0
 
 
 @kernel
@@ -206,9 +205,7 @@ def _predict(vehicle, predictions):
                 along -= lane.length
                 leg += 1
                 lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
-        x, y = geometry.position(lane, along)
-        predictions[number, 0] = x
-        predictions[number, 1] = y
+        predictions[number, 0], predictions[number, 1] = geometry.position(lane, along)
         predictions[number, 2] = geometry.heading_at(lane, along)
 
 
@@ -220,8 +217,7 @@ def _predict_held(vehicle, predictions):
     ahead[0].acceleration = 0.0
     for number in range(N_PREDICTIONS):
         motion.advance(ahead[0], PREDICTION_STEP)
-        predictions[number, 0] = ahead[0].x
-        predictions[number, 1] = ahead[0].y
+        predictions[number, 0], predictions[number, 1] = ahead[0].x, ahead[0].y
         predictions[number, 2] = ahead[0].heading
 
 
@@ -233,9 +229,8 @@ def _meet(mine, theirs):
         squared = dx * dx + dy * dy
         if squared > _SURELY_APART or math.sqrt(squared) > VEHICLE_LENGTH:
             continue
-        if _has_point_inside(mine[number], theirs[number]):
-            return True
-        if _has_point_inside(theirs[number], mine[number]):
+        first, second = mine[number], theirs[number]
+        if _has_point_inside(first, second) or _has_point_inside(second, first):
             return True
     return False
 
