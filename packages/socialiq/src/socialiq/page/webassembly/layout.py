@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
+from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import geometry
 from socialiq.worlds.highway.options import ENV_SIGNALS, EPISODE, SETTINGS, SIGNALS, Contact
 from socialiq.worlds.intersection.core.geometry import LANES
@@ -50,7 +51,7 @@ def layout(options: Options) -> dict[str, Any]:
         },
         "arrays": arrays,
         "settings": base64.b64encode(settings_of(options).tobytes()).decode(),
-        "commands": {name.lower(): getattr(state, name) for name in _COMMANDS},
+        "commands": {name.lower(): getattr(roads, name) for name in _COMMANDS},
         "endings": {kind.name.lower(): int(kind) for kind in Ending},
         "contacts": {kind.name.lower(): int(kind) for kind in Contact},
         "actions": ACTIONS,
