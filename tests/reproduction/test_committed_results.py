@@ -24,7 +24,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq_lab.intersection.demonstration_sets import (
     Recording,
 )
-from socialiq_lab.intersection.driving import BATCH, Evaluation
+from socialiq_lab.intersection.driving import BATCH, Driving
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
@@ -34,7 +34,6 @@ from studies.classic_control import runs as control_runs
 from studies.classic_control import study as control
 from studies.compare_priors import study as priors
 from studies.intersection_offline import study as offline
-from studies.intersection_offline.plan import Config as OfflineConfig
 from studies.intersection_world import study as intersection_world
 from studies.off_policy import study as off_policy
 from studies.poc import study as poc
@@ -216,7 +215,7 @@ def batch():
 
 @pytest.mark.parametrize("name", ["expert_prosocial", "prosocial"])
 def test_the_atlas_drives_as_before(committed, batch, name):
-    first, episodes = Evaluation().first_seed, committed["intersection"].config["episodes"]
+    first, episodes = Driving().first_seed, committed["intersection"].config["episodes"]
     again = episodes_of(batch, atlas.load(name), np.arange(first, first + episodes))
     found, theirs = intersection_world.outcome_row(again), atlas.manifest()[name]["greedy"]
     assert episodes == theirs["episodes"] == found["episodes"]
@@ -294,7 +293,7 @@ def test_the_offline_tests_follow_from_the_values(committed):
     """Every difference and verdict, from the values of the policies."""
     results = committed["intersection-offline"]
     names = ("seeds", "angles", "methods", "method_angles")
-    config = OfflineConfig(**{name: tuple(results.config[name]) for name in names})
+    config = offline.Config(**{name: tuple(results.config[name]) for name in names})
     again = offline.compared(config, results.tables["policies"])
     for name in ("differences", "forms"):
         for ours, theirs in zip(again[name], results.tables[name], strict=True):

@@ -10,11 +10,10 @@ from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy
 from socialiq.settings import changed
 from socialiq_lab.intersection import thesis_values
-from socialiq_lab.intersection.experts import policy_file
 from socialiq_lab.jobs import fingerprints, open_jobs
 from socialiq_lab.registry import study_and_declaration
 from socialiq_lab.study import run
-from studies.intersection.plan import Config, jobs, learner_name, members
+from studies.intersection.plan import Config, jobs, learner_name, members, policy_file
 
 STUDY, CONTENT = study_and_declaration("intersection")
 TINY = changed(Config(), CONTENT["tiny"])

@@ -287,7 +287,12 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
         if "python" in specification:
             pictures |= _function(module, specification["python"])(results)
             continue
-        picture = figures.draw(specification, results)
+        drawn = results
+        if "rows" in specification:
+            name = specification["table"] = specification["rows"]
+            tables = {**results.tables, name: _function(module, name)(results)}
+            drawn = dataclasses.replace(results, tables=tables)
+        picture = figures.draw(specification, drawn)
         if picture is not None:
             pictures[specification["name"]] = picture
     return pictures
@@ -301,7 +306,9 @@ def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[Vi
         if "python" in view:
             views += _function(module, view["python"])(results)
             continue
-        rows = table_operations.where(results.tables[view["table"]], view.get("where", {}))
+        rows = table_operations.where(results.tables.get(view["table"], []), view.get("where", {}))
+        if "pivot" in view:
+            rows = table_operations.pivoted(rows, *view["pivot"])
         columns = view.get("columns")
         printed = [{name: row[name] for name in columns} for row in rows] if columns else rows
         views.append(View(printed, view.get("title", "")))
