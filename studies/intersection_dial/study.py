@@ -72,6 +72,8 @@ FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, ITERATED, PLANNED, FORESIGHT, *ABL
 settings of their angles, improved by policy iteration, with online planning and with one look at
 the true future, which makes no policy, and the ablations."""
 
+_AHEAD: dict[str, driving.Ahead] = {PLANNED: "planned", FORESIGHT: "lookahead"}
+
 _COMPARED = (
     (DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED), (ITERATED, TIMED),
     (PLANNED, ITERATED), *((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT),
@@ -168,7 +170,7 @@ def jobs(config: Config) -> list[Job]:
     ):
         for at in [(angle,) for angle in angles] if family == AGENTS else [angles]:
             name, timed = folder_of(family, seed, at[0]), folder_of(TIMED, seed)
-            ahead = {PLANNED: "planned", FORESIGHT: "lookahead"}.get(family, "")
+            ahead = _AHEAD.get(family, "")
             if family == CALIBRATED:
                 run = driving.Driving(
                     angles=at,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -138,11 +139,11 @@ def folder_of(config: Config, method: str, seed: int) -> str:
 def jobs(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
     recording = sets.atlas_demonstrations(config.pool_episodes)
-    seeds = {"episodes": config.episodes, "first_seed": config.first_episode}
+    driving = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
     planned = [
         recording,
         Job("demonstrators", save_demonstrators, recording.config),
-        evaluation("demonstrators", Driving(**seeds), cost=6.0),
+        evaluation("demonstrators", driving(), cost=6.0),
     ]
     for seed in config.seeds[:: config.together]:
         for method in (OWN, *config.methods):

@@ -35,7 +35,6 @@ from studies.classic_control import study as control
 from studies.compare_priors import study as priors
 from studies.intersection_offline import study as offline
 from studies.intersection_world import study as intersection_world
-from studies.off_policy import study as off_policy
 from studies.poc import study as poc
 from studies.theory import small_strength as lines
 from studies.theory import statements
@@ -130,7 +129,7 @@ def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
 
 @pytest.mark.slow
 def test_off_policy_estimates_are_equal(committed):
-    again = run(find("off-policy"), off_policy.Config(seeds=(540,), explored=(0.0, 0.1)))
+    again = run(find("off-policy"), find("off-policy").Config(seeds=(540,), explored=(0.0, 0.1)))
     stored = committed["off-policy"].tables["estimates"]
     wanted = [row for row in stored if row["seed"] == 540 and row["explored"] in (0.0, 0.1)]
     assert len(again.tables["estimates"]) == len(wanted) == 2 * 2 * 7 * 3
@@ -204,7 +203,7 @@ def test_the_intersection_pays_and_ends_as_before(committed, driver):
 
 def test_the_intersection_begins_as_before(committed):
     results = committed["intersection-world"]
-    again = intersection_world.start_row(intersection_world.Config())
+    again = intersection_world.start_row(1_000_000, 5_000)
     assert rounded(again) == results.summary["start"]
 
 
@@ -311,7 +310,7 @@ def test_audits_come_out_as_before(committed, tmp_path):
     found = [one for one in audited.of_gridworld(tmp_path, ()) if "exact" in one.name]
     found += [one for one in audited.at_intersection(tmp_path) if one.name == "never moves"]
     names = ("verdict", "decided_by", "regret_decision", "best", "explained", "policy_sha256")
-    for ours in audits.audit_rows(found, audits.Config(), tmp_path):
+    for ours in audits.audit_rows(found, 500, 2026, tmp_path):
         their = theirs[ours["policy"], ours["declared"]]
         assert {name: ours[name] for name in names} == {name: their[name] for name in names}
         for name in ("regret", "regret_low", "regret_high"):

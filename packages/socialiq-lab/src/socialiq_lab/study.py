@@ -7,10 +7,10 @@ tables alone. A short study has no jobs: its tables are computed in one go.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -24,6 +24,7 @@ from socialiq_lab.jobs import Job
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Item = TypeVar("Item")
 StageCallback = Callable[[str], Callable[[Report], None] | None]
 """Given the name of a stage, return the callback that shows its progress, if any."""
 
@@ -177,12 +178,12 @@ def view_of(table: str, *columns: str, title: str = "") -> Callable[[Results], S
     return view
 
 
-def counter(on_stage: StageCallback, stage: str, total: int, unit: str) -> Callable[[int], None]:
-    """Begin a stage that counts; return the callback for the number of finished units."""
-    report, clock = on_stage(stage), Clock(0, total, 1)
-
-    def count(done: int) -> None:
+def tracked(
+    items: Sequence[Item], on_stage: StageCallback, stage: str, unit: str
+) -> Iterator[Item]:
+    """Yield the items of a stage, and show how many are done, in this unit."""
+    report, clock = on_stage(stage), Clock(0, len(items), 1)
+    for done, item in enumerate(items, start=1):
+        yield item
         if report is not None:
             report(clock.report(done, {}, {}, ())._replace(unit=unit))
-
-    return count

@@ -66,7 +66,8 @@ def atlas_demonstrations(episodes: int) -> Job:
     """
     entries = atlas.manifest()
     sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
-    return Job(DEMONSTRATIONS, record_experts, Recording(episodes=episodes, sha256=sha256), cost=20)
+    recording = Recording(episodes=episodes, sha256=sha256)
+    return Job(DEMONSTRATIONS, record_experts, recording, cost=20.0)
 
 
 def mixture_of(recordings: Path, mixture: str, size: int, seed: int) -> Demonstrations:

@@ -36,6 +36,8 @@ HIGHWAY_EPISODES, FIRST_HIGHWAY_EPISODE = 200, 30_000_000
 """Episodes on the real highway-env, and the seed of the first."""
 BATCH, PLANNED_BATCH = 512, 128
 """Episodes side by side, and where each has many imagined ones."""
+Ahead = Literal["", "planned", "lookahead"]
+"""Online planning, or oracle lookahead."""
 _PAIRS = ("totals", "classical")
 _POLICIES = (EnsemblePolicy, ActorPolicy, ActorDial, DialPolicy, QPolicy)
 
@@ -63,8 +65,7 @@ class Driving(EpisodesRun):
     readouts: tuple[str, ...] = ("greedy",)
     angles: tuple[float, ...] = ()
     """Angles of a dial in degrees; of a policy with oracle lookahead, its own."""
-    ahead: Literal["", "planned", "lookahead"] = ""
-    """Online planning, or oracle lookahead."""
+    ahead: Ahead = ""
 
 
 def drive(

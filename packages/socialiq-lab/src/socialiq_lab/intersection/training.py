@@ -65,9 +65,6 @@ def fit(
         on_progress: Called with the share that is done.
         files: Name of the file of each run's policy.
         monitor: Measures for the learning curve of the first run; none is written without it.
-
-    Raises:
-        UserError: If a run of several broke.
     """
     checkpoint = folder / CHECKPOINT
     callbacks = Callbacks(
@@ -90,7 +87,7 @@ def fit(
     checkpoint.unlink(missing_ok=True)
 
 
-def _save(trained: Trained, folder: Path, files: Sequence[str]) -> None:
+def _save(trained: Any, folder: Path, files: Sequence[str]) -> None:
     for run, file in enumerate(files):
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         trained.policy(run).save(folder / file)
