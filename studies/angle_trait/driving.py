@@ -14,7 +14,7 @@ from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
@@ -42,25 +42,22 @@ CONFIDENCE = 0.9
 
 @dataclass(frozen=True)
 class Config:
-    """Configuration of the study; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results.
 
-    first_episode: int = 62_000_000
-    """Seed of the first episode. 50,000,000 to 50,999,999 were used in development, 61,000,000 to
-    61,999,999 by an earlier version."""
-    repeats: int = 5
-    """Populations of each kind and spread."""
-    drivers: int = 30
-    """Drivers of a population."""
+    Episodes 50,000,000 to 50,999,999 were used in development, 61,000,000 to 61,999,999 by an
+    earlier version.
+    """
+
+    first_episode: int = 62_000_000  # seed of the first episode
+    repeats: int = 5  # populations of each kind and spread
+    drivers: int = 30  # of a population
     lengths: tuple[int, ...] = (2, 16)
     """Episodes of a driver that are used, half to infer and half to test."""
-    mean: float = 45.0
-    """Mean of the planted angles, degrees."""
+    mean: float = 45.0  # of the planted angles, degrees
     spreads: tuple[float, ...] = (0.0, 25.0)
     """Standard deviations of the planted angles; angles are cut off at 0 and 90 degrees."""
-    strength: float = 3.0
-    """β of planners, per typical difference of returns."""
-    step: float = 10.0
-    """Of the angles integrated over, degrees."""
+    strength: float = 3.0  # β of planners, per typical difference of returns
+    step: float = 10.0  # of the angles integrated over, degrees
 
     def __post_init__(self) -> None:
         """Check what no population can be made of."""
@@ -109,7 +106,8 @@ class Decided(NamedTuple):
 def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
     """Drive every driver's episodes side by side, with the returns of every action.
 
-    After its first action a rollout follows the dial at its middle, for every driver the same.
+    After its first action a rollout follows the dial at its middle, for every driver the same. A
+    planner draws actions with probabilities in proportion to exp(β R(α)) of the returns.
 
     Args:
         population: The drivers.
@@ -137,7 +135,10 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
             ]
             action = np.concatenate(actions)
         else:
-            action = _planned(population, returns, driver, rng)
+            radians = np.radians(population.angle)[driver, None]
+            score = np.cos(radians) * returns.env + np.sin(radians) * returns.social
+            below = softmax(population.strength * score, axis=1).cumsum(axis=1)
+            action = (below < rng.random((len(below), 1)) * below[:, -1:]).sum(axis=1)
         rows = np.flatnonzero(running)
         base = base_of(mixed if policies else [], observation[rows])
         observation = observed(batch, clock=True)[rows]
@@ -165,19 +166,6 @@ def base_of(
         for policy in mixed
     ]
     return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
-
-
-def _planned(
-    population: Population,
-    returns: RewardPair,
-    driver: Int64[np.ndarray, " row"],
-    rng: np.random.Generator,
-) -> Int64[np.ndarray, " row"]:
-    """Draw actions with probabilities in proportion to exp(β R(α)) of the returns."""
-    radians = np.radians(population.angle)[driver, None]
-    score = np.cos(radians) * returns.env + np.sin(radians) * returns.social
-    below = softmax(population.strength * score, axis=1).cumsum(axis=1)
-    return (below < rng.random((len(below), 1)) * below[:, -1:]).sum(axis=1)
 
 
 def first_episodes(decided: Decided, episodes: int, used: int) -> Decided:

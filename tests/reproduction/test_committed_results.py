@@ -35,7 +35,6 @@ from studies.classic_control import study as control
 from studies.compare_priors import study as priors
 from studies.intersection_offline import study as offline
 from studies.intersection_world import study as intersection_world
-from studies.poc import study as poc
 from studies.theory import small_strength as lines
 from studies.theory import statements
 
@@ -112,7 +111,7 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
 
 @pytest.mark.slow
 def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
-    again = run(find("poc"), poc.Config(seeds=(20, 21), readings=False))
+    again = run(find("poc"), find("poc").Config(seeds=(20, 21), readings=False))
 
     def sequences(results):
         return {

@@ -5,10 +5,13 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_recordings.trait.models import fit_models
 from studies.angle_trait.driving import DIAL, Config, Population, choices_of, drive
-from studies.angle_trait.study import STUDY, fit_family, recovery
+from studies.angle_trait.study import fit_family, recovery
+
+STUDY = find("angle-trait")
 
 
 @pytest.fixture(scope="module")

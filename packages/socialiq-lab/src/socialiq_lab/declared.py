@@ -306,7 +306,9 @@ def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[Vi
         if "python" in view:
             views += _function(module, view["python"])(results)
             continue
-        rows = table_operations.where(results.tables.get(view["table"], []), view.get("where", {}))
+        if view["table"] not in results.tables:  # it was empty
+            continue
+        rows = table_operations.where(results.tables[view["table"]], view.get("where", {}))
         if "pivot" in view:
             rows = table_operations.pivoted(rows, *view["pivot"])
         columns = view.get("columns")
