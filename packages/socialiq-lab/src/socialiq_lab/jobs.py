@@ -262,19 +262,18 @@ class Progress:
         """Take note that a job that has begun has come so far."""
         stage = self._jobs[name].stage
         self._share[name] = share
-        if self._shown[stage]:
-            self._shown[stage](self._report(stage, *self._began[stage]))
-
-    def _of(self, stage: str) -> float:
-        """Costs of what is done of a stage."""
-        jobs = (job for job in self._jobs.values() if job.stage == stage)
-        return sum(job.cost * self._share[job.name] for job in jobs)
-
-    def _report(self, stage: str, began: float, at: float) -> Report:
+        if not self._shown[stage]:
+            return
+        began, at = self._began[stage]
         jobs = [job for job in self._jobs.values() if job.stage == stage]
         total, done = sum(job.cost for job in jobs), self._of(stage)
         finished = sum(self._share[job.name] >= 1 for job in jobs)
         pace = (done - at) / max(time.monotonic() - began, 1e-9)
         left = (total - done) / pace if pace > 0 else float("inf")
         rate = pace * len(jobs) / total * 60
-        return Report(finished, len(jobs), rate, left, {}, {}, (), "jobs/min")
+        self._shown[stage](Report(finished, len(jobs), rate, left, {}, {}, (), "jobs/min"))
+
+    def _of(self, stage: str) -> float:
+        """Costs of what is done of a stage."""
+        jobs = (job for job in self._jobs.values() if job.stage == stage)
+        return sum(job.cost * self._share[job.name] for job in jobs)

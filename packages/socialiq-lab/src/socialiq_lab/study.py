@@ -124,23 +124,16 @@ def run(
     if study.jobs is None:
         findings = study.tables(config, Context((), Path(), on_stage))
     else:
+        place = engine or Engine()
         with work_folder(work) as folder:
-            context = _finished(study, config, folder, on_stage, engine or Engine())
-            findings = study.tables(config, context)
+            jobs = list(study.jobs(config))
+            run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
+            if study.more_jobs:
+                later = study.more_jobs(config, folder)
+                run_jobs(later, folder, on_stage, place.processes, place.cluster)
+                jobs += later
+            findings = study.tables(config, Context(jobs, folder, on_stage))
     return Results.of(study.name, config, findings.tables, findings.summary, findings.files)
-
-
-def _finished(
-    study: Study, config: Any, folder: Path, on_stage: StageCallback, engine: Engine
-) -> Context:
-    """Run the jobs that are not finished yet."""
-    jobs = list(study.jobs(config)) if study.jobs else []
-    run_jobs(jobs, folder, on_stage, engine.processes, engine.cluster)
-    if study.more_jobs:
-        later = study.more_jobs(config, folder)
-        run_jobs(later, folder, on_stage, engine.processes, engine.cluster)
-        jobs += later
-    return Context(jobs, folder, on_stage)
 
 
 def save(study: Study, results: Results, folder: Path, replace: bool) -> None:
@@ -165,17 +158,6 @@ def load(study: Study, folder: Path) -> Results:
     if results.study != study.name:
         raise UserError(f"{folder} holds {results.study}: name that study, or another folder")
     return results
-
-
-def view_of(table: str, *columns: str, title: str = "") -> Callable[[Results], Sequence[View]]:
-    """Return a `Study.view` that prints one table, or the given columns of it."""
-
-    def view(results: Results) -> Sequence[View]:
-        rows = results.tables[table]
-        printed = [{name: row[name] for name in columns} for row in rows] if columns else rows
-        return [View(printed, title)]
-
-    return view
 
 
 def tracked(
