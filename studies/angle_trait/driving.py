@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int64
 from scipy.special import softmax
 
-from socialiq.errors import UserError
 from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
@@ -38,35 +36,6 @@ RANDOM = 0.05
 
 CONFIDENCE = 0.9
 """Of the drivers' intervals."""
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Episodes 50,000,000 to 50,999,999 were used in development, 61,000,000 to 61,999,999 by an
-    earlier version.
-    """
-
-    first_episode: int = 62_000_000  # seed of the first episode
-    repeats: int = 5  # populations of each kind and spread
-    drivers: int = 30  # of a population
-    lengths: tuple[int, ...] = (2, 16)
-    """Episodes of a driver that are used, half to infer and half to test."""
-    mean: float = 45.0  # of the planted angles, degrees
-    spreads: tuple[float, ...] = (0.0, 25.0)
-    """Standard deviations of the planted angles; angles are cut off at 0 and 90 degrees."""
-    strength: float = 3.0  # β of planners, per typical difference of returns
-    step: float = 10.0  # of the angles integrated over, degrees
-
-    def __post_init__(self) -> None:
-        """Check what no population can be made of."""
-        if not self.lengths or any(length < 2 or length % 2 for length in self.lengths):
-            raise UserError(f"lengths must be even numbers from 2, got {list(self.lengths)}")
-        if self.drivers < 2 or self.repeats < 1:
-            raise UserError("drivers must be at least 2, and repeats at least 1")
-        if not self.step > 0 or 360 % self.step:
-            raise UserError(f"step must divide 360, got {self.step:g}")
 
 
 class Population(NamedTuple):

@@ -11,10 +11,12 @@ whose policies are the model of drivers: near the one that drives, and never equ
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings, tracked
@@ -35,7 +37,6 @@ from studies.angle_trait.driving import (
     INFERENCES,
     OTHER_DIAL,
     RANDOM,
-    Config,
     Decided,
     Population,
     base_of,
@@ -47,8 +48,18 @@ from studies.angle_trait.driving import (
 _KEYS = ("kind", "inferred_from", "spread_planted", "episodes")
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
-    """Drive all populations, infer and test."""
+def compute_tables(config: Any, context: Context) -> Findings:
+    """Drive all populations, infer and test.
+
+    Raises:
+        UserError: If no population can be made of the configuration.
+    """
+    if not config.lengths or any(length < 2 or length % 2 for length in config.lengths):
+        raise UserError(f"lengths must be even numbers from 2, got {list(config.lengths)}")
+    if config.drivers < 2 or config.repeats < 1:
+        raise UserError("drivers must be at least 2, and repeats at least 1")
+    if not config.step > 0 or 360 % config.step:
+        raise UserError(f"step must divide 360, got {config.step:g}")
     dial, strength, episodes = DialPolicy.load(DIAL), strength_of(config), max(config.lengths)
     cells = list(itertools.product(dict(INFERENCES), config.spreads, range(config.repeats)))
     rows: list[Row] = []
@@ -83,14 +94,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings({"populations": rows, "pooled": pooled, "drivers": drivers}, summary)
 
 
-def strength_of(config: Config) -> float:
+def strength_of(config: Any) -> float:
     """Return β of planners per unit of return, from drivers who choose at random."""
     at_random = Population("planner", np.full(config.drivers, config.mean), 0.0)
     decided = drive(at_random, DialPolicy.load(DIAL), 2, config.first_episode)
     return config.strength / reward_scale(choices_of(decided, 2, 2))
 
 
-def inferred(config: Config, decided: Decided, source: str, used: int, seed: int) -> Models:
+def inferred(config: Any, decided: Decided, source: str, used: int, seed: int) -> Models:
     """Return the models of each driver's first episodes, from returns or another dial."""
     episodes = max(config.lengths)
     if source == "returns":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Any
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
@@ -36,43 +36,6 @@ PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
 """
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study. Seeds below 10, 20 and above 100 were used in development."""
-
-    parts: tuple[str, ...] = PARTS  # to run; main is always among them
-    seeds: tuple[int, ...] = (10, 11, 12, 13, 14)  # of learners, each with a mixture of its own
-    expert_seed: int = 40  # of the expert trio that gives the demonstrations
-    ablation_seeds: tuple[int, ...] = (30, 31)
-    expert_steps: int = 5_000_000  # environment steps of the trio (thesis 5.2)
-    view_steps: int = 600_000  # environment steps of the ablation of views
-    updates: int = presets.INTERSECTION_THESIS.updates  # gradient steps of a learner
-    ablation_updates: int = 4_000  # gradient steps of a learner in the parts targets and data
-    pool_episodes: int = sets.RECORDED_EPISODES  # recorded of each expert
-    mixture: str = sets.MIXTURE
-    """Unit of which each expert has an equal number; the thesis names transitions (6.3)."""
-    size: int = sets.SIZE
-    """Transitions of each expert in a mixture, or episodes with mixture "equal_trajectories"."""
-    episodes: int = driving.EPISODES  # evaluation episodes of each policy, the same for all
-    evaluation_seeds: int = 5
-    """Groups of evaluation episodes, as the thesis' five evaluation seeds."""
-    group_episodes: int = 100  # of a group; the thesis does not give the number
-    highway_episodes: int = driving.HIGHWAY_EPISODES
-    """Episodes of each final policy on the real highway-env; 0 leaves that out."""
-
-    def __post_init__(self) -> None:
-        """Refuse unknown parts and empty sizes."""
-        for name_of_part in self.parts:
-            one_of("part", name_of_part, PARTS)
-        one_of("mixture", self.mixture, tuple(MIXTURES))
-        for name, value in vars(self).items():
-            least = 0 if name in ("highway_episodes", "expert_seed") else 1
-            if isinstance(value, int) and value < least:
-                raise UserError(f"{name} must be at least {least}, got {value}")
-            if isinstance(value, tuple) and not value:
-                raise UserError(f"{name} must name at least one")
-
-
 TARGETS = ("baseline", *MODES)
 PRESETS = {
     "thesis": (presets.INTERSECTION_THESIS, presets.INTERSECTION_THESIS_NUMBERS),
@@ -90,8 +53,21 @@ ENDINGS = ("zero", "absorbing")
 SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 1000)}
 
 
-def jobs(config: Config) -> list[Job]:
-    """Return every job of the chosen parts, each after its inputs."""
+def jobs(config: Any) -> list[Job]:
+    """Return every job of the chosen parts, each after its inputs.
+
+    Raises:
+        UserError: If a part or the mixture is unknown, or a size is 0.
+    """
+    for name in config.parts:
+        one_of("part", name, PARTS)
+    one_of("mixture", config.mixture, tuple(MIXTURES))
+    for name, value in vars(config).items():
+        least = 0 if name in ("highway_episodes", "expert_seed") else 1
+        if isinstance(value, int) and value < least:
+            raise UserError(f"{name} must be at least {least}, got {value}")
+        if isinstance(value, tuple) and not value:
+            raise UserError(f"{name} must name at least one")
     trainings = list(_main(config))
     for name, ablation in _ABLATIONS.items():
         if name in config.parts:
@@ -136,7 +112,7 @@ def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
     return f"learners/{preset}/{setting}/{target}/{seed}"
 
 
-def columns(config: Config) -> dict[tuple[str, str], dict[str, list[str]]]:
+def columns(config: Any) -> dict[tuple[str, str], dict[str, list[str]]]:
     """Return the policies behind each column of Table 6.2, for experts and groups of learners."""
     experts = {f"expert {mode}": [f"experts/flat/{mode}/{config.expert_seed}"] for mode in MODES}
     return {("experts", "flat"): experts} | {
@@ -148,7 +124,7 @@ def columns(config: Config) -> dict[tuple[str, str], dict[str, list[str]]]:
     }
 
 
-def _main(config: Config) -> Iterator[Job]:
+def _main(config: Any) -> Iterator[Job]:
     experts = columns(config)["experts", "flat"]
     for (name,), angle in zip(experts.values(), MODES.values(), strict=True):
         numbers = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
@@ -167,7 +143,7 @@ def _main(config: Config) -> Iterator[Job]:
             yield _learner(config, name, structure, numbers, target, seed, cost)
 
 
-def _timeouts(config: Config) -> Iterator[Job]:
+def _timeouts(config: Any) -> Iterator[Job]:
     """Train the experts that can gain by waiting, now bootstrapping through timeouts."""
     for mode, angle in list(MODES.items())[1:]:
         structure = dqn.DQNConfig(steps=config.expert_steps // 2, through_timeouts=True)
@@ -176,7 +152,7 @@ def _timeouts(config: Config) -> Iterator[Job]:
         yield _expert(name, structure, numbers, cost=450.0)
 
 
-def _views(config: Config) -> Iterator[Job]:
+def _views(config: Any) -> Iterator[Job]:
     """Train egoists of each view, whose exploration and step size fall further."""
     for view, seed in itertools.product(VIEWS, config.ablation_seeds):
         structure = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
@@ -184,7 +160,7 @@ def _views(config: Config) -> Iterator[Job]:
         yield _expert(f"views/{view}/{seed}", structure, numbers, cost=120.0)
 
 
-def _strengths(config: Config) -> Iterator[Job]:
+def _strengths(config: Any) -> Iterator[Job]:
     structure, numbers = _ablated(config.updates)
     for strength, target in itertools.product(STRENGTHS, MODES):
         changed = dataclasses.replace(numbers, strength=strength)
@@ -193,7 +169,7 @@ def _strengths(config: Config) -> Iterator[Job]:
             yield _learner(config, name, structure, changed, target, seed, 75.0)
 
 
-def _targets(config: Config) -> Iterator[Job]:
+def _targets(config: Any) -> Iterator[Job]:
     structure, numbers = _ablated(config.ablation_updates)
     seed = config.ablation_seeds[0]
     cells = itertools.product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS)
@@ -207,7 +183,7 @@ def _targets(config: Config) -> Iterator[Job]:
         yield _learner(config, name, changed, cooled, target, seed, 40.0)
 
 
-def _data(config: Config) -> Iterator[Job]:
+def _data(config: Any) -> Iterator[Job]:
     structure, numbers = _ablated(config.ablation_updates)
     cells = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
     for (mixture, size), target in itertools.product(cells, TARGETS):
@@ -224,7 +200,7 @@ def _expert(
 
 
 def _learner(
-    config: Config,
+    config: Any,
     name: str,
     structure: iq.IQLearnConfig,
     numbers: iq.IQLearnHyperparameters,
@@ -240,7 +216,7 @@ def _learner(
     return Job(name, train_learner, run, (sets.DEMONSTRATIONS,), cost=cost)
 
 
-def members(config: Config) -> dict[str, str]:
+def members(config: Any) -> dict[str, str]:
     """Return the folder of the job of each policy of the atlas, by its name there.
 
     Experts, and the first training seed's baseline and trio.

@@ -27,7 +27,6 @@ from studies.intersection import tables as thesis_tables
 from studies.intersection.plan import (
     SHIPPED,
     TRAINED,
-    Config,
     columns,
     jobs,
     members,
@@ -38,7 +37,7 @@ PolicyRows = Mapping[tuple[str, str], Row]
 """Rows of policies by (policy, readout)."""
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders alone."""
     work, shipped = context.work, members(config)
     episodes = intersection.evaluated(context.jobs, work)
@@ -112,7 +111,7 @@ COMPARISONS = tuple(
 )
 
 
-def differences(rows: PolicyRows, config: Config) -> list[Row]:
+def differences(rows: PolicyRows, config: Any) -> list[Row]:
     """Test every difference that the thesis claims, in every group of learners, Holm in a group.
 
     A replicate is a training seed; an expert, trained once, is the same in all of them, so these
@@ -174,7 +173,7 @@ def _highway(planned: Sequence[Job], work: Path) -> list[Row]:
     return rows
 
 
-def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
+def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Summary for the ledger: tables by name, and the means of each group over its seeds."""
     returns = [row | {"mean": row["ours"], "sd": row["ours_sd"]} for row in tables["table_a_1"]]
     pairs = [row | {"pair": f"{row['first']}_{row['second']}"} for row in tables["table_a_2"]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,14 +18,14 @@ from socialiq.storage import load_arrays
 from socialiq.types import Row
 from socialiq_lab.intersection import thesis_values
 from socialiq_lab.intersection.rows import PolicyEpisodes
-from studies.intersection.plan import Config, columns
+from studies.intersection.plan import columns
 
 PERCENT = ("collision", "arrival", "timeout", "stopped")
 READOUTS = ("greedy", "soft")
 
 
 def table_6_2(
-    rows: Mapping[tuple[str, str], Row], episodes: PolicyEpisodes, config: Config
+    rows: Mapping[tuple[str, str], Row], episodes: PolicyEpisodes, config: Any
 ) -> list[Row]:
     """Return Tables 6.1 and 6.2: each metric of experts and learners beside the thesis' value.
 
@@ -53,7 +54,7 @@ def table_6_2(
     return table
 
 
-def group_spread(episodes: Episodes, config: Config, metric: str) -> float:
+def group_spread(episodes: Episodes, config: Any, metric: str) -> float:
     """Return the standard deviation of a metric over groups of evaluation episodes."""
 
     def group(number: int) -> Episodes:

@@ -6,9 +6,12 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
+from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
 from studies.angle_trait import study
-from studies.angle_trait.driving import DIAL, Config, Population, drive
+from studies.angle_trait.driving import DIAL, Population, drive
+
+Config = find("angle-trait").Config
 
 FULL_COMPILER = True
 

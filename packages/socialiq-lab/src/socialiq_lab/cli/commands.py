@@ -75,7 +75,8 @@ def described(row: Row) -> str:
 
 
 BENCHMARKS = (
-    "learners", "continuous", "devices", "worlds", "experts", "dial", "recordings", "page", "junction",
+    "learners", "continuous", "devices", "worlds", "experts", "dial", "recordings", "page",
+    "junction",
 )  # fmt: skip
 
 
