@@ -147,16 +147,13 @@ def jobs(config: Config) -> list[Job]:
     ]
     for seed in config.seeds[:: config.together]:
         for method in (OWN, *config.methods):
-            runs, name = (
-                runs_of(config, method, config.program(seed)),
-                folder_of(config, method, seed),
-            )
-            cost = len(runs.seeds) * (len(runs.angles) or 4) * runs.structure.updates / 300
+            seeds = config.program(seed)
+            name, runs = folder_of(config, method, seed), runs_of(config, method, seeds)
+            policies = len(seeds) * (len(runs.angles) or 4)
+            cost = policies * runs.structure.updates / 300
             planned.append(Job(name, train_runs, runs, (sets.DEMONSTRATIONS,), cost))
-            driving = Driving(angles=config.angles if method == OWN else (), **seeds)
-            planned.append(
-                evaluation(name, driving, cost=2.0 * len(runs.seeds) * len(config.angles))
-            )
+            run = driving(angles=config.angles if method == OWN else ())
+            planned.append(evaluation(name, run, cost=2.0 * policies))
     return planned
 
 
