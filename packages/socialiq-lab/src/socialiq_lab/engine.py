@@ -1,6 +1,6 @@
 """Run the jobs of a study on Dask: on every core of this machine, or on a cluster.
 
-Finished folders are the only record of finished jobs (`experiments.jobs`). Dask chooses the process
+Finished folders are the only record of finished jobs (`socialiq_lab.jobs`). Dask chooses the process
 of a job, and another one if that process dies.
 """
 

@@ -1,7 +1,7 @@
 """A study: what to run, which tables and pictures follow from it, and which tables to print.
 
 A study is a module of `studies` that ends with `STUDY`. Jobs fill folders and can be resumed
-(`experiments.jobs`); tables follow from these folders alone, pictures and printed tables from the
+(`socialiq_lab.jobs`); tables follow from these folders alone, pictures and printed tables from the
 tables alone. A short study has no jobs: its tables are computed in one go.
 """
 
