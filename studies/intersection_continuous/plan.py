@@ -24,8 +24,7 @@ from socialiq.learners.continuous.train import train
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.settings import check_counts
-from socialiq.worlds.intersection.batch import width
-from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection import demonstration_sets as sets
@@ -224,7 +223,7 @@ def train_runs(
     else:
         soft = isinstance(structure, actors.SACConfig)
         clock = structure.times > 0
-        env = intersections(config.options, len(numbers) * config.environments, clock)
+        env = learning_env(world, len(numbers) * config.environments, clock)
         rounds = -(-road.CHUNK * structure.env_steps_per_update // config.environments)
         program = partial(
             train,
@@ -232,7 +231,7 @@ def train_runs(
             structure,
             numbers,
             data,
-            sizes=(world.n_features + clock, width(config.options)),
+            sizes=(world.n_features + clock, config.options.width),
             before_chunk=ActorVectorCollector(env, rounds, structure, numbers),
         )
     files = [run_file(getattr(run, "angle", 0.0), run.seed) for run in numbers]

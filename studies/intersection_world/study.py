@@ -13,12 +13,11 @@ from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
-from socialiq.worlds.highway.pictures.sheet import picture
-from socialiq.worlds.intersection.batch import BackEnd
+from socialiq.worlds.highway.render import episode_scenes, filmstrip
+from socialiq.worlds.highway.sheet import picture
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import make
+from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import nested
 
@@ -70,7 +69,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         {"reading": name, "driver": driver} | reward_row(episodes)
         for name, driver, episodes in driven("readings", variants, fewer)
     ]
-    world = make(Options())
+    world = Intersection(Options())
     summary = {
         "outcomes": nested(outcomes, "population", "driver"),
         "default_reading": nested(readings, "reading", "driver")["default"],
@@ -103,13 +102,13 @@ def drive(
         back_end: "core" or "highway_env".
     """
     size = min(BATCH[back_end], len(seeds))
-    batch = make(Options(**options)).batch(size, threads, back_end)
+    batch = Intersection(Options(**options)).batch(size, threads, back_end)
     return episodes_of(batch, policy(driver, seeds[0]), seeds)
 
 
 def start_row(first: int, count: int, threads: int = 1) -> Row:
     """Return the number of vehicles at the start, the ego included, and the ego's progress."""
-    batch = make(Options()).batch(count, threads)
+    batch = Intersection(Options()).batch(count, threads)
     batch.reset(np.arange(first, first + count))
     present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
     return {
@@ -125,7 +124,7 @@ def start_row(first: int, count: int, threads: int = 1) -> Row:
 
 def pictures(_results: Results) -> dict[str, Figure]:
     """Draw the intersection (thesis Fig 5.3) and an episode."""
-    world = make(Options())
+    world = Intersection(Options())
     scenes = episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
     decisions = scenes[:: world.options.frames]
     return {

@@ -1,7 +1,7 @@
 """Run the jobs of a study on Dask: on every core of this machine, or on a cluster.
 
-Finished folders are the only record of finished jobs (`socialiq_lab.jobs`). Dask chooses the process
-of a job, and another one if that process dies.
+Finished folders are the only record of finished jobs (`socialiq_lab.jobs`). Dask chooses the
+process of a job, and another one if that process dies.
 """
 
 from __future__ import annotations

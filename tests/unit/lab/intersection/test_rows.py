@@ -6,7 +6,6 @@ import pytest
 from socialiq.evaluation.episode_rows import outcome_row, policy_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.storage import write_json
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq_lab.intersection.driving import (

@@ -13,8 +13,7 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.rollout import record
 from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq_lab.intersection.driving import BATCH, Driving, drivers_of
 from socialiq_lab.jobs import Job, ProgressCallback
 

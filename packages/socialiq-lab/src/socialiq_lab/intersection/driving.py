@@ -22,7 +22,6 @@ from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import RewardPair, Row
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.jobs import Job, ProgressCallback
 
@@ -115,11 +114,13 @@ def drive_highway(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Compare the core with the real highway-env decision by decision; a row for each episode."""
-    from socialiq.worlds.intersection.conformance import compare
+    from socialiq.worlds.conformance import compare_intersection
 
     (driver,) = drivers_of(config, inputs).values()
     rows: list[Row] = []
-    for compared in compare(config.options, config.episodes, config.first_seed, driver):
+    for compared in compare_intersection(
+        config.options, config.episodes, config.first_seed, driver
+    ):
         rows.append(compared._asdict())
         on_progress(len(rows) / config.episodes)
     write_atomically(folder / "compared.csv", as_csv(rows))
