@@ -72,9 +72,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
         angle = (config.mean + spread * drawn).clip(dial.low, dial.high)
         decided = drive(Population(kind, angle, strength), dial, episodes, first)
         sources = [source for driver_kind, source in INFERENCES if driver_kind == kind]
-        for source, used in itertools.product(sources, config.lengths):
-            label = dict(zip(_KEYS, (kind, source, spread, used), strict=True))
-            label["repeat"] = repeat
+        for source, used in ((source, used) for source in sources for used in config.lengths):
+            label: Row = dict(zip(_KEYS, (kind, source, spread, used), strict=True))
+            label |= {"repeat": repeat}
             models = inferred(config, decided, source, used, first)
             rows.append(label | population_row(models, angle, first))
             for driver, posterior in zip(models.sample.identity, directions(models), strict=True):

@@ -69,7 +69,7 @@ def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
         folder: Folder for the file of the policy that never moves.
     """
     families = {"set expert": "set_", "expert": "expert_", "learner": ""}
-    cells = [
+    cells: list[tuple[str, str, float, float | None]] = [
         (f"{family}, {mode}", f"{prefix}{mode}", angle, angle)
         for family, prefix in families.items()
         for mode, angle in MODES.items()
@@ -139,7 +139,7 @@ def trained_in_gridworld(
 def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[AuditedPolicy]:
     """Yield the exact and trained policies of a folder, truthfully and falsely declared."""
     names = {"exact": "exact expert", "learner": "learner"}
-    cells = [
+    cells: list[tuple[str, str, float, float | None]] = [
         (f"{name}, {mode}", f"{family}_{mode}", angle, angle)
         for family, name in names.items()
         for mode, angle in MODES.items()

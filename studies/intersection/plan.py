@@ -154,10 +154,12 @@ def _timeouts(config: Any) -> Iterator[Job]:
 
 def _views(config: Any) -> Iterator[Job]:
     """Train egoists of each view, whose exploration and step size fall further."""
-    for view, seed in itertools.product(VIEWS, config.ablation_seeds):
+    numbers = dqn.DQNHyperparameters(exploration=0.02, final_learning_rate=1.5e-5)
+    for view in VIEWS:
         structure = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
-        numbers = dqn.DQNHyperparameters(seed=seed, exploration=0.02, final_learning_rate=1.5e-5)
-        yield _expert(f"views/{view}/{seed}", structure, numbers, cost=120.0)
+        for seed in config.ablation_seeds:
+            seeded = dataclasses.replace(numbers, seed=seed)
+            yield _expert(f"views/{view}/{seed}", structure, seeded, cost=120.0)
 
 
 def _strengths(config: Any) -> Iterator[Job]:

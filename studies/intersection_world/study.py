@@ -17,7 +17,7 @@ from socialiq.worlds.highway.render import episode_scenes, filmstrip
 from socialiq.worlds.highway.sheet import picture
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import BackEnd, Intersection
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import nested
 

@@ -8,6 +8,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.storage import write_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.intersection.driving import (
     Driving,
     episodes_at,

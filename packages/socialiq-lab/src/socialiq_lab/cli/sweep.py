@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -103,7 +103,9 @@ class Sweep(Printing):
         except OSError as error:
             raise UserError(f"cannot make {work}: {error.strerror}; choose another") from error
         script = work / "sweep.sh"
-        write_atomically(script, array_script([*words, "--task"], numbers, work))
+        write_atomically(
+            script, array_script([*words, "--task"], numbers, work, job_environment(work))
+        )
         sys.stdout.write(
             f"sbatch {script}\n"
             "then, when its tasks have ended, this command without --slurm writes the results\n"
@@ -111,13 +113,16 @@ class Sweep(Printing):
         return 0
 
 
-def array_script(command: Sequence[str], numbers: Sequence[int], work: Path) -> str:
+def array_script(
+    command: Sequence[str], numbers: Sequence[int], work: Path, environment: Mapping[str, str]
+) -> str:
     """Return the text of a Slurm array script.
 
     Args:
         command: Words of the command that runs a job, without its number, which comes last.
         numbers: Numbers of the jobs that are not finished.
         work: Folder of all jobs' folders; the tasks' logs are written there.
+        environment: Environment variables of the tasks.
     """
     lines = [
         "#!/bin/bash",
@@ -126,7 +131,7 @@ def array_script(command: Sequence[str], numbers: Sequence[int], work: Path) -> 
         "#SBATCH --cpus-per-task=1",
         f"#SBATCH --output={str(work).replace('%', '%%')}/slurm-%a.log",
         "# A task whose job is finished ends at once, so the script may be submitted again.",
-        *(f"export {name}={shlex.quote(value)}" for name, value in job_environment(work).items()),
+        *(f"export {name}={shlex.quote(value)}" for name, value in environment.items()),
         f'exec {shlex.join(command)} "$SLURM_ARRAY_TASK_ID"',
     ]
     return "\n".join(lines) + "\n"

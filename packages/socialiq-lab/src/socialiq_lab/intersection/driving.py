@@ -23,6 +23,7 @@ from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import RewardPair, Row
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.jobs import Job, ProgressCallback
 
 BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"
