@@ -13,8 +13,8 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from tests.fuzz.samples import COLUMNS, FINGERPRINT, MINARI, PARQUET, WORLD, untrained_runs
 
-from socialiq import results_folder as results
-from socialiq.audit.looks import log
+from socialiq import results_folder
+from socialiq.audit import log
 from socialiq.audit.profile import reader as profiles
 from socialiq.audit.report.signature import (
     faults_of_signature,
@@ -195,7 +195,7 @@ def _log(path: Path) -> None:
 
 
 def _results(path: Path) -> None:
-    results.load(path.parent)
+    results_folder.load(path.parent)
 
 
 def _ledger(path: Path) -> None:
