@@ -10,7 +10,6 @@ whose policies are the model of drivers: near the one that drives, and never equ
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -61,7 +60,12 @@ def compute_tables(config: Any, context: Context) -> Findings:
     if not config.step > 0 or 360 % config.step:
         raise UserError(f"step must divide 360, got {config.step:g}")
     dial, strength, episodes = DialPolicy.load(DIAL), strength_of(config), max(config.lengths)
-    cells = list(itertools.product(dict(INFERENCES), config.spreads, range(config.repeats)))
+    cells = [
+        (kind, spread, repeat)
+        for kind in dict(INFERENCES)
+        for spread in config.spreads
+        for repeat in range(config.repeats)
+    ]
     rows: list[Row] = []
     drivers: list[Row] = []
     for number, (kind, spread, repeat) in enumerate(

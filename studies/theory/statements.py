@@ -172,11 +172,12 @@ def primal_rows(cases: Sequence[Case]) -> list[Row]:
             for name, change in changes.items()
         }
         value = primal_value(problem, best)
-        for name, share in itertools.product(others, _MIXED.tolist()):
-            mixed = (1.0 - share) * best + share * others[name]
-            lost = (value - primal_value(problem, mixed)) / problem.demonstrated.sum()
-            label = case.label | {"other": name, "share": share}
-            rows.append(label | {"log10_lost": log10(lost), "gained": int(lost < 0.0)})
+        for name, occupancy in others.items():
+            for share in _MIXED.tolist():
+                mixed = (1.0 - share) * best + share * occupancy
+                lost = (value - primal_value(problem, mixed)) / problem.demonstrated.sum()
+                label = case.label | {"other": name, "share": share}
+                rows.append(label | {"log10_lost": log10(lost), "gained": int(lost < 0.0)})
     return rows
 
 

@@ -18,7 +18,7 @@ from socialiq.results_folder import Results
 from socialiq.social.angle import angle_of, exact_weights, score, weights
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, expert_policy, tabulate
+from socialiq.worlds.enumerate import Table, Variant, expert_policy, tabulate
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.gridworld_runs import sequence
@@ -70,7 +70,8 @@ def _tie_rows() -> list[Row]:
     table = tabulate(make_grid("crossing5"))
     rows: list[Row] = []
     for trigonometry, pair in (("cos 90 = 6e-17", weights), ("cos 90 = 0", exact_weights)):
-        for prefer, name in (("first", "Wait"), ("last", "Go")):
+        for prefer in ("first", "last"):
+            name = "Wait" if prefer == "first" else "Go"
             row: Row = {"trigonometry": trigonometry, "ties_to": name}
             for mode, angle in MODES.items():
                 reward = score(pair(angle), table.mdp.rewards)
@@ -95,9 +96,9 @@ def _name(options: dict[str, str]) -> str:
     return ", ".join(f"{name}={value}" for name, value in options.items()) or "default"
 
 
-def _stationary(table: Table, angle: float, *ties: str) -> Metrics:
+def _stationary(table: Table, angle: float, variant: Variant = "deterministic") -> Metrics:
     """Return the exact metrics of the stationary optimum (γ 0.99) at an angle."""
-    policy = expert_policy(table, angle, *ties)[table.mdp.reachable()]
+    policy = expert_policy(table, angle, variant)[table.mdp.reachable()]
     return evaluate_exactly(table.reachable_part(), policy)
 
 

@@ -43,7 +43,7 @@ def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Clien
     Args:
         cluster: Address of a scheduler or its scheduler file; None for a local cluster.
         processes: Number of processes of the local cluster.
-        work: Folder of all jobs' folders; compiled programs are kept in it.
+        work: Folder of all jobs' folders, and of compiled programs.
 
     Raises:
         UserError: If the cluster can't be reached or has no workers.

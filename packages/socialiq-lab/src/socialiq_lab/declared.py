@@ -32,40 +32,25 @@ if TYPE_CHECKING:
 
 
 class Learned(NamedTuple):
-    """A trained policy of a declared study.
+    """A trained policy of a declared study."""
 
-    Attributes:
-        label: Label of its rows.
-        static: Static configuration of its learner.
-        run: Hyperparameters of its run.
-        data: Demonstrations that it learned from.
-        policy: The policy.
-    """
-
-    label: Row
-    static: Any
-    run: Any
-    data: Demonstrations
+    label: Row  # of its rows
+    static: Any  # configuration of its learner
+    run: Any  # its hyperparameters
+    data: Demonstrations  # that it learned from
     policy: QPolicy
 
 
 @dataclasses.dataclass
 class State:
-    """Results of a declared study so far; argument of its functions in `study.py`.
-
-    Attributes:
-        config: Configuration of the study.
-        ground: The world; None where `study.py` computes the tables.
-        tables: Rows by table name.
-        policies: Every trained policy, in the order of the declaration.
-        data: Data sets by their declaration, as `"trajectories 60"`.
-    """
+    """Results of a declared study so far; argument of its functions in `study.py`."""
 
     config: Any
-    ground: Any
+    ground: Any  # the world; None where `study.py` computes the tables
     tables: dict[str, list[Row]] = dataclasses.field(default_factory=dict)
-    policies: list[Learned] = dataclasses.field(default_factory=list)
+    policies: list[Learned] = dataclasses.field(default_factory=list)  # in order of declaration
     data: dict[str, list[Demonstrations]] = dataclasses.field(default_factory=dict)
+    """Data sets by their declaration, as `"trajectories 60"`."""
 
 
 def declared_study(name: str, content: Mapping[str, Any], module: Any = None) -> Study:
@@ -184,8 +169,9 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
         variant = dict(content.get("defaults", {}))
         for key, value in train.items():  # tables in the defaults are merged, but one of data
             below = variant.get(key)
-            mergeable = isinstance(value, Mapping) and isinstance(below, Mapping)
-            variant[key] = {**below, **value} if mergeable and key != "data" else value
+            if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
+                value = {**below, **value}
+            variant[key] = value
         each = variant.pop("each", {})
         for values in _product(resolved(each, config)):
             bound = SimpleNamespace(**dataclasses.asdict(config) | values)

@@ -81,7 +81,7 @@ def run_jobs(
     processes: int = 0,
     cluster: str | None = None,
 ) -> None:
-    """Run the jobs that are not finished, each after its inputs.
+    """Run the jobs that are not finished, each after its inputs, in folders of the work folder.
 
     Args:
         jobs: Each stands after its inputs.

@@ -115,14 +115,8 @@ def do(
 ) -> float:
     """Run a job: its folder appears whole, or its written files remain for the next try.
 
-    Two processes never do the same job at a time; the second finds it finished.
-
-    Args:
-        job: The job.
-        work: Folder of all jobs' folders.
-        fingerprint: The job's fingerprint.
-        on_progress: Called by the job.
-        call: Name of the call of `run_jobs`; interrupted tries are counted for each call.
+    Two processes never do the same job at a time; the second finds it finished. Interrupted tries
+    are counted for each `call` of `run_jobs`.
 
     Returns:
         The seconds it took.
@@ -231,13 +225,7 @@ def _cause(error: Exception) -> str:
 
 
 class Progress:
-    """Progress of a study's jobs, as the reports of its stages.
-
-    Args:
-        jobs: All of them, finished or not.
-        still_open: Those that are to be done now.
-        on_stage: Given the name of a stage, what shows its progress.
-    """
+    """Progress of a study's jobs, of which some are still open, as the reports of its stages."""
 
     def __init__(
         self,

@@ -34,31 +34,19 @@ def silent(_stage: str) -> None:
 
 
 class Context(NamedTuple):
-    """Context of a study's `tables` function, beside its configuration.
+    """Context of a study's `tables` function, beside its configuration."""
 
-    Attributes:
-        jobs: All jobs, finished.
-        work: Folder that holds a folder for each of them.
-        on_stage: Shows the progress of a study without jobs.
-    """
-
-    jobs: Sequence[Job]
-    work: Path
-    on_stage: StageCallback
+    jobs: Sequence[Job]  # all of them, finished
+    work: Path  # has a folder for each of them
+    on_stage: StageCallback  # shows the progress of a study without jobs
 
 
 class Findings(NamedTuple):
-    """Tables of a study before they are rounded and saved.
+    """Tables of a study before they are rounded and saved."""
 
-    Attributes:
-        tables: Rows by table name; empty tables are left out of the results.
-        summary: Values that the claims ledger refers to.
-        files: Content of other files by path below the results folder.
-    """
-
-    tables: dict[str, list[Row]]
-    summary: dict[str, Any]
-    files: Mapping[str, bytes] = {}
+    tables: dict[str, list[Row]]  # empty ones are left out of the results
+    summary: dict[str, Any]  # values that the claims ledger refers to
+    files: Mapping[str, bytes] = {}  # content by path below the results folder
 
 
 class View(NamedTuple):
@@ -104,7 +92,7 @@ def run(
     work: Path | None = None,
     engine: Engine | None = None,
 ) -> Results:
-    """Run the jobs that are not finished yet, and compute the tables.
+    """Run the jobs that are not finished yet, and compute the tables, rounded as they are saved.
 
     Args:
         study: The study.
@@ -112,9 +100,6 @@ def run(
         on_stage: Shows progress.
         work: Folder of the jobs; a temporary folder by default.
         engine: Where the jobs run; by default on every core of this machine.
-
-    Returns:
-        The results, rounded as they are saved.
 
     Raises:
         UserError: If a job fails or the work folder can't be written.

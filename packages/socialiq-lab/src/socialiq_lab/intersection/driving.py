@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -73,15 +73,16 @@ def drive(
 ) -> None:
     """Write the outcome of every episode, a file for each policy and readout or angle."""
     drivers = drivers_of(config, inputs)
-    cells = [(name, cell) for name in drivers for cell in config.angles or config.readouts]
+    chosen: Sequence[Any] = config.angles or config.readouts
+    cells = [(name, cell) for name in drivers for cell in chosen]
     for number, (name, cell) in enumerate(cells, start=1):
         driver = drivers[name]
         policy = driver.at(cell) if isinstance(driver, Dial) else driver
         if config.ahead == "lookahead":
-            episodes = with_oracle_lookahead(config.options, policy, config.seeds, float(cell))
+            episodes = with_oracle_lookahead(config.options, policy, config.seeds, cell)
         elif config.ahead == "planned":
             discount = driver.provenance["numbers"]["discount"]
-            policy = RolloutPolicy(policy, config.options, float(cell), discount=discount)
+            policy = RolloutPolicy(policy, config.options, cell, discount=discount)
             episodes = episodes_of(Batch(config.options, PLANNED_BATCH), policy, config.seeds)
         else:
             batch = Batch(config.options, BATCH)
