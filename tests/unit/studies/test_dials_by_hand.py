@@ -1,12 +1,12 @@
 """Tables of the studies of dials, from rows by hand: regrets, families, tests, monotony."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from socialiq.audit.evidence.outcomes import Outcomes
+from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending
 from socialiq_lab.intersection.rows import backward_steps, points_of, value_at
@@ -81,8 +81,8 @@ def policies():
         for family, shift in (("agents", 0.0), ("dial", 0.5))
         for seed in (1, 2)
         for angle, env, social, regret in (
-            (0.0, 3.0 - shift, 0.0, 2 * shift + seed),
-            (90.0, 0.0, 3.0 - shift, shift),
+            (0.0, 3.0 - shift + seed / 10, 0.5 - shift, 2 * shift * seed + seed),
+            (90.0, 0.5 - shift, 3.0 - shift, shift * seed),
         )
     ]
 
@@ -91,7 +91,7 @@ def test_families_are_summed_up_over_the_key_angles():
     agents, *_, last = dials._families(CONFIG, policies())
     assert (agents["mean_regret"], agents["worst_regret"]) == (0.5, 1.0)
     assert (agents["regret_0"], agents["regret_90"]) == (1.0, 0.0)
-    assert last["family"] == "dial" and last["regret_0"] == 3.0
+    assert last["family"] == "dial" and last["regret_0"] == 4.0
     assert agents["hypervolume"] > last["hypervolume"] >= 0.0
     assert (agents["angles"], agents["most_arrivals"], agents["rise_r_env"]) == (2, 0.5, 0.0)
 
@@ -99,17 +99,22 @@ def test_families_are_summed_up_over_the_key_angles():
 def test_differences_are_paired_by_seed():
     families = dials._families(CONFIG, policies())
     found = {row["measure"]: row for row in dials._differences(CONFIG, families)}
-    assert found["regret_0"]["mean"] == pytest.approx(1.0)  # of the dial less the agents
-    assert found["regret_90"]["mean"] == pytest.approx(0.5)
+    assert found["regret_0"]["mean"] == pytest.approx(1.5)  # of the dial less the agents
+    assert found["regret_90"]["mean"] == pytest.approx(0.75)
     assert all(row["p_holm"] >= row["p"] for row in found.values())
     one = dataclasses.replace(CONFIG, seeds=(1,))
-    assert dials._differences(one, dials._families(one, policies()[:2])) == []
+    of_one_seed = [row for row in policies() if row["seed"] == 1]
+    assert dials._differences(one, dials._families(one, of_one_seed)) == []
 
 
 def test_the_summary_has_means_over_seeds():
     tables = {"families": [], "policies": policies(), "differences": []}
     entry = dials._summary(CONFIG, tables)["policies"]["agents"]["0"]
-    assert (entry["r_env"], entry["regret"], entry["seeds"]) == (3.0, 1.5, 2)
+    assert (entry["r_env"], entry["regret"], entry["seeds"]) == (
+        pytest.approx(3.15),
+        1.5,
+        2,
+    )
 
 
 OFFLINE = offline.Config(
@@ -160,7 +165,7 @@ def test_values_are_drawn_above_the_best_demonstrator():
             {"method": "offline dial", "seed": 1, "asked": 0.0, "value": 2.5},
         ]
     }
-    (drawn,) = offline.above_best(SimpleNamespace(tables=tables))
+    (drawn,) = offline.above_best(Results("intersection-offline", {}, tables, {}, {}))
     assert drawn["above"] == 0.5 and drawn["method"] == "offline dial"
 
 
@@ -199,9 +204,11 @@ def test_a_policy_without_an_angle_is_valued_at_all():
 def test_a_policy_is_best_at_a_range_of_angles():
     rows = [
         row(env, social, policy=name, readout="greedy", angle=0.0)
-        for name, env, social in (("a", 2.0, 0.0), ("b", 0.0, 2.0), ("c", 0.5, 0.5))
-    ]
-    first, second, third = intersection.best_angles(rows)
+        for name, env, social in (
+            ("a", 2.0, 0.0), ("b", 0.0, 2.0), ("c", 0.5, 0.5), ("d", -1.0, -1.0),
+        )
+    ]  # fmt: skip
+    first, second, third, _ = intersection.best_angles(rows)
     assert first["best_to"] == pytest.approx(45.0) == second["best_from"]
     assert (third["best_from"], third["best_to"]) == ("", "")
 

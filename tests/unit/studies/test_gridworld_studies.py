@@ -8,6 +8,7 @@ import pytest
 
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.ground import Ground
+from socialiq.results_folder import Results
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.declared import State
@@ -177,7 +178,7 @@ def test_the_comparison_has_the_thesis_angles_beside_ours():
     entry = {"angle": 40.0, "regret": 0.1, "arrival": 1.0, "timeout": 0.0}
     policies = {f"{name}_greedy": entry for name in grid.THESIS_ANGLES}
     experts = {mode: {"angle": 10.0} for mode in MODES}
-    results = SimpleNamespace(summary={"policies": policies, "experts": experts})
+    results = Results("grid", {}, {}, {"policies": policies, "experts": experts}, {})
     baseline, *targets = grid.comparison(results)
     assert (baseline["target"], baseline["regret"], baseline["optimum"]) == ("none", "", "")
     assert [row["target"] for row in targets] == ["0", "45", "90"]

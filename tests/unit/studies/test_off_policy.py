@@ -1,12 +1,11 @@
 """Off-policy evaluation beside exact values: policies, data and what is counted."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.off_policy import Estimate, OffPolicy
 from studies.off_policy.study import Scene, _estimates, _pooled
 
 
@@ -52,27 +51,30 @@ def test_chances_are_those_of_the_state_and_even_beyond_the_end(scene):
     np.testing.assert_allclose(chances(nowhere), 1.0 / policy.shape[1])
 
 
-def estimate(value, low, high):
-    return SimpleNamespace(value=lambda _angle: (value, low, high))
+def estimate(low, high):
+    """An estimate of r_env between two values, with many resamples between them."""
+    env = np.linspace(low, high, 401)
+    resampled = np.stack([env, np.zeros(401)], axis=1)
+    return Estimate(resampled[200], resampled)
 
 
-def evaluation(**estimates):
-    plain = estimate(1.0, 0.5, 1.5)
-    fields = {"fitted": plain, "weighted": plain, "whole": plain, **estimates}
-    return SimpleNamespace(
-        **fields, fitted_supported=True, weighted_supported=False, effective=9.0, left=0.1
-    )
+def test_every_estimator_has_a_row_with_its_interval():
+    narrow, wide = estimate(0.9, 1.1), estimate(0.0, 2.0)
+    found = OffPolicy(wide, wide, narrow, effective=9.0, left=0.1, episodes=20)
+    rows = list(_estimates({"angle": 0.0, "seed": 1}, found, 1.2))
+    assert [row["estimator"].split(",")[0] for row in rows] == ["fitted Q"] + 2 * ["importance"]
+    assert [row["covers"] for row in rows] == [0, 1, 1]
+    assert all(row["value"] == pytest.approx(1.0) and row["exact"] == 1.2 for row in rows)
+    assert all(row["low"] < row["value"] < row["high"] for row in rows)
+    assert rows[0]["effective"] == 9.0 and rows[0]["seed"] == 1
+    assert rows[0]["supported"] == int(found.fitted_supported)
 
 
-def test_every_estimator_has_a_row_and_what_is_infinite_is_empty():
-    found = evaluation(whole=estimate(np.nan, -np.inf, np.inf))
-    fitted, weighted, whole = _estimates({"angle": 0.0, "seed": 1}, found, 1.2)
-    assert fitted["covers"] == weighted["covers"] == 1
-    assert (fitted["supported"], weighted["supported"], whole["supported"]) == (1, 0, 0)
-    assert (whole["value"], whole["low"], whole["high"]) == ("", "", "") and whole["covers"] == 1
-    assert fitted["effective"] == 9.0 and fitted["seed"] == 1
-    (outside, *_) = _estimates({"angle": 0.0}, evaluation(fitted=estimate(1.0, 0.5, 1.1)), 1.2)
-    assert outside["covers"] == 0
+def test_what_is_infinite_is_empty():
+    nothing = Estimate(np.full(2, np.nan), np.full((401, 2), np.nan))
+    found = OffPolicy(nothing, nothing, estimate(0.0, 2.0), effective=0.0, left=1.0, episodes=20)
+    _, weighted, _ = _estimates({"angle": 0.0}, found, 1.2)
+    assert (weighted["value"], weighted["supported"]) == ("", 0)
 
 
 def test_supported_estimates_are_pooled_apart():
