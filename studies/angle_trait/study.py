@@ -10,16 +10,23 @@ whose policies are the model of drivers: near the one that drives, and never equ
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32, Int64
+from scipy.special import softmax
 
 from socialiq.errors import UserError
+from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.types import Row
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import packaged_results
+from socialiq.types import Ending, Row
+from socialiq.worlds.intersection.options import ACTIONS, Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import groups, mean
+from socialiq_recordings.prediction.choices import ChoiceTable
 from socialiq_recordings.trait.choice_model import (
     evaluate,
     family_trait,
@@ -29,20 +36,167 @@ from socialiq_recordings.trait.choice_model import (
 )
 from socialiq_recordings.trait.hierarchy import Direction, direction
 from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
+from socialiq_recordings.trait.planted import before
 from socialiq_recordings.trait.traits import progress_trait
-from studies.angle_trait.driving import (
-    CONFIDENCE,
-    DIAL,
-    INFERENCES,
-    OTHER_DIAL,
-    RANDOM,
-    Decided,
-    Population,
-    base_of,
-    choices_of,
-    drive,
-    first_episodes,
-)
+
+DIAL = packaged_results() / "intersection-dial" / "dial.safetensors"
+"""The dial whose policies drive; its middle ends the rollouts."""
+
+OTHER_DIAL = packaged_results() / "intersection-dial-clock" / "calibrated.safetensors"
+"""The dial that is the model of drivers: of another training, seed, network and observation."""
+
+INFERENCES = (("planner", "returns"), ("dial", "returns"), ("dial", "another dial"))
+"""Kinds of drivers, and what their angles are inferred from."""
+
+MIXED = 10
+"""Angles of the dial whose policies are the base predictor of dials; that of planners is even."""
+
+RANDOM = 0.05
+"""Share of random actions in it."""
+
+CONFIDENCE = 0.9
+"""Of the drivers' intervals."""
+
+
+class Population(NamedTuple):
+    """Drivers of known angles.
+
+    Attributes:
+        kind: planner or dial.
+        angle: Of each driver, degrees.
+        strength: β of planners, per unit of return.
+    """
+
+    kind: str
+    angle: Float[np.ndarray, " driver"]
+    strength: float
+
+
+class Decided(NamedTuple):
+    """Decisions of all drivers, in the order of time.
+
+    Attributes:
+        row: Number of the episode, driver by driver.
+        log_base: log p of each action by the base predictor.
+        env: Return of each action in r_env.
+        social: Return of each action in r_social.
+        action: The action taken.
+        seen: What the ego observes, and the time.
+    """
+
+    row: Int64[np.ndarray, " decision"]
+    log_base: Float[np.ndarray, "decision action"]
+    env: Float[np.ndarray, "decision action"]
+    social: Float[np.ndarray, "decision action"]
+    action: Int64[np.ndarray, " decision"]
+    seen: Float32[np.ndarray, "decision feature"]
+
+
+def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
+    """Drive every driver's episodes side by side, with the returns of every action.
+
+    After its first action a rollout follows the dial at its middle, for every driver the same. A
+    planner draws actions with probabilities in proportion to exp(β R(α)) of the returns.
+
+    Args:
+        population: The drivers.
+        dial: The trained dial.
+        episodes: Number of episodes of each driver.
+        first_episode: Seed of the first episode.
+    """
+    size = len(population.angle) * episodes
+    batch = Batch(Options(), size)
+    rng = np.random.default_rng(first_episode)
+    batch.reset(first_episode)
+    middle = dial.at((dial.low + dial.high) / 2)
+    mixed = [dial.at(angle) for angle in np.linspace(dial.low, dial.high, MIXED).tolist()]
+    policies = [dial.at(angle) for angle in population.angle] if population.kind == "dial" else []
+    driver, columns = np.repeat(np.arange(len(population.angle)), episodes), []
+    running = np.ones(size, bool)
+    clock = dial.n_features > batch.observation.shape[1]
+    while running.any():
+        returns = branched_returns(batch, lambda rows: middle.predict(rows)[0], clock)
+        observation = observed(batch, clock)
+        if policies:
+            of_driver = observation.reshape(len(policies), episodes, -1)
+            actions = [
+                policy.predict(rows)[0] for policy, rows in zip(policies, of_driver, strict=True)
+            ]
+            action = np.concatenate(actions)
+        else:
+            radians = np.radians(population.angle)[driver, None]
+            score = np.cos(radians) * returns.env + np.sin(radians) * returns.social
+            below = softmax(population.strength * score, axis=1).cumsum(axis=1)
+            action = (below < rng.random((len(below), 1)) * below[:, -1:]).sum(axis=1)
+        rows = np.flatnonzero(running)
+        base = base_of(mixed if policies else [], observation[rows])
+        observation = observed(batch, clock=True)[rows]
+        decided = (base, returns.env[rows], returns.social[rows], action[rows], observation)
+        columns.append((rows, *decided))
+        step = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
+        running &= step.ending == int(Ending.NONE)
+    return Decided(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def base_of(
+    mixed: list[QPolicy], observation: Float[np.ndarray, "row feature"]
+) -> Float[np.ndarray, "row action"]:
+    """Return log p by the mixture of some policies, with `RANDOM` of random actions.
+
+    Args:
+        mixed: The policies; with none every action is equally likely.
+        observation: Observations, the time last; a policy without a clock doesn't read it.
+    """
+    even = np.full((len(observation), len(ACTIONS)), 1 / len(ACTIONS))
+    if not mixed:
+        return np.log(even)
+    chosen = [
+        np.eye(len(ACTIONS))[policy.predict(observation[:, : policy.n_features])[0]]
+        for policy in mixed
+    ]
+    return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
+
+
+def first_episodes(decided: Decided, episodes: int, used: int) -> Decided:
+    """Return the decisions of each driver's first episodes, of so many episodes."""
+    is_used = decided.row % episodes < used
+    return Decided(*(column[is_used] for column in decided))
+
+
+def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
+    """Return the decisions of each driver's first episodes as choices.
+
+    Every driver drives alone, so that each is a chain.
+
+    Args:
+        decided: All decisions.
+        episodes: Episodes of a driver in `decided`.
+        used: Episodes of a driver to use: half of them to infer.
+    """
+    row, log_base, env, social, action, *_ = first_episodes(decided, episodes, used)
+    driver, episode = np.divmod(row, episodes)
+    order = np.lexsort([np.arange(len(row)), row])
+    time = np.empty(len(row))
+    time[order] = np.arange(len(row))
+    half = (episode >= used // 2).astype(np.int64)
+    grid = np.arange(len(ACTIONS), dtype=np.float64) - 1.0
+    off = grid[action] - np.exp(log_base) @ grid
+    return ChoiceTable(
+        driver=driver,
+        chain=driver,
+        site=np.zeros_like(driver),
+        time=time,
+        half=half,
+        conflict=np.ones(len(row), bool),
+        moving=np.ones(len(row), bool),
+        grid=grid,
+        log_base=log_base,
+        r_env=env,
+        r_social=social,
+        acceleration=grid[action],
+        residual=before(off, driver, time),
+    )
+
 
 _KEYS = ("kind", "inferred_from", "spread_planted", "episodes")
 

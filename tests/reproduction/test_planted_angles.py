@@ -9,7 +9,7 @@ from socialiq.storage import packaged_results
 from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
 from studies.angle_trait import study
-from studies.angle_trait.driving import DIAL, Population, drive
+from studies.angle_trait.study import DIAL, Population, drive
 
 Config = find("angle-trait").Config
 

@@ -8,8 +8,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_recordings.trait.models import fit_models
-from studies.angle_trait.driving import DIAL, Population, choices_of, drive
-from studies.angle_trait.study import fit_family, recovery
+from studies.angle_trait.study import DIAL, Population, choices_of, drive, fit_family, recovery
 
 STUDY = find("angle-trait")
 Config = STUDY.Config
