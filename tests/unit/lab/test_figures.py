@@ -30,11 +30,9 @@ def test_each_value_has_a_line_of_its_own_and_the_legend_names_it_once():
     assert axes.lines[0].get_color() == axes.lines[1].get_color() != axes.lines[2].get_color()
 
 
-def test_panels_may_be_of_several_columns():
-    picture = drawn(panels=["place", "angle"], x="seed", columns=2)
-    assert [axes.get_title() for axes in picture.axes] == [
-        f"{place}, angle {angle}" for place in "ab" for angle in (0, 90)
-    ]
+def test_panels_may_be_of_several_columns_joined():
+    picture = drawn(join={"cell": ["place", "angle"]}, panels="cell", x="seed", columns=2)
+    assert [axes.get_title() for axes in picture.axes] == ["a, 0", "a, 90", "b, 0", "b, 90"]
 
 
 def test_a_layer_without_a_legend_is_not_listed_twice():

@@ -1,7 +1,7 @@
 """Figures that a STUDY.toml declares: panels of lines, points, bars or a heat map, from tables.
 
 A `[[figure]]` is a row of panels: one for each column in `y`, times one for each value of the
-columns `panels`. In a panel, `lines` gives a colour to each value of a column, `styles` a line
+column `panels`. In a panel, `lines` gives a colour to each value of a column, `styles` a line
 style, and `each` a line of its own. `layers` draw several tables into the same panels.
 """
 
@@ -29,7 +29,7 @@ _MARKS = "osD^vP*X"
 
 
 class _Panel(NamedTuple):
-    """A panel: its column of y, and its value of each column of `panels`."""
+    """A panel: its column of y, and its value of the column `panels` if there is one."""
 
     y: str
     values: dict[str, Any]
@@ -40,9 +40,9 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
 
     Args:
         specification: `table`, `where`, `split` (columns of the parts of a name), `kind` (one of
-            `KINDS`), `x`, `y` (a column, or several), `lines`, `styles`, `each`, `panels` (a
-            column, or several), `error` (columns of a lower and an upper end), `text` (column
-            written beside points), `layers` (tables of these keys, laid over the others),
+            `KINDS`), `x`, `y` (a column, or several), `lines`, `styles`, `each`, `panels`,
+            `error` (columns of a lower and an upper end), `text` (column written beside points),
+            `join` (a column of several), `layers` (tables of these keys, laid over the others),
             `xlabel`, `ylabel`, `ylabels`, `rotation` (of the labels at x, degrees), `xscale`,
             `yscale`, `xlim`, `ylim`, `hline`, `vline`, `diagonal`, `legend` (false for none),
             `title`, `size` (of a panel, in inches), `columns` (panels side by side).
@@ -92,7 +92,7 @@ def _listed(names: str | Sequence[str] | None) -> Sequence[str]:
 
 
 def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
-    """Return the rows of a layer's table, with the parts of a name as columns (`split`)."""
+    """Return the rows of a layer's table, with columns from parts of a name or from several."""
 
     def number(text: str) -> float | str:
         try:
@@ -109,6 +109,8 @@ def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
             for row, values in split_rows
             if len(values) == len(keys)
         ]
+    for name, columns in layer.get("join", {}).items():
+        rows = [row | {name: ", ".join(as_text(row[column]) for column in columns)} for row in rows]
     return where(rows, layer.get("where", {}))
 
 

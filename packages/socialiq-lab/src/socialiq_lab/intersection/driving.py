@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -73,7 +73,7 @@ def drive(
 ) -> None:
     """Write the outcome of every episode, a file for each policy and readout or angle."""
     drivers = drivers_of(config, inputs)
-    chosen: Sequence[Any] = config.angles or config.readouts
+    chosen: Any = config.angles or config.readouts
     cells = [(name, cell) for name in drivers for cell in chosen]
     for number, (name, cell) in enumerate(cells, start=1):
         driver = drivers[name]
