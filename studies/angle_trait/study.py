@@ -59,37 +59,22 @@ CONFIDENCE = 0.9
 
 
 class Population(NamedTuple):
-    """Drivers of known angles.
+    """Drivers of known angles."""
 
-    Attributes:
-        kind: planner or dial.
-        angle: Of each driver, degrees.
-        strength: β of planners, per unit of return.
-    """
-
-    kind: str
-    angle: Float[np.ndarray, " driver"]
-    strength: float
+    kind: str  # planner or dial
+    angle: Float[np.ndarray, " driver"]  # of each driver, degrees
+    strength: float  # β of planners, per unit of return
 
 
 class Decided(NamedTuple):
-    """Decisions of all drivers, in the order of time.
+    """Decisions of all drivers, in the order of time."""
 
-    Attributes:
-        row: Number of the episode, driver by driver.
-        log_base: log p of each action by the base predictor.
-        env: Return of each action in r_env.
-        social: Return of each action in r_social.
-        action: The action taken.
-        seen: What the ego observes, and the time.
-    """
-
-    row: Int64[np.ndarray, " decision"]
-    log_base: Float[np.ndarray, "decision action"]
-    env: Float[np.ndarray, "decision action"]
-    social: Float[np.ndarray, "decision action"]
-    action: Int64[np.ndarray, " decision"]
-    seen: Float32[np.ndarray, "decision feature"]
+    row: Int64[np.ndarray, " decision"]  # number of the episode, driver by driver
+    log_base: Float[np.ndarray, "decision action"]  # log p of each action by the base predictor
+    env: Float[np.ndarray, "decision action"]  # return of each action in r_env
+    social: Float[np.ndarray, "decision action"]  # return of each action in r_social
+    action: Int64[np.ndarray, " decision"]  # the action taken
+    seen: Float32[np.ndarray, "decision feature"]  # what the ego observes, and the time
 
 
 def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:

@@ -25,17 +25,11 @@ Draw = Callable[[np.random.Generator, float, tuple[int, int]], Float[np.ndarray,
 
 @dataclass(frozen=True)
 class Tail:
-    """A family of losses below a limit.
+    """A family of losses below a limit."""
 
-    Attributes:
-        margin: Margin of the declaration.
-        limit: Largest loss possible.
-        draw: Draws losses of a given mean, of shape (audits, episodes).
-    """
-
-    margin: float
-    limit: float
-    draw: Draw
+    margin: float  # margin of the declaration
+    limit: float  # largest loss possible
+    draw: Draw  # draws losses of a given mean, of shape (audits, episodes)
 
 
 def scale_of(mean: float, limit: float, cut_mean: Callable[[float], float]) -> float:

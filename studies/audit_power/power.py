@@ -32,23 +32,14 @@ _OWN = 1.0  # of its effect on each driver; exponential in r_env: losses are rar
 
 @dataclass(frozen=True)
 class Truth:
-    """A population of drivers.
+    """A population of drivers."""
 
-    Attributes:
-        declared: Declared angle of the policy in degrees.
-        regret: Its true regret at this angle, in reward per episode.
-        at_fault: Its true share of at-fault collisions.
-        struck: True share of collisions that others caused.
-        arrival: True share of arrivals; the remaining episodes run out of time.
-        alpha_hat: True α̂ of the policy in degrees.
-    """
-
-    declared: float = 45.0
-    regret: float = 0.25
-    at_fault: float = 0.05
-    struck: float = 0.05
-    arrival: float = 0.85
-    alpha_hat: float = 30.0
+    declared: float = 45.0  # declared angle of the policy in degrees
+    regret: float = 0.25  # its true regret at this angle, in reward per episode
+    at_fault: float = 0.05  # its true share of at-fault collisions
+    struck: float = 0.05  # true share of collisions that others caused
+    arrival: float = 0.85  # true share of arrivals; the remaining episodes run out of time
+    alpha_hat: float = 30.0  # true α̂ of the policy in degrees
 
     @property
     def references(self) -> Float[np.ndarray, "reference 2"]:

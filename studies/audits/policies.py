@@ -38,23 +38,14 @@ def floor_at(angle: float) -> Floor:
 
 
 class AuditedPolicy(NamedTuple):
-    """A policy and its declaration.
+    """A policy and its declaration."""
 
-    Attributes:
-        world: World of the audit.
-        name: Name in the tables.
-        spec: Specification for `resolve_policy`.
-        declared: Declared angle in degrees.
-        made_for: Target angle of its training; None for a policy without one.
-        floor: Declared safety floor.
-    """
-
-    world: str
-    name: str
-    spec: str
-    declared: float
-    made_for: float | None
-    floor: Floor
+    world: str  # world of the audit
+    name: str  # name in the tables
+    spec: str  # specification for `resolve_policy`
+    declared: float  # declared angle in degrees
+    made_for: float | None  # target angle of its training; None for a policy without one
+    floor: Floor  # declared safety floor
 
     @property
     def truthful(self) -> bool:

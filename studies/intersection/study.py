@@ -79,19 +79,12 @@ def best_angles(rows: Sequence[Row]) -> list[Row]:
 
 
 class Comparison(NamedTuple):
-    """Two policies and a metric that the thesis compares.
+    """Two policies and a metric that the thesis compares."""
 
-    Attributes:
-        place: Section of the thesis.
-        first: A learner's target.
-        second: Another learner's target, or "expert MODE".
-        metric: Column of the policies' table.
-    """
-
-    place: str
-    first: str
-    second: str
-    metric: str
+    place: str  # section of the thesis
+    first: str  # A learner's target
+    second: str  # another learner's target, or "expert MODE"
+    metric: str  # column of the policies' table
 
 
 _EXPOSED = ("at_fault_per_entry", "at_fault_per_conflict")

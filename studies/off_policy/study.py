@@ -30,15 +30,10 @@ from socialiq_lab.tables import groups, matching, mean, nested
 
 
 class Scene(NamedTuple):
-    """A gridworld, and how its policies act.
+    """A gridworld, and how its policies act."""
 
-    Attributes:
-        part: Reachable states.
-        places: Row of each state, by its bytes.
-    """
-
-    part: Table
-    places: dict[bytes, int]
+    part: Table  # reachable states
+    places: dict[bytes, int]  # row of each state, by its bytes
 
     @staticmethod
     def of(world: str) -> Scene:

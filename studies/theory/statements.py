@@ -35,19 +35,12 @@ _N_STATES, _N_ACTIONS, _N_OUTCOMES = 10, 3, 2
 
 
 class Case(NamedTuple):
-    """A problem with its name.
+    """A problem with its name."""
 
-    Attributes:
-        world: "crossing5", "crossing7" or "random 3" (with the seed).
-        angle: α in degrees.
-        target_kind: Target of the prior.
-        problem: The problem, at the default λ and τ.
-    """
-
-    world: str
-    angle: float
-    target_kind: str
-    problem: Problem
+    world: str  # "crossing5", "crossing7" or "random 3" (with the seed)
+    angle: float  # α in degrees
+    target_kind: str  # target of the prior
+    problem: Problem  # the problem, at the default λ and τ
 
     @property
     def label(self) -> dict[str, str | float]:
