@@ -78,16 +78,10 @@ class Decided(NamedTuple):
 
 
 def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
-    """Drive every driver's episodes side by side, with the returns of every action.
+    """Drive each driver's episodes side by side, with the returns of every action.
 
     After its first action a rollout follows the dial at its middle, for every driver the same. A
     planner draws actions with probabilities in proportion to exp(β R(α)) of the returns.
-
-    Args:
-        population: The drivers.
-        dial: The trained dial.
-        episodes: Number of episodes of each driver.
-        first_episode: Seed of the first episode.
     """
     size = len(population.angle) * episodes
     batch = Batch(Options(), size)
@@ -128,9 +122,8 @@ def base_of(
 ) -> Float[np.ndarray, "row action"]:
     """Return log p by the mixture of some policies, with `RANDOM` of random actions.
 
-    Args:
-        mixed: The policies; with none every action is equally likely.
-        observation: Observations, the time last; a policy without a clock doesn't read it.
+    With no policy every action is equally likely. A policy without a clock doesn't read the time,
+    which comes last.
     """
     even = np.full((len(observation), len(ACTIONS)), 1 / len(ACTIONS))
     if not mixed:
@@ -151,12 +144,8 @@ def first_episodes(decided: Decided, episodes: int, used: int) -> Decided:
 def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
     """Return the decisions of each driver's first episodes as choices.
 
-    Every driver drives alone, so that each is a chain.
-
-    Args:
-        decided: All decisions.
-        episodes: Episodes of a driver in `decided`.
-        used: Episodes of a driver to use: half of them to infer.
+    Every driver drives alone, so that each is a chain. Of the `used` episodes of a driver, which
+    has `episodes`, half are to infer.
     """
     row, log_base, env, social, action, *_ = first_episodes(decided, episodes, used)
     driver, episode = np.divmod(row, episodes)
@@ -257,15 +246,8 @@ def fit_family(
 ) -> Models:
     """Infer angles with the policies of a dial as the model of drivers (`fit_models`).
 
-    Its policies mixed are the base predictor of the rivals.
-
-    Args:
-        decided: All decisions.
-        episodes: Episodes of a driver in `decided`.
-        used: Episodes of a driver to use: half of them to infer.
-        dial: The dial; it observes the time.
-        seed: Of the shuffling.
-        step: Of the angles integrated over, degrees.
+    Its policies mixed are the base predictor of the rivals. The dial observes the time; `seed` is
+    of the shuffling, `step` of the angles integrated over, degrees.
     """
     angle = np.linspace(dial.low, dial.high, max(2, round((dial.high - dial.low) / step) + 1))
     policies = [dial.at(value) for value in angle.tolist()]

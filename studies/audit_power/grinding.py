@@ -75,12 +75,7 @@ def grinding_rows(
 ) -> list[Row]:
     """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals.
 
-    Args:
-        episodes: Episodes of each audit.
-        owners: Number of owners of each policy.
-        seed: Seed of the first owner; the others follow.
-        resamples: Smallest number of resamples of each bootstrap; a small error takes more.
-        on_stage: Shows progress.
+    `resamples` is the smallest number of each bootstrap; a small error takes more.
     """
     first: dict[tuple[str, str], list[int]] = {
         (policy, way): [] for policy in POLICIES for way in WAYS
@@ -137,14 +132,7 @@ _CLOSEST = 1.2
 
 
 class Audit:
-    """A simulated audit, which may be tested at several errors.
-
-    Args:
-        truth: True values of the policy.
-        drawn: Commitment and seed.
-        episodes: Number of episodes.
-        resamples: Smallest number of resamples; a small error takes more.
-    """
+    """A simulated audit, which may be tested at several errors."""
 
     def __init__(self, truth: Truth, drawn: Draw, episodes: int, resamples: int) -> None:
         self._truth, self._least = truth, resamples

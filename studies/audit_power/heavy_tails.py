@@ -117,15 +117,7 @@ def error_rows(
     resamples: int = 1000,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the shares of passes by each bound, with 99 % intervals.
-
-    Args:
-        episodes: Episodes of each audit.
-        replications: Number of audits of each case.
-        seed: Seed of all draws.
-        resamples: Resamples of each bootstrap.
-        on_stage: Shows progress.
-    """
+    """Return the shares of passes by each bound, with 99 % intervals, over audits of each case."""
     cases = list(itertools.product(TAILS, TIMES))
     return [
         {"losses": name, "regret": label, "margins": TIMES[label]}

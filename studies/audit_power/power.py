@@ -169,12 +169,7 @@ def coverage_rows(
 ) -> list[Row]:
     """Return the share of audits in which each interval contains the true value.
 
-    Args:
-        episodes: Episodes of each audit.
-        replications: Number of audits.
-        seed: Seed of the first audit; the others follow.
-        resamples: Resamples of each bootstrap.
-        on_stage: Shows progress.
+    `seed` is that of the first audit; the others follow.
     """
     seeds = range(seed, seed + replications)
     covered = [

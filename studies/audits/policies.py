@@ -56,8 +56,7 @@ class AuditedPolicy(NamedTuple):
 def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
     """Yield the atlas' policies at their own angles, some at others, and one that never moves.
 
-    Args:
-        folder: Folder for the file of the policy that never moves.
+    The file of the latter is written to the folder.
     """
     families = {"set expert": "set_", "expert": "expert_", "learner": ""}
     cells: list[tuple[str, str, float, float | None]] = [
@@ -96,13 +95,8 @@ def trained_in_gridworld(
 ) -> None:
     """Train three targets with their baseline, and a dial, and write them to a folder.
 
-    The dial is the run `online` of the study `dial` with fewer updates.
-
-    Args:
-        folder: Folder of the files.
-        seed: Seed of the trainings and of their demonstrations.
-        updates: Gradient steps of the targets and of the dial.
-        on_stage: Shows progress.
+    The dial is the run `online` of the study `dial` with fewer updates; `updates` are the gradient
+    steps of the targets and of the dial.
     """
     ground = Ground.of(GRIDWORLD)
     data = trajectory_datasets(ground.table, [seed], _EPISODES_EACH)

@@ -74,15 +74,7 @@ def audit_rows(
     folder: Path,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Declare and audit each policy; return a row for each.
-
-    Args:
-        policies: Audited policies, all of one world.
-        episodes: Episodes of each audit.
-        seed: Seed of every audit.
-        folder: Folder for the declarations.
-        on_stage: Shows progress.
-    """
+    """Declare and audit each policy, all of one world, in a folder; return a row for each."""
     rows, profile = [], folder / "profile.toml"
     for policy in tracked(policies, on_stage, f"audits, {policies[0].world}", "audits"):
         margin, owner = MARGINS[policy.world], "the study of audits"

@@ -249,11 +249,7 @@ def budget_tables(
 ) -> dict[str, list[Row]]:
     """Train an agent for each budget and seed; return the results and the paths of the multipliers.
 
-    Args:
-        ground: The world with its clock.
-        config: Configuration of the study.
-        data: A data set for each of the study's seeds.
-        on_stage: Shows progress.
+    The world has its clock; there is a data set for each of the study's seeds.
     """
     angle, offline = config.budget_angle, RUNS["offline"]
     static = dataclasses.replace(

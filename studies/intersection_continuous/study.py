@@ -129,9 +129,7 @@ def _dials(config: Config, work: Path) -> list[Row]:
 def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
     """Return the study's main table: each metric of Tables 6.1 and 6.2, mean and spread over seeds.
 
-    Args:
-        policies: Experts and policies of a mixture.
-        dials: Dials, of which the angles of the three modes are shown.
+    Of dials the angles of the three modes are shown.
     """
     by_name = {name: rows for (name,), rows in groups(policies, "name").items()}
     modes = {angle: mode for mode, angle in MODES.items()}

@@ -94,12 +94,7 @@ def drive(
 ) -> Episodes:
     """Run one episode of a reference driver for each seed; the random one draws from the first.
 
-    Args:
-        options: Fields of the intersection's `Options`.
-        driver: Its name.
-        seeds: Seed of each episode.
-        threads: Threads that share them.
-        back_end: "core" or "highway_env".
+    `options` are fields of the intersection's `Options`, and `threads` share the episodes.
     """
     size = min(BATCH[back_end], len(seeds))
     batch = Intersection(Options(**options)).batch(size, threads, back_end)

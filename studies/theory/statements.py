@@ -177,9 +177,7 @@ def primal_rows(cases: Sequence[Case]) -> list[Row]:
 def shaping_rows(cases: Sequence[Case], targets: Mapping[str, Sequence[Case]]) -> list[Row]:
     """Return the largest difference of a probability from the policy of instantaneous targets.
 
-    Args:
-        cases: Cases with instantaneous targets.
-        targets: The same cases with other targets, by the target's name.
+    `targets` has the same cases with other targets, by the target's name.
     """
     rows = []
     for number, case in enumerate(cases):

@@ -162,19 +162,12 @@ _PRINTED = re.compile(r"[+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
 class Printed(NamedTuple):
-    """A number as the thesis prints it.
+    """A number as the thesis prints it."""
 
-    Attributes:
-        value: The number.
-        digit: One unit of its last printed digit.
-        spread: Printed standard deviation; None without.
-        over: What the spread is over: `SPREADS`; "" without.
-    """
-
-    value: float
-    digit: float
-    spread: float | None = None
-    over: str = ""
+    value: float  # the number
+    digit: float  # one unit of its last printed digit
+    spread: float | None = None  # printed standard deviation; None without
+    over: str = ""  # what the spread is over: `SPREADS`; "" without
 
 
 class Ours(NamedTuple):

@@ -42,21 +42,13 @@ Work = Callable[[Any, Path, Mapping[str, Path], ProgressCallback], None]
 
 @dataclass(frozen=True)
 class Job:
-    """One step of a study.
+    """One step of a study."""
 
-    Attributes:
-        name: Folder below the work folder; the part before the first "/" is its stage.
-        work: Function of a module, so that another process can import it.
-        config: Everything it depends on: a dataclass with fields that JSON can hold.
-        inputs: Names of the jobs whose folders it reads.
-        cost: Approximate seconds; only proportions matter, for the estimated time left.
-    """
-
-    name: str
-    work: Work
-    config: Any
-    inputs: tuple[str, ...] = ()
-    cost: float = 1.0
+    name: str  # folder below the work folder; the part before the first "/" is its stage
+    work: Work  # function of a module, so that another process can import it
+    config: Any  # everything it depends on: a dataclass with fields that JSON can hold
+    inputs: tuple[str, ...] = ()  # names of the jobs whose folders it reads
+    cost: float = 1.0  # approximate seconds; only proportions matter, for the estimated time left
 
     @property
     def stage(self) -> str:

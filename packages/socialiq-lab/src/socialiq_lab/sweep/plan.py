@@ -29,17 +29,12 @@ MOST_RUNS = 100_000
 
 @dataclass(frozen=True)
 class Plan:
-    """A sweep that was read and found in order.
+    """A sweep that was read and found in order."""
 
-    Attributes:
-        file: The sweep file.
-        jobs: Each trains runs of one static config, world and data set in one program.
-        settings: Content of the file, for the record.
-    """
-
-    file: Path
+    file: Path  # the sweep file
     jobs: tuple[Job, ...]
-    settings: dict[str, Any]
+    """Each trains runs of one static config, world and data set in one program."""
+    settings: dict[str, Any]  # content of the file, for the record
 
 
 class _Entry(NamedTuple):
