@@ -20,7 +20,7 @@ from socialiq_recordings.recording import Recording, RoadUser
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.simulated_source import signs_of_simulation
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import SUB_STEPS, WorldConfig
+from socialiq_recordings.world.recorded_world import SUB_STEPS, WorldConfig
 from socialiq_recordings.world.replay import replay
 
 CHUNK = 100

@@ -23,7 +23,7 @@ from socialiq_recordings import census
 from socialiq_recordings.cli.files import load_all, remark
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
-from socialiq_recordings.world.config import LEVELS, Lights, WorldConfig
+from socialiq_recordings.world.recorded_world import LEVELS, Lights, WorldConfig
 from socialiq_recordings.world.replay import Replayed, replay
 
 MOST_REPEATS = 100

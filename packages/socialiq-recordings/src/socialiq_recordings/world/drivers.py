@@ -75,25 +75,29 @@ class Observed(NamedTuple):
     vehicles: int
 
 
-def observe(every: Sequence[Encounters], kept: Sequence[set[int]]) -> Observed:
+def observe(every: Sequence[Encounters], counted: Sequence[set[int]]) -> Observed:
     """Return what some recordings show.
 
     Args:
         every: Encounters of each recording.
-        kept: Tracks of each that count, so that a vehicle in two recordings counts once.
+        counted: Tracks of each that count, so that a vehicle in two recordings counts once.
     """
-    rows: dict[str, list[float]] = {
-        name: []
-        for name in (*Observed._fields, *Followed._fields)
-        if name not in ("followed", "vehicles")
-    }
+    names = {*Observed._fields, *Followed._fields} - {"followed", "vehicles"}
+    rows: dict[str, list[float]] = {name: [] for name in names}
     vehicles = 0
-    for encounters, tracks in zip(every, kept, strict=True):
+    for encounters, tracks in zip(every, counted, strict=True):
         for way in encounters.ways.values():
             if way.track in tracks:
                 _vehicle(encounters, way, rows)
                 vehicles += 1
-        _conflicts(encounters, tracks, rows)
+        for meeting in encounters.meetings():
+            if meeting.ego.track not in tracks and meeting.other.track not in tracks:
+                continue
+            if meeting.ego.track < meeting.other.track and np.isfinite(pet(meeting)):
+                rows["pets"].append(pet(meeting))
+            if meeting.ego_first:
+                accepted = gaps(encounters, meeting)
+                rows["accepted"] += [seconds for seconds in accepted if np.isfinite(seconds)]
     arrays = {name: np.array(values, np.float64) for name, values in rows.items()}
     followed = Followed(*(arrays.pop(name) for name in Followed._fields))
     return Observed(**arrays, followed=followed, vehicles=vehicles)
@@ -124,24 +128,9 @@ def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> 
             rows["gap"].append(ahead.gap)
             rows["leader_speed"].append(ahead.speed)
             rows["acceleration"].append((way.state(frame + second)[1] - speed) / _SECOND)
-    for name, values, best in (
-        ("free_speeds", free, np.max),
-        ("headways", headways, np.median),
-        ("standing_gaps", standing, np.median),
-    ):
-        if values:
-            rows[name].append(float(best(values)))
-
-
-def _conflicts(encounters: Encounters, tracks: set[int], rows: dict[str, list[float]]) -> None:
-    for meeting in encounters.meetings():
-        if meeting.ego.track not in tracks and meeting.other.track not in tracks:
-            continue
-        if meeting.ego.track < meeting.other.track and np.isfinite(pet(meeting)):
-            rows["pets"].append(pet(meeting))
-        if meeting.ego_first:
-            gap, lag = gaps(encounters, meeting)
-            rows["accepted"] += [seconds for seconds in (gap, lag) if np.isfinite(seconds)]
+    rows["free_speeds"] += [float(np.max(free))] if free else []
+    rows["headways"] += [float(np.median(headways))] if headways else []
+    rows["standing_gaps"] += [float(np.median(standing))] if standing else []
 
 
 LEAST = 10
@@ -174,15 +163,6 @@ class Drivers(NamedTuple):
     comfort_deceleration: Normal
     margin: Normal
 
-    def array(self) -> Float64[np.ndarray, "parameter 4"]:
-        """Return mean, deviation and bounds by parameter."""
-        return np.array(self, np.float64)
-
-    @staticmethod
-    def of_array(rows: Float64[np.ndarray, "parameter 4"]) -> Drivers:
-        """Return the distributions of `array`."""
-        return Drivers(*(Normal(*row) for row in rows.tolist()))
-
 
 @dataclass(frozen=True)
 class Calibration:
@@ -212,45 +192,46 @@ class Calibration:
 
 
 def calibrate(observed: Observed) -> Calibration:
-    """Estimate a population of drivers.
+    """Estimate a population of drivers from what recordings show.
 
     Desired speeds are the fastest of each vehicle without a leader or a curve, time headways those
     of steady following, jam distances those of standing vehicles: medians, and spreads between
     quartiles. Both accelerations minimise the error of the next acceleration in following; a fit
     that is worse than constant speed says nothing and is dropped. The margin is the lower quartile
     of post-encroachment times.
-
-    Args:
-        observed: What the recordings show.
     """
-    defaults = Idm()
+    defaults, followed, bends = Idm(), observed.followed, observed.lateral
     speed, speeds = _normal(observed.free_speeds, defaults.desired_speed, (3.0, 45.0))
     jam, jams = _normal(observed.standing_gaps, defaults.jam_distance, _GAPS)
     # The IDM keeps the jam distance besides the time headway.
-    moving = observed.followed.speed[observed.followed.speed > _MOVING]
+    moving = followed.speed[followed.speed > _MOVING]
     beyond = jam.mean / float(np.median(moving)) if len(moving) else 0.0
     headway, headways = _normal(observed.headways - beyond, defaults.time_headway, _HEADWAYS)
-    spacing = headway.mean, jam.mean
-    strengths, rms, constant = _fit(observed.followed, spacing, speed.mean, defaults)
-    moments = len(observed.followed.gap)
-    fitted = bool(rms < constant)
+    strengths, rms, constant = _fit(followed, (headway.mean, jam.mean), speed.mean, defaults)
     strong, comfort = (
         Normal(mean, _SPREAD * mean, *bounds)
         for mean, bounds in zip(strengths, _STRENGTHS, strict=True)
     )
-    margin, margins = _margin(observed.pets)
+    pets, mean = observed.pets[(observed.pets > 0) & (observed.pets < 5)], 1.5
+    if len(pets) >= LEAST:
+        mean = float(np.clip(np.quantile(pets, 0.25), 0.5, 4.0))
+    margin = Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean)
+    lateral = 2.5
+    if len(bends) >= LEAST:
+        lateral = float(np.clip(np.quantile(bends, 0.85), 1.0, 4.0))
     drivers = Drivers(speed, headway, jam, strong, comfort, margin)
-    counts = [speeds, headways, jams, moments, moments, margins]
+    moments = len(followed.gap)
+    counts = [speeds, headways, jams, moments, moments, len(pets)]
     estimated = [count >= LEAST for count in counts]
-    estimated[3] = estimated[4] = fitted
+    estimated[3] = estimated[4] = bool(rms < constant)
     evidence = tuple(
         {"parameter": name, "mean": normal.mean, "deviation": normal.deviation}
-        | {"seen": count, "estimated": bool(yes)}
-        for name, normal, count, yes in zip(
+        | {"seen": count, "estimated": is_estimated}
+        for name, normal, count, is_estimated in zip(
             Drivers._fields, drivers, counts, estimated, strict=True
         )
     )
-    return Calibration(drivers, _lateral(observed.lateral), evidence, rms, constant)
+    return Calibration(drivers, lateral, evidence, rms, constant)
 
 
 def _normal(
@@ -271,29 +252,14 @@ def _normal(
     return Normal(middle, deviation, low, high), len(values)
 
 
-def _margin(pets: Float64[np.ndarray, " conflict"]) -> tuple[Normal, int]:
-    positive = pets[(pets > 0) & (pets < 5)]
-    mean = float(np.clip(np.quantile(positive, 0.25), 0.5, 4.0)) if len(positive) >= LEAST else 1.5
-    return Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean), len(positive)
-
-
-def _lateral(values: Float64[np.ndarray, " moment"]) -> float:
-    if len(values) < LEAST:
-        return 2.5
-    return float(np.clip(np.quantile(values, 0.85), 1.0, 4.0))
-
-
 def _fit(
     followed: Followed, spacing: tuple[float, float], desired: float, defaults: Idm
 ) -> tuple[tuple[float, float], float, float]:
     """Return a and b with the least error of the next acceleration, and both errors.
 
-    Args:
-        followed: Moments of following.
-        spacing: T and s0, which steady following and standing vehicles show directly: a fit of all
-            four trades them for each other where signals, which it doesn't know, brake a leader.
-        desired: v0, m/s.
-        defaults: Where it begins, and what stays if there are too few moments.
+    `spacing` is T and s0, which steady following and standing vehicles show directly: a fit of all
+    four trades them for each other where signals, which it doesn't know, brake a leader. With too
+    few moments the defaults stay.
     """
     start = defaults.max_acceleration, defaults.comfort_deceleration
     if len(followed.gap) < _LEAST_MOMENTS:

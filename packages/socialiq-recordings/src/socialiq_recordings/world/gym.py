@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 
 from socialiq.errors import UserError
-from socialiq.social.angle import check_angle, score, weights
-from socialiq.types import Ending
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.gym import RoadEnv
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
-_TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
-
-class RecordedJunctionEnv(gymnasium.Env):
+class RecordedJunctionEnv(RoadEnv):
     """Recorded junction with the Gymnasium interface.
 
     The ego takes the place of a recorded vehicle at a recorded moment, both drawn by the seed, and
@@ -42,7 +36,7 @@ class RecordedJunctionEnv(gymnasium.Env):
         UserError: If the file is no world or another one, or the angle is invalid.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  as in Gymnasium
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
@@ -52,57 +46,25 @@ class RecordedJunctionEnv(gymnasium.Env):
         clock: bool = False,
         sha256: str = "",
     ) -> None:
-        self.world = load_world(file)
-        if sha256 and sha256 != self.world.sha256:
+        world = load_world(file)
+        if sha256 and sha256 != world.sha256:
             raise UserError(f"{file} is not the world with the SHA-256 {sha256[:12]}...")
-        self.render_mode = render_mode
-        self._weights = weights(check_angle(angle))
-        self._clock = clock
-        self.batch = JunctionBatch(self.world, 1)
-        decisions = int(self.world.config.duration * self.world.config.policy_rate)
-        low, high = (np.full(self.world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
-        if clock:
-            low[-1], high[-1] = 0.0, decisions + 1
-        self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self.action_space = spaces.Discrete(self.world.n_actions)
+        batch = world.batch(1)
+        super().__init__(world, batch, angle, render_mode, clock)
+        self.world: RecordedWorld = world
+        self.batch: JunctionBatch = batch
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode."""
-        super().reset(seed=seed, options=options)
-        if seed is None and not self.batch.begun.all():
-            seed = int(self.np_random.integers(2**31))
-        observation = self.batch.reset(None if seed is None else [seed])
-        return self._seen(observation), self._place()
-
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take one decision. A timeout truncates; every other ending terminates."""
-        decisions = self.batch.step(np.array([int(action)]))
-        ending = int(decisions.ending[0])
-        info = {
-            "reward_pair": np.array([decisions.rewards.env[0], decisions.rewards.social[0]]),
-            "signals": {name: float(values[0]) for name, values in decisions.signals.items()},
-            "ending": Ending(ending).name.lower(),
-            "speed": float(decisions.speed[0]),
-            "contact": Contact(int(decisions.contact[0])).name.lower(),
-        }
-        reward = float(score(self._weights, decisions.rewards)[0])
-        ended = ending in _TERMINAL
-        return self._seen(decisions.observation), reward, ended, ending == int(Ending.TIMEOUT), info
-
-    def _seen(self, observation: np.ndarray) -> np.ndarray:
-        if self._clock:
-            return np.append(observation[0], self.batch.time[0]).astype(np.float32)
-        return observation[0]
-
-    def _place(self) -> dict[str, Any]:
-        traffic, road = self.batch.traffic, self.world.road
+        observation, _ = super().reset(seed=seed, options=options)
+        traffic, world = self.batch.traffic, self.world
         recording = int(traffic.recording[0])
-        vehicle = int(road.recording_first[recording] + traffic.ego[0])
-        described = self.world.provenance.get("recordings", [])
+        vehicle = int(world.road.recording_first[recording] + traffic.ego[0])
+        described = world.provenance.get("recordings", [])
         name = described[recording]["recording"] if recording < len(described) else ""
-        return {"recording": name, "vehicle": int(road.identity[vehicle])}
+        return observation, {"recording": name, "vehicle": int(world.road.identity[vehicle])}
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""
@@ -123,11 +85,7 @@ def load_world(file: str | Path) -> RecordedWorld:
     if not str(file):
         raise UserError("name the world: file=W, a file of `socialiq data world`")
     path = Path(file).absolute()
-    try:
-        changed = path.stat().st_mtime_ns
-    except OSError:
-        changed = 0  # `load` says why it can't be read
-    return _load(path, changed)
+    return _load(path, path.stat().st_mtime_ns if path.exists() else 0)
 
 
 @lru_cache(maxsize=4)

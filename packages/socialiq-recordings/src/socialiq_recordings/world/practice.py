@@ -3,7 +3,8 @@
 The world, its drivers and the demonstrations come from recordings alone. The first dial learns
 from the recorded drivers; each round the dials drive episodes at several angles, some decisions
 drawn at random, and new dials learn from the recorded drivers and all practice so far (growing
-batch learning: Lange, Gabel and Riedmiller 2012).
+batch learning: Lange, Gabel and Riedmiller 2012). `visit` says what each action of a driven state
+would have earned.
 """
 
 from __future__ import annotations
@@ -11,13 +12,15 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
+from socialiq.evaluation.branching import rollouts
 from socialiq.evaluation.rollout import columns_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
@@ -25,7 +28,9 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.offline.train import train_together
 from socialiq.learners.settings import check_counts, check_seed, check_shares
-from socialiq.types import Policy
+from socialiq.types import Ending, Policy
+from socialiq.worlds.highway.state import Contact
+from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 ANGLES = 7
@@ -106,19 +111,19 @@ def train_with_practice(
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
 
     def learn(number: int) -> dict[str, Trained]:
-        data = [concatenate([shown, *own]) if own else shown for own in driven]
+        data = [concatenate([shown, *tables]) if tables else shown for tables in driven]
         of_stage = functools.partial(callbacks, number) if callbacks else None
         return train_together(static, hyperparameters, data, of_stage, chunk)
 
     stages = learn(0)
     for number in range(1, practice.rounds + 1):
-        for run, own in enumerate(driven):
+        for run, tables in enumerate(driven):
             dial = stages["dial"].policy(run)
             angles = np.linspace(static.low, static.high, ANGLES).tolist()
             drivers = {f"practice {number} at {a:g}": dial.at(a) for a in angles}
             first = practice.first_seed + run * practice.span
             first += (number - 1) * ANGLES * practice.episodes
-            own.append(record(world, drivers, practice.episodes, practice.exploration, first))
+            tables.append(record(world, drivers, practice.episodes, practice.exploration, first))
         stages = learn(number)
     return Practised(stages, driven)
 
@@ -129,7 +134,6 @@ def record(
     episodes: int,
     share: float,
     first_seed: int,
-    made_by: str = "practice",
 ) -> Demonstrations:
     """Record policies in the world, each on episodes of its own.
 
@@ -137,21 +141,19 @@ def record(
         world: The world.
         drivers: Policies by name; a mode for each.
         episodes: Number of episodes of each.
-        share: Share of decisions that are drawn at random.
+        share: Share of decisions that are drawn at random, from one stream for all episodes.
         first_seed: Seed of the first episode.
-        made_by: What they are, for the record.
     """
     tables = []
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
         actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
-        columns = columns_of(simulate(world.batch(episodes), actor, seeds)).transitions
         tables.append(
             Demonstrations.of(
-                **columns,
+                **columns_of(simulate(world.batch(episodes), actor, seeds)).transitions,
                 mode_names=(name,),
                 n_actions=world.n_actions,
-                source={"made_by": made_by, "first_seed": first_seed, "share": share},
+                source={"made_by": "practice", "first_seed": first_seed, "share": share},
             )
         )
     return concatenate(tables)
@@ -160,13 +162,75 @@ def record(
 def _exploring(
     policy: Policy, n_actions: int, share: float, seed: int
 ) -> Callable[[int, np.ndarray, np.ndarray], Int64[np.ndarray, " row"]]:
-    """Return a script that draws some decisions at random, from one stream for all rows."""
     rng = np.random.default_rng(seed)
 
     def decide(_time: int, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
-        rows = len(running)
-        drawn = rng.integers(n_actions, size=rows)
+        actions = rng.integers(n_actions, size=len(running))
         chosen, _ = policy.predict(observation)
-        return np.where(rng.random(rows) < share, drawn, np.asarray(chosen))
+        return np.where(rng.random(len(running)) < share, actions, np.asarray(chosen))
 
     return decide
+
+
+Act = Callable[[Float32[np.ndarray, "row feature"]], Int64[np.ndarray, " row"]]
+"""A policy: actions of observations."""
+
+
+class Visited(NamedTuple):
+    """States that a policy visits, and what each action leads to if the policy goes on.
+
+    Attributes:
+        observation: Of each state.
+        time: Decisions since the reset.
+        action: The policy's.
+        returns: Sums of r_env and r_social to the end of the episode, of each action.
+        at_fault: Whether the episode then ends in a collision at fault, of each action.
+    """
+
+    observation: Float32[np.ndarray, "state feature"]
+    time: Float32[np.ndarray, " state"]
+    action: Int64[np.ndarray, " state"]
+    returns: Float[np.ndarray, "state action 2"]
+    at_fault: Bool[np.ndarray, "state action"]
+
+
+def branch(
+    batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act
+) -> tuple[Float[np.ndarray, "state action 2"], Bool[np.ndarray, "state action"]]:
+    """Return `returns` and `at_fault` of `Visited` of each action in some rows of a batch.
+
+    Each action is taken in a copy of the episode, which meets the same traffic, and the policy is
+    followed to the end. The batch is not changed.
+    """
+    count = batch.n_actions
+    copies = batch.branch(np.repeat(rows, count))
+    first = np.tile(np.arange(count), len(rows))
+    returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
+    steps = rollouts(
+        copies, first, np.ones(copies.size, bool), lambda rows: policy(copies.observation[rows])
+    )
+    for decided, decisions in steps:
+        returns[decided] += np.column_stack(decisions.rewards)[decided]
+        collided = decisions.ending == int(Ending.COLLISION)
+        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
+    return returns.reshape(-1, count, 2), at_fault.reshape(-1, count)
+
+
+def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"]) -> Visited:
+    """Drive an episode for each seed, and branch in every state.
+
+    Args:
+        batch: As many episodes as seeds.
+        policy: Greedy or not; it is followed in the copies too.
+        seeds: Of the episodes.
+    """
+    batch.reset(seeds)
+    running, visited = np.ones(batch.size, bool), []
+    while running.any():
+        rows = np.flatnonzero(running)
+        observation, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
+        action[rows] = policy(observation[rows])
+        visited.append((observation[rows], time[rows], action[rows], *branch(batch, rows, policy)))
+        decisions = batch.step(action, auto_reset=False, rows=running)
+        running &= decisions.ending == int(Ending.NONE)
+    return Visited(*(np.concatenate(column) for column in zip(*visited, strict=True)))

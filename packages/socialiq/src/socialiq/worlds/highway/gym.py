@@ -16,16 +16,16 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.scene import Scene
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.highway.world import RoadWorld, world_of
-from socialiq.worlds.world import Decisions
+from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.world import Decisions, World
 
 TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
 
-def _spaces(world: RoadWorld, clock: bool) -> tuple[spaces.Box, gymnasium.Space[Any]]:
+def _spaces(world: World, batch: RoadBatch, clock: bool) -> tuple[spaces.Box, gymnasium.Space[Any]]:
     low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
     if clock:
-        low[-1], high[-1] = 0.0, world.options.decisions
+        low[-1], high[-1] = 0.0, batch.options.decisions
     return spaces.Box(low, high, dtype=np.float32), world.action_space
 
 
@@ -50,12 +50,12 @@ class RoadEnv(gymnasium.Env):
     """
 
     def __init__(
-        self, world: RoadWorld, batch: RoadBatch, angle: float, render_mode: str | None, clock: bool
+        self, world: World, batch: RoadBatch, angle: float, render_mode: str | None, clock: bool
     ) -> None:
         self.world, self.batch = world, batch
         self.render_mode = render_mode
         self._weights = weights(check_angle(angle))
-        self.observation_space, self.action_space = _spaces(world, clock)
+        self.observation_space, self.action_space = _spaces(world, batch, clock)
         self._clock = clock
 
     def reset(
@@ -70,7 +70,7 @@ class RoadEnv(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one decision. A timeout truncates; every other ending terminates."""
-        chosen = action if self.world.options.continuous else int(action)
+        chosen = action if self.batch.options.continuous else int(action)
         decisions = self.batch.step(np.asarray([chosen]), auto_reset=False)
         ending = int(decisions.ending[0])
         info = {
@@ -79,10 +79,12 @@ class RoadEnv(gymnasium.Env):
             "ending": Ending(ending).name.lower(),
             "speed": float(decisions.speed[0]),
             "contact": Contact(int(decisions.contact[0])).name.lower(),
-            "neighbours_collided": int(decisions.neighbours_collided[0]),
-            "classical": np.array([decisions.classical.env[0], decisions.classical.social[0]]),
-            "off_road": bool(decisions.off_road[0]),
         }
+        if len(decisions.off_road):  # where the world reports these
+            classical = decisions.classical
+            info["neighbours_collided"] = int(decisions.neighbours_collided[0])
+            info["classical"] = np.array([classical.env[0], classical.social[0]])
+            info["off_road"] = bool(decisions.off_road[0])
         reward = float(score(self._weights, decisions.rewards)[0])
         terminated, truncated = ending in TERMINAL, ending == int(Ending.TIMEOUT)
         observation = self._with_time(decisions.observation, self.batch.time)
@@ -96,6 +98,7 @@ class RoadEnv(gymnasium.Env):
         from socialiq.worlds.highway.pictures.sheet import picture
         from socialiq.worlds.pictures import pixels
 
+        assert self.world.view is not None
         return pixels(picture(present_scene(self.batch), self.world.view))
 
     def _with_time(self, observation: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -122,7 +125,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
 
     def __init__(
         self,
-        world: RoadWorld,
+        world: World,
         batch: RoadBatch,
         angle: float,
         autoreset_mode: AutoresetMode,
@@ -133,7 +136,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         self.metadata = {"autoreset_mode": autoreset_mode}
         self.autoreset_mode = autoreset_mode
         self._weights = weights(check_angle(angle))
-        self.single_observation_space, self.single_action_space = _spaces(world, clock)
+        self.single_observation_space, self.single_action_space = _spaces(world, batch, clock)
         self._clock = clock
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
