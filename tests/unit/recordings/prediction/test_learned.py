@@ -6,7 +6,8 @@ import pytest
 
 from socialiq_recordings.prediction import following, learned
 from socialiq_recordings.prediction.choices import rewards
-from socialiq_recordings.prediction.models import MODELS, NAMES, Task, features, residuals
+from socialiq_recordings.prediction.following import NAMES, features
+from socialiq_recordings.prediction.models import MODELS, Task, residuals
 from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]

@@ -5,8 +5,14 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.prediction import following, models
-from socialiq_recordings.prediction.density import Forecast
-from socialiq_recordings.prediction.models import MODELS, Fitted, Task, residuals, rollout
+from socialiq_recordings.prediction.models import (
+    MODELS,
+    Fitted,
+    Forecast,
+    Task,
+    residuals,
+    rollout,
+)
 from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]

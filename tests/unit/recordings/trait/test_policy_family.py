@@ -1,5 +1,7 @@
 """Choices by a family of policies: probabilities, and the same inference as from rewards."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -48,7 +50,7 @@ def test_a_family_whose_values_are_rewards_infers_as_the_rewards_do(choices):
     """Q_α = cos α r_env + sin α r_social with an even base: the models agree up to ε."""
     table = choices(np.repeat([0.0, 90.0], 6), each=10)
     even = np.full_like(table.log_base, -np.log(table.log_base.shape[1]))
-    sample = sample_of(table.__class__(**(table.arrays() | {"log_base": even})))
+    sample = sample_of(dataclasses.replace(table, log_base=even))
     angle = np.linspace(0.0, 90.0, 7)
     radians = np.radians(angle)
     values = rewards_of(sample.table) @ np.stack([np.cos(radians), np.sin(radians)])

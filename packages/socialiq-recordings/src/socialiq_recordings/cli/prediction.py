@@ -17,10 +17,10 @@ from socialiq.types import Row
 from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.identity.duplicates import Duplicates
 from socialiq_recordings.prediction import learned, scores, study
-from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
 from socialiq_recordings.prediction.situations import Situations, situations_of
+from socialiq_recordings.prediction.study import HOLDOUTS, Holdout
 from socialiq_recordings.trait.hierarchy import direction
 from socialiq_recordings.trait.models import chains_to_find_anything, fit_models
 from socialiq_recordings.trait.models import contrasts as trait_contrasts

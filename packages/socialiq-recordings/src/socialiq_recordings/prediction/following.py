@@ -1,4 +1,7 @@
-"""IDM as a driver model: fitted to a population and, shrunk towards it, to each driver."""
+"""IDM as a driver model, and the features of situations that learned models read.
+
+The IDM is fitted to a population and, shrunk towards it, to each driver.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +28,11 @@ _STEP = 1e-3  # of a log-parameter, for derivatives
 _ROUNDS = 3  # of Gauss and Newton
 _HOLD = 0.05  # m/s² per unit of a log-parameter; holds what the data don't determine
 
+Parameters = Float64[np.ndarray, " parameter"]
+"""Logarithms of the parameters `FITTED`."""
 
-def literature() -> Float64[np.ndarray, " parameter"]:
+
+def literature() -> Parameters:
     """Return the log-parameters of `Idm`."""
     return np.log(Idm())
 
@@ -66,12 +72,8 @@ def next_second(
     return speed - seen.speed
 
 
-def fit_population(train: Situations) -> Float64[np.ndarray, " parameter"]:
-    """Return the log-parameters with the least robust error of the next second's acceleration.
-
-    Args:
-        train: Moments with their accelerations.
-    """
+def fit_population(train: Situations) -> Parameters:
+    """Return the log-parameters with the least robust error of the next second's acceleration."""
     start, root = literature(), np.sqrt(max(len(train), 1))
 
     def errors(log_parameters: Any) -> Any:
@@ -83,11 +85,8 @@ def fit_population(train: Situations) -> Float64[np.ndarray, " parameter"]:
 
 
 def fit_drivers(
-    population: Float64[np.ndarray, " parameter"],
-    own: Situations,
-    error: float,
-    spread: float,
-) -> dict[int, Float64[np.ndarray, " parameter"]]:
+    population: Parameters, own: Situations, error: float, spread: float
+) -> dict[int, Parameters]:
     """Return the most probable log-parameters of each driver.
 
     Accelerations are normal around the IDM's and log-parameters around the population's; steps of
@@ -119,9 +118,7 @@ def fit_drivers(
 
 
 def of_drivers(
-    population: Float64[np.ndarray, " parameter"],
-    drivers: dict[int, Float64[np.ndarray, " parameter"]],
-    seen: Situations,
+    population: Parameters, drivers: dict[int, Parameters], seen: Situations
 ) -> Float64[np.ndarray, "moment parameter"]:
     """Return the log-parameters of each moment's driver; the population's of an unknown one."""
     rows = [drivers.get(vehicle, population) for vehicle in seen.vehicle.tolist()]
@@ -129,10 +126,7 @@ def of_drivers(
 
 
 def best_spread(
-    population: Float64[np.ndarray, " parameter"],
-    train: Situations,
-    first: Bool[np.ndarray, " moment"],
-    error: float,
+    population: Parameters, train: Situations, first: Bool[np.ndarray, " moment"], error: float
 ) -> float:
     """Return the spread with which first halves of training drivers predict second halves best.
 
@@ -150,3 +144,76 @@ def best_spread(
         return float(np.abs(off).sum())
 
     return min(SPREADS, key=missed)
+
+
+NAMES = (
+    "speed",
+    "moving",
+    "leader_near",
+    "leader_headway",
+    "leader_slower",
+    "idm",
+    "follower_near",
+    "follower_faster",
+    "junction_near",
+    "left",
+    "right",
+    "limit",
+    "gives_way",
+    "conflict",
+    "arrives",
+    "other_arrives",
+    "first",
+    "merging",
+    "other_speed",
+)
+"""Columns of `features`."""
+
+_NEAR = 20.0  # m over which nearness falls by e
+_SPEED = 10.0  # m/s
+_LONG = 5.0  # s; longer times are all the same
+
+
+def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
+    """Return what models learn from, in the order of `NAMES`.
+
+    Numbers of about unit size, 0 where nothing is there.
+    """
+    leads, follows, conflict = np.isfinite(seen.gap), np.isfinite(seen.behind), seen.conflict
+    arrives, other_arrives = (
+        _time(gap, speed)
+        for gap, speed in ((seen.to_area, seen.speed), (seen.other_to_area, seen.other_speed))
+    )
+    columns = (
+        seen.speed / _SPEED,
+        seen.moving,
+        _near(seen.gap),
+        np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
+        np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
+        np.clip(next_second(literature(), seen), -4.0, 2.0),
+        _near(seen.behind),
+        np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
+        _near(seen.to_junction),
+        np.clip(seen.turn, 0.0, 90.0) / 90.0,
+        np.clip(-seen.turn, 0.0, 90.0) / 90.0,
+        np.where(np.isfinite(seen.limit), seen.limit, 0.0) / _SPEED,
+        seen.gives_way,
+        conflict,
+        np.where(conflict, 1 - arrives / _LONG, 0.0),
+        np.where(conflict, 1 - other_arrives / _LONG, 0.0),
+        np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
+        seen.merging & conflict,
+        np.where(conflict, seen.other_speed / _SPEED, 0.0),
+    )
+    return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
+
+
+def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:
+    return np.exp(-np.maximum(metres, 0.0) / _NEAR)
+
+
+def _time(
+    metres: Float64[np.ndarray, " moment"], speed: Float64[np.ndarray, " moment"]
+) -> Float64[np.ndarray, " moment"]:
+    """Return the time to drive a distance, s; at most `_LONG`, also where nothing is there."""
+    return np.clip(np.maximum(metres, 0.0) / np.maximum(speed, 0.1), 0.0, _LONG)

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float, Int64
 from scipy.special import softmax
 
-from socialiq_recordings.prediction.choices import ChoiceTable
 from socialiq_recordings.trait.choice_model import reward_scale, rewards_of
 from socialiq_recordings.trait.models import Sample
 
@@ -61,17 +60,9 @@ def larger_sample(sample: Sample, size: int, rng: np.random.Generator) -> tuple[
     )
     number = repeat_of * len(sample.chain) + sample.driver[rows]
     identity, first, driver = np.unique(number, return_index=True, return_inverse=True)
-    table = _with_rows(sample.table, rows, driver, repeat_of)
-    return Sample(table, driver.astype(np.int64), repeat_of[first], identity), rows
-
-
-def _with_rows(
-    table: ChoiceTable, rows: np.ndarray, driver: np.ndarray, chain: np.ndarray
-) -> ChoiceTable:
-    columns = {name: column[rows] for name, column in table.arrays().items() if name != "grid"}
-    return dataclasses.replace(
-        table, **(columns | {"driver": driver.astype(np.int64), "chain": chain.astype(np.int64)})
-    )
+    driver, chain = driver.astype(np.int64), repeat_of.astype(np.int64)
+    table = dataclasses.replace(sample.table.rows(rows), driver=driver, chain=chain)
+    return Sample(table, driver, repeat_of[first], identity), rows
 
 
 def decide(

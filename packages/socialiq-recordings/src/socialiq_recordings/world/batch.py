@@ -54,14 +54,18 @@ class Traffic(NamedTuple):
     @staticmethod
     def of(world: RecordedWorld, size: int) -> Traffic:
         """Return empty episodes."""
-        rows, vehicles = size, (size, world.capacity)
+        vehicles, by_row = (
+            (size, world.capacity),
+            ("recording", "ego", "step", "begun", "n_present"),
+        )
+        by_vehicle = ("along", "speed", "before", "rate", "barrier")
         return Traffic(
-            np.zeros(rows, np.uint64),
-            *(np.zeros(rows, np.int64) for _ in range(5)),
-            np.zeros(vehicles, np.int64),
-            np.zeros(vehicles, np.int8),
-            *(np.zeros(vehicles) for _ in range(5)),
-            np.zeros((*vehicles, len(world.road.drivers))),
+            seed=np.zeros(size, np.uint64),
+            **{name: np.zeros(size, np.int64) for name in by_row},
+            present=np.zeros(vehicles, np.int64),
+            status=np.zeros(vehicles, np.int8),
+            **{name: np.zeros(vehicles) for name in by_vehicle},
+            driver=np.zeros((*vehicles, len(world.road.drivers))),
         )
 
 

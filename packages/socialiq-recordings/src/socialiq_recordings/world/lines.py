@@ -160,7 +160,8 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
             point, heading = way.line.points_at(
                 np.array([way.state(begin)[0] + way.length / 2 + _BEFORE])
             )
-            line = Closure(*point[0].tolist(), float(heading[0]), -math.inf, math.inf)
+            x, y = point[0].tolist()
+            line = Closure(x, y, float(heading[0]), -math.inf, math.inf)
             for partner in encounters.in_time.earlier(begin):
                 if partner.first + encounters.in_time.longest < passed:
                     break  # who is seen earlier passed earlier
