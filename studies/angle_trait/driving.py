@@ -19,7 +19,7 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
 from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.trait.planted import before
+from socialiq_recordings.trait.power import before
 
 DIAL = packaged_results() / "intersection-dial" / "dial.safetensors"
 """The dial whose policies drive; its middle ends the rollouts."""

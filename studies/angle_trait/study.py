@@ -22,16 +22,9 @@ from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings, Study, counter, view_of
 from socialiq_lab.tables import groups, matching, mean
-from socialiq_recordings.trait.choice_model import (
-    evaluate,
-    family_trait,
-    reward_scale,
-    tabulate_family,
-    value_scale,
-)
+from socialiq_recordings.trait import traits
 from socialiq_recordings.trait.hierarchy import direction
 from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
-from socialiq_recordings.trait.traits import progress_trait
 from studies.angle_trait.driving import (
     CONFIDENCE,
     DIAL,
@@ -69,11 +62,11 @@ def fit_family(
     decisions = decisions._replace(log_base=base_of(policies, decisions.seen))
     sample = sample_of(choices_of(decisions, episodes, used))
     values = np.stack([policy.q_values(decisions.seen) for policy in policies], axis=2)
-    trait = family_trait(angle, scale=value_scale(values))
-    every = tabulate_family(values, sample.table.grid, trait, RANDOM)
+    trait = traits.family_trait(angle, scale=traits.value_scale(values))
+    every = traits.tabulate_family(values, sample.table.grid, trait, RANDOM)
     of_chosen = every.at(np.arange(len(sample.table)), sample.table.chosen)
-    gain = progress_trait(scale=reward_scale(sample.table))
-    of_gain = evaluate(sample.table, gain)
+    gain = traits.progress_trait(scale=traits.reward_scale(sample.table))
+    of_gain = traits.evaluate(sample.table, gain)
     return models_of(sample, trait, of_chosen, gain, of_gain, seed, every=every)
 
 
@@ -84,10 +77,10 @@ def recovery(models: Models, angle: Float[np.ndarray, " driver"]) -> Row:
         models: Of all drivers.
         angle: Planted angles, degrees.
     """
-    posterior = models.angle.drivers.sum(axis=1)
-    directions = [direction(models.trait.value, density, CONFIDENCE) for density in posterior]
+    posterior, grid = models.angle.drivers.sum(axis=1), models.angle.population.trait.value
+    directions = [direction(grid, density, CONFIDENCE) for density in posterior]
     inferred = np.array([entry.angle for entry in directions])
-    half_step = (models.trait.value[1] - models.trait.value[0]) / 2
+    half_step = (grid[1] - grid[0]) / 2
     covered = [
         inferred_direction.low - half_step <= truth <= inferred_direction.high + half_step
         for inferred_direction, truth in zip(directions, angle, strict=True)
@@ -152,7 +145,7 @@ def _strength(config: Config) -> float:
     dial = DialPolicy.load(DIAL)
     at_random = Population("planner", np.full(config.drivers, config.mean), 0.0)
     decided = drive(at_random, dial, 2, config.first_episode)
-    return config.strength / reward_scale(choices_of(decided, 2, 2))
+    return config.strength / traits.reward_scale(choices_of(decided, 2, 2))
 
 
 def _row(models: Models, angle: Float[np.ndarray, " driver"], seed: int) -> Row:
@@ -169,10 +162,10 @@ def _row(models: Models, angle: Float[np.ndarray, " driver"], seed: int) -> Row:
 
 
 def _drivers(head: Row, models: Models, angle: Float[np.ndarray, " driver"]) -> list[Row]:
-    posterior = models.angle.drivers.sum(axis=1)
+    posterior, grid = models.angle.drivers.sum(axis=1), models.angle.population.trait.value
     rows = []
     for number, density in zip(models.sample.identity.tolist(), posterior, strict=True):
-        inferred = direction(models.trait.value, density, CONFIDENCE)
+        inferred = direction(grid, density, CONFIDENCE)
         rows.append(head | {"driver": number, "planted": float(angle[number])} | inferred._asdict())
     return rows
 

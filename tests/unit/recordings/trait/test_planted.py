@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.trait.models import sample_of
-from socialiq_recordings.trait.planted import (
+from socialiq_recordings.trait.power import (
     Planted,
     before,
     decide,

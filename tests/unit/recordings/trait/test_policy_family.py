@@ -5,16 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from socialiq_recordings.trait.choice_model import (
+from socialiq_recordings.trait.models import models_of, sample_of
+from socialiq_recordings.trait.traits import (
     evaluate,
     family_trait,
+    progress_trait,
     reward_scale,
     rewards_of,
     tabulate_family,
     value_scale,
 )
-from socialiq_recordings.trait.models import models_of, sample_of
-from socialiq_recordings.trait.traits import progress_trait
 
 GRID = np.array([-1.0, 0.0, 1.0])
 

@@ -37,7 +37,7 @@ from socialiq_recordings.prediction.following import features
 from socialiq_recordings.prediction.models import Fitted, Forecast, Spread, Task
 from socialiq_recordings.prediction.situations import Situations, grouped
 from socialiq_recordings.trait import hierarchy
-from socialiq_recordings.trait.choice_model import family_trait
+from socialiq_recordings.trait.traits import family_trait
 
 Chances = Callable[[Situations], Float64[np.ndarray, "moment policy level"]]
 """Function that returns each policy's log-probability of each level."""

@@ -25,7 +25,7 @@ def driver_log_likelihood(
 
     Args:
         of_decision: log p of what was chosen, for each grid point.
-        driver: Number of each decision's driver, from 0.
+        driver: Number of each decision's driver, below `drivers`.
         drivers: Number of drivers.
     """
     order = np.argsort(driver, kind="stable")
@@ -70,16 +70,9 @@ class Population(NamedTuple):
         return self.chance @ self.trait.population
 
     def quantiles(self, name: str, at: tuple[float, ...]) -> list[float]:
-        """Return posterior quantiles of `shared`, `mean` or `spread`; of angles see `directions`.
-
-        Args:
-            name: Name of the quantity.
-            at: Orders.
-        """
-        by_hyper = name != "shared"
-        values = getattr(self.trait, name)
-        chance = self.chance.sum(axis=0 if by_hyper else 1)
-        return weighted_quantiles(values, chance, at)
+        """Return posterior quantiles of `shared`, `mean` or `spread`; of angles see `direction`."""
+        chance = self.chance.sum(axis=1 if name == "shared" else 0)
+        return weighted_quantiles(getattr(self.trait, name), chance, at)
 
 
 def population_posterior(
@@ -105,10 +98,6 @@ def driver_posteriors(
     """Return each driver's posterior of its trait, jointly with the shared number.
 
     The population must come from other drivers: otherwise their own evidence would count twice.
-
-    Args:
-        log_likelihood: Of each driver.
-        population: Posterior of the population from other drivers.
     """
     prior = population.driver_prior
     weight = prior * np.exp(log_likelihood - log_likelihood.max(axis=(1, 2), keepdims=True))
@@ -135,19 +124,18 @@ class Inference(NamedTuple):
     ) -> tuple[Bool[np.ndarray, " shared"], Bool[np.ndarray, " value"], Bool[np.ndarray, " hyper"]]:
         """Whether any population leaves each shared number, value and place of the population.
 
-        Args:
-            least: Probability over that of the likeliest point.
+        It leaves a point whose probability is `least` times that of the likeliest one, or more.
         """
         populations = (self.population, *self.others)
-        chances = (
-            [population.chance.sum(axis=1) for population in populations],
-            [population.driver_prior.sum(axis=0) for population in populations],
-            [population.chance.sum(axis=0) for population in populations],
+
+        def any_leaves(chances: list[np.ndarray]) -> Bool[np.ndarray, " point"]:
+            return np.any([chance >= least * chance.max() for chance in chances], axis=0)
+
+        return (
+            any_leaves([population.chance.sum(axis=1) for population in populations]),
+            any_leaves([population.driver_prior.sum(axis=0) for population in populations]),
+            any_leaves([population.chance.sum(axis=0) for population in populations]),
         )
-        shared, value, hyper = (
-            np.any([chance >= least * chance.max() for chance in of], axis=0) for of in chances
-        )
-        return shared, value, hyper
 
 
 def infer(
@@ -177,9 +165,7 @@ def infer(
 
 
 def weighted_quantiles(
-    values: Float[np.ndarray, " point"],
-    chance: Float[np.ndarray, " point"],
-    at: tuple[float, ...],
+    values: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], at: tuple[float, ...]
 ) -> list[float]:
     """Return quantiles of a distribution on grid points: the first value that reaches the order."""
     order = np.argsort(values, kind="stable")
@@ -205,13 +191,7 @@ class Direction(NamedTuple):
 def direction(
     angle: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], confidence: float
 ) -> Direction:
-    """Return the circular mean and the interval of equal tails around it.
-
-    Args:
-        angle: Grid points, degrees.
-        chance: Of each.
-        confidence: Of the interval.
-    """
+    """Return the circular mean of grid points in degrees, and the interval of equal tails."""
     radians = np.radians(angle)
     mean = float(np.degrees(np.arctan2(chance @ np.sin(radians), chance @ np.cos(radians))))
     off = (angle - mean + 180.0) % 360.0 - 180.0

@@ -14,7 +14,7 @@ halves of the other chains. Every model has the same decisions and the same base
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,18 +26,9 @@ from socialiq.statistics.clusters import cluster_mean, clusters_needed
 from socialiq.statistics.comparisons import holm
 from socialiq.types import Row
 from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.trait.choice_model import (
-    Evaluated,
-    Prediction,
-    Tabulated,
-    evaluate,
-    log_choice,
-    predict,
-    reward_scale,
-    rewards_of,
-)
+from socialiq_recordings.trait import traits
 from socialiq_recordings.trait.hierarchy import Inference, driver_log_likelihood, infer
-from socialiq_recordings.trait.traits import Trait, angle_trait, progress_trait
+from socialiq_recordings.trait.traits import Evaluated, Tabulated, Trait, evaluate
 
 GAINS = np.linspace(-1.0, 1.0, 41)
 """κ of residuals: of a normal prediction the mean moves by κ times the residual."""
@@ -96,14 +87,12 @@ class Models(NamedTuple):
         sample: The decisions.
         predictions: By name, of the decisions of second halves.
         angle: The inferred angle.
-        trait: Its grid.
         shuffled: Mean log-likelihood of each turn of the shuffled angle.
     """
 
     sample: Sample
-    predictions: dict[str, Prediction]
+    predictions: dict[str, Evaluated]
     angle: Inference
-    trait: Trait
     shuffled: tuple[float, ...]
 
 
@@ -122,9 +111,8 @@ def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = 
     sample = sample_of(table)
     if len(sample.identity) < 2:
         raise UserError("one driver has decisions in both halves: at least two are needed")
-    scale = reward_scale(sample.table)
-    angle = angle_trait(step, scale=scale)
-    gain = progress_trait(scale=scale)
+    scale = traits.reward_scale(sample.table)
+    angle, gain = traits.angle_trait(step, scale=scale), traits.progress_trait(scale=scale)
     of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
     again = (lambda trait: evaluate(sample.table, trait)) if narrow else None
     return models_of(sample, angle, of_angle, gain, of_gain, seed, again=again)
@@ -158,21 +146,29 @@ def models_of(
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
     chosen = np.take_along_axis(table.log_base, table.chosen[:, None], axis=1)[:, 0]
-    predictions = {"base": Prediction(chosen, base)}
-    alike, later = _narrowed(sample, angle.alike(), of_angle, again)
-    predictions["population"] = predict(later, alike.drivers, driver)
-    progress, later = _narrowed(sample, gain, of_gain, again)
-    predictions["progress gain"] = predict(later, progress.drivers, driver)
+    alike, of_alike = _narrowed(sample, angle.alike(), of_angle, again)
+    progress, of_progress = _narrowed(sample, gain, of_gain, again)
     inferred, later = _narrowed(sample, angle, of_angle, again)
-    predictions["angle"] = predict(later, inferred.drivers, driver)
-    predictions |= residual_models(sample, alike, every)
-    turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
-    predictions["shuffled angle"] = Prediction(
+    predictions = {
+        "base": Evaluated(chosen, base),
+        "population": predict(of_alike, alike.drivers, driver),
+        "progress gain": predict(of_progress, progress.drivers, driver),
+        "angle": predict(later, inferred.drivers, driver),
+        **_residual_models(sample, alike, every),
+    }
+    rng, count = np.random.default_rng(seed), len(inferred.drivers)
+    turns = []
+    for _ in range(shuffles):
+        cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
+        next_driver = np.empty(count, np.int64)
+        next_driver[cycle] = np.roll(cycle, 1)
+        turns.append(predict(later, inferred.drivers, next_driver[driver]))
+    predictions["shuffled angle"] = Evaluated(
         np.mean([turn.log_likelihood for turn in turns], axis=0),
         np.mean([turn.mean for turn in turns], axis=0),
     )
-    shuffled_means = tuple(float(turn.log_likelihood.mean()) for turn in turns)
-    return Models(sample, predictions, inferred, inferred.population.trait, shuffled_means)
+    means = tuple(float(turn.log_likelihood.mean()) for turn in turns)
+    return Models(sample, predictions, inferred, means)
 
 
 def _narrowed(
@@ -182,57 +178,45 @@ def _narrowed(
 
     With `again` the grids are narrowed until first halves leave nothing of them out.
     """
-    inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
-    for _ in range(_NARROWER if again else 0):
-        assert again is not None
-        finer = trait.narrowed(*inferred.left(_LEFT))
-        if finer is None:
-            break
-        trait, evaluated = finer, again(finer)
-        inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
-    return inferred, evaluated.rows(sample.second)
-
-
-def _of_first_halves(
-    sample: Sample, evaluated: Evaluated
-) -> Float[np.ndarray, "driver shared value"]:
     first = ~sample.second
-    return driver_log_likelihood(
-        evaluated.log_likelihood[first], sample.driver[first], len(sample.chain)
-    )
+    narrower = 0
+    while True:
+        log_likelihood = evaluated.log_likelihood[first], sample.driver[first], len(sample.chain)
+        inferred = infer(driver_log_likelihood(*log_likelihood), sample.chain, trait)
+        finer = trait.narrowed(*inferred.left(_LEFT)) if again and narrower < _NARROWER else None
+        if finer is None or again is None:
+            return inferred, evaluated.rows(sample.second)
+        trait, evaluated, narrower = finer, again(finer), narrower + 1
 
 
-def _shuffled(
+def predict(
     evaluated: Evaluated,
     posterior: Float[np.ndarray, "driver shared value"],
     driver: Int64[np.ndarray, " decision"],
-    seed: int,
-    shuffles: int,
-) -> list[Prediction]:
-    """Return predictions by the posteriors of other drivers, who are drawn for each turn."""
-    rng, count = np.random.default_rng(seed), len(posterior)
-    turns = []
-    for _ in range(shuffles):
-        cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
-        next_driver = np.empty(count, np.int64)
-        next_driver[cycle] = np.roll(cycle, 1)
-        turns.append(predict(evaluated, posterior, next_driver[driver]))
-    return turns
+) -> Evaluated:
+    """Return the predictions with the trait integrated out over each decision's own posterior.
+
+    log Σ p(shared, z | first half) p(a | s, shared, z), and the mean under the same mixture.
+
+    Args:
+        evaluated: Of the decisions to predict.
+        posterior: Of each row of posteriors.
+        driver: Row of each decision's posterior.
+    """
+    weight = posterior[driver]
+    within = np.einsum("dsv,dsv->d", weight, np.exp(evaluated.log_likelihood))
+    mean = np.einsum("dsv,dsv->d", weight, evaluated.mean)
+    return Evaluated(np.log(np.maximum(within, np.finfo(np.float64).tiny)), mean)
 
 
-def residual_models(
-    sample: Sample, alike: Inference, every: Tabulated | None = None
-) -> dict[str, Prediction]:
+def _residual_models(
+    sample: Sample, alike: Inference, every: Tabulated | None
+) -> dict[str, Evaluated]:
     """Return predictions of second halves by residuals of the base predictor.
 
     The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
     its variance and r the residual. κ is integrated out; its posterior is from the first halves of
     other chains.
-
-    Args:
-        sample: Decisions; their residuals are those of the decision before.
-        alike: The population's angle, inferred.
-        every: Probabilities of every candidate, if they are not by weights of rewards.
     """
     table, second = sample.table, sample.second
     log_population = _population_choice(sample, alike, every)
@@ -246,8 +230,12 @@ def residual_models(
     )
     weight = np.exp(of_others - of_others.max(axis=1, keepdims=True))
     posterior = (weight / weight.sum(axis=1, keepdims=True))[:, None, :]
-    began = _known_at_the_second_half(sample)[sample.driver]
-    last = _tilted(log_population, table, began)
+    # Each driver's residual at the first decision of its second half: the earliest is written last.
+    rows = np.flatnonzero(second)
+    rows = rows[np.argsort(table.time[rows], kind="stable")][::-1]
+    began = np.zeros(len(sample.chain))
+    began[sample.driver[rows]] = table.residual[rows]
+    last = _tilted(log_population, table, began[sample.driver])
     return {
         name: predict(
             Evaluated(tilted.log_likelihood[second, None], tilted.mean[second, None]),
@@ -265,16 +253,17 @@ def _population_choice(
 
     It is that of the mean weights, or the mean of the tabulated probabilities.
     """
-    table, rewards = sample.table, rewards_of(sample.table)
+    table, rewards = sample.table, traits.rewards_of(sample.table)
     fold, log_choices = alike.fold[sample.driver], np.empty_like(table.log_base)
     for number, population in enumerate(alike.others):
-        rows = fold == number
+        rows, prior = fold == number, population.driver_prior
         if every is None:
-            weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
-            log_choices[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
+            weights = np.tensordot(prior, population.trait.weights, 2)[None]
+            score = np.einsum("dcr,wr->dwc", rewards[rows], weights)
+            log_p = log_softmax(table.log_base[rows][:, None, :] + score, axis=2)
+            log_choices[rows] = log_p[:, 0]
         else:
-            chance = np.exp(every.log_p[rows])
-            log_choices[rows] = np.log(np.tensordot(chance, population.driver_prior, 2))
+            log_choices[rows] = np.log(np.tensordot(np.exp(every.log_p[rows]), prior, 2))
     return log_choices
 
 
@@ -282,7 +271,7 @@ def _tilted(
     log_population: Float[np.ndarray, "decision candidate"],
     table: ChoiceTable,
     residual: Float[np.ndarray, " decision"],
-) -> Prediction:
+) -> Evaluated:
     """Return predictions for each κ of `GAINS`, each (decision, gain)."""
     chance = np.exp(log_population)
     mean = chance @ table.grid
@@ -290,16 +279,7 @@ def _tilted(
     tilt = np.einsum("d,k,c->dkc", residual / variance, GAINS, table.grid)
     log_p = log_softmax(log_population[:, None, :] + tilt, axis=2)
     chosen = np.take_along_axis(log_p, table.chosen[:, None, None], axis=2)[..., 0]
-    return Prediction(chosen, np.exp(log_p) @ table.grid)
-
-
-def _known_at_the_second_half(sample: Sample) -> Float[np.ndarray, " driver"]:
-    """Return each driver's residual at the first decision of its second half."""
-    rows = np.flatnonzero(sample.second)
-    rows = rows[np.argsort(sample.table.time[rows], kind="stable")][::-1]
-    residuals = np.zeros(len(sample.chain))
-    residuals[sample.driver[rows]] = sample.table.residual[rows]  # the earliest is written last
-    return residuals
+    return Evaluated(chosen, np.exp(log_p) @ table.grid)
 
 
 RIVALS = ("population", "progress gain", "last residual", "running residual", "shuffled angle")
@@ -336,45 +316,32 @@ def contrasts(models: Models, seed: int, resamples: int = 2000) -> list[Row]:
         seed: Of the resampling.
         resamples: Number of resamples.
     """
-    sample = models.sample
+    sample, angle, rows = models.sample, models.predictions["angle"], []
     chain = sample.chain[sample.driver[sample.second]]
     observed = sample.table.acceleration[sample.second]
-    rows = [
-        _contrast(models.predictions, rival, observed, chain, seed, resamples) for rival in RIVALS
-    ]
+    for name in RIVALS:
+        rival = models.predictions[name]
+        gain = cluster_mean(angle.log_likelihood - rival.log_likelihood, chain, seed, resamples)
+        squared = [(observed - prediction.mean) ** 2 for prediction in (rival, angle)]
+        less = cluster_mean(squared[0] - squared[1], chain, seed, resamples)
+        rows.append(
+            {
+                "angle_over": name,
+                "gain_nats": gain.mean,
+                "low": gain.low,
+                "high": gain.high,
+                "p": gain.p,
+                "rmse_gain": 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean())),
+                "less_squared_error": less.mean,
+                "error_low": less.low,
+                "error_high": less.high,
+                "decisions": len(observed),
+                "chains": gain.clusters,
+            }
+        )
     for row, p in zip(rows, holm([row["p"] for row in rows]).tolist(), strict=True):
-        row["p_holm"] = p
-        row["found"] = bool(p <= ERROR and row["gain_nats"] > 0)
+        row |= {"p_holm": p, "found": bool(p <= ERROR and row["gain_nats"] > 0)}
     return rows
-
-
-def _contrast(
-    predictions: Mapping[str, Prediction],
-    rival: str,
-    observed: Float[np.ndarray, " decision"],
-    chain: np.ndarray,
-    seed: int,
-    resamples: int,
-) -> Row:
-    angle, rival_prediction = predictions["angle"], predictions[rival]
-    gain = cluster_mean(
-        angle.log_likelihood - rival_prediction.log_likelihood, chain, seed, resamples
-    )
-    squared = [(observed - prediction.mean) ** 2 for prediction in (rival_prediction, angle)]
-    less = cluster_mean(squared[0] - squared[1], chain, seed, resamples)
-    return {
-        "angle_over": rival,
-        "gain_nats": gain.mean,
-        "low": gain.low,
-        "high": gain.high,
-        "p": gain.p,
-        "rmse_gain": 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean())),
-        "less_squared_error": less.mean,
-        "error_low": less.low,
-        "error_high": less.high,
-        "decisions": len(observed),
-        "chains": gain.clusters,
-    }
 
 
 def chains_to_find_anything() -> int:
