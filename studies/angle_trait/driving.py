@@ -207,11 +207,9 @@ def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
     return ChoiceTable(
         driver=driver,
         chain=driver,
-        site=np.zeros_like(driver),
         time=time,
         half=half,
         conflict=np.ones(len(row), bool),
-        moving=np.ones(len(row), bool),
         grid=grid,
         log_base=log_base,
         r_env=env,

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.types import Ending
 from socialiq_recordings.world.batch import JunctionBatch
-from socialiq_recordings.world.practice import branch, visit
+from socialiq_recordings.world.practice import visit
 
 SEEDS = np.arange(4) + 50_000_000
 
@@ -20,11 +20,8 @@ def wait(observation: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("policy", [go, wait])
 def test_an_action_is_worth_what_driving_on_earns(world, policy):
-    batch, driven = JunctionBatch(world, 4), JunctionBatch(world, 4)
-    batch.reset(SEEDS)
-    before = batch.observation
-    returns, at_fault = branch(batch, np.arange(4), policy)
-    np.testing.assert_array_equal(batch.observation, before)  # episodes are not changed
+    visited, driven = visit(JunctionBatch(world, 4), policy, SEEDS), JunctionBatch(world, 4)
+    np.testing.assert_array_equal(visited.observation[:4], driven.reset(SEEDS))
     for first in (0, 5):
         driven.reset(SEEDS)
         action, running = np.full(4, first), np.ones(4, bool)
@@ -35,8 +32,8 @@ def test_an_action_is_worth_what_driving_on_earns(world, policy):
             fault |= running & (made.ending == Ending.COLLISION) & (made.contact == 1)
             running &= made.ending == Ending.NONE
             action = policy(driven.observation)
-        np.testing.assert_allclose(returns[:, first], total, atol=1e-12)
-        np.testing.assert_array_equal(at_fault[:, first], fault)
+        np.testing.assert_allclose(visited.returns[:4, first], total, atol=1e-12)
+        np.testing.assert_array_equal(visited.at_fault[:4, first], fault)
 
 
 def test_every_visited_state_is_branched(world):

@@ -31,41 +31,29 @@ _SUM = 1e-6  # by which probabilities of a row may miss 1
 class ChoiceTable:
     """Decisions of recorded drivers on a grid of accelerations.
 
-    Attributes:
-        driver: Number of the vehicle, one number over all recordings.
-        chain: Number of the chain of recordings; different chains share no vehicle.
-        site: Number of the site.
-        time: s on the recording's clock; ascending within a driver.
-        half: 0 in the first half of the driver's conflicts, 1 in the second. An angle is inferred
-            from the first and scored on the second.
-        conflict: Whether the driver and another vehicle are on course for one conflict area.
-        moving: Whether the vehicle moves.
-        grid: Accelerations to choose from, m/s², ascending and equally spaced.
-        log_base: Log-probability of each by the base predictor; a row's probabilities sum to 1.
-        r_env: What each brings the driver: seconds of its own travel time saved, against keeping
-            its speed.
-        r_social: What each brings others: minus the seconds that they lose against the driver's
-            absence.
-        acceleration: Observed mean of the next second, m/s².
-        residual: Observed minus expected acceleration of the driver's decision before, m/s²; 0
-            where there is none.
-
     Raises:
         UserError: If columns don't fit together, or a number is not finite.
     """
 
-    driver: Int64[np.ndarray, " decision"]
+    driver: Int64[np.ndarray, " decision"]  # number of the vehicle, one number over all recordings
+    # number of the chain of recordings; different chains share no vehicle
     chain: Int64[np.ndarray, " decision"]
-    site: Int64[np.ndarray, " decision"]
-    time: Float64[np.ndarray, " decision"]
+    time: Float64[np.ndarray, " decision"]  # s on the recording's clock; ascending within a driver
+    # 0 in the first half of the driver's conflicts, 1 in the second: an angle is inferred from the
+    # first and scored on the second
     half: Int64[np.ndarray, " decision"]
+    # whether the driver and another vehicle are on course for one conflict area
     conflict: Bool[np.ndarray, " decision"]
-    moving: Bool[np.ndarray, " decision"]
+    # accelerations to choose from, m/s², ascending and equally spaced
     grid: Float64[np.ndarray, " candidate"]
+    # log-probability of each by the base predictor; a row's probabilities sum to 1
     log_base: Float64[np.ndarray, "decision candidate"]
+    # what each brings the driver: seconds of its own travel time saved, against keeping its speed
     r_env: Float64[np.ndarray, "decision candidate"]
+    # what each brings others: minus the seconds that they lose against the driver's absence
     r_social: Float64[np.ndarray, "decision candidate"]
-    acceleration: Float64[np.ndarray, " decision"]
+    acceleration: Float64[np.ndarray, " decision"]  # observed mean of the next second, m/s²
+    # observed minus expected acceleration of the driver's decision before, m/s²; 0 without one
     residual: Float64[np.ndarray, " decision"]
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
@@ -91,7 +79,6 @@ class ChoiceTable:
             raise UserError("half must be 0 or 1")
 
     def __len__(self) -> int:
-        """Return the number of decisions."""
         return len(self.driver)
 
     @property
@@ -125,14 +112,10 @@ Course = Float64[np.ndarray, "step moment candidate"]
 
 
 def rewards(seen: Situations, grid: Float64[np.ndarray, " candidate"]) -> RewardPair:
-    """Return r_env and r_social of each acceleration, each (moment, candidate).
+    """Return r_env and r_social of each acceleration of a grid in m/s², each (moment, candidate).
 
     r_env is the driver's progress beyond that at its present speed. r_social is minus what the
     other vehicle of the conflict and the follower lose against the driver's absence.
-
-    Args:
-        seen: Situations.
-        grid: Accelerations, m/s².
     """
     shape = (len(seen), len(grid))
     path = [(np.zeros(shape), np.broadcast_to(seen.speed[:, None], shape))]

@@ -146,66 +146,38 @@ def best_spread(
     return min(SPREADS, key=missed)
 
 
-NAMES = (
-    "speed",
-    "moving",
-    "leader_near",
-    "leader_headway",
-    "leader_slower",
-    "idm",
-    "follower_near",
-    "follower_faster",
-    "junction_near",
-    "left",
-    "right",
-    "limit",
-    "gives_way",
-    "conflict",
-    "arrives",
-    "other_arrives",
-    "first",
-    "merging",
-    "other_speed",
-)
-"""Columns of `features`."""
-
 _NEAR = 20.0  # m over which nearness falls by e
 _SPEED = 10.0  # m/s
 _LONG = 5.0  # s; longer times are all the same
 
 
 def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
-    """Return what models learn from, in the order of `NAMES`.
-
-    Numbers of about unit size, 0 where nothing is there.
-    """
+    """Return what models learn from: numbers of about unit size, 0 where nothing is there."""
     leads, follows, conflict = np.isfinite(seen.gap), np.isfinite(seen.behind), seen.conflict
-    arrives, other_arrives = (
-        _time(gap, speed)
-        for gap, speed in ((seen.to_area, seen.speed), (seen.other_to_area, seen.other_speed))
-    )
-    columns = (
-        seen.speed / _SPEED,
-        seen.moving,
-        _near(seen.gap),
-        np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
-        np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
-        np.clip(next_second(literature(), seen), -4.0, 2.0),
-        _near(seen.behind),
-        np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
-        _near(seen.to_junction),
-        np.clip(seen.turn, 0.0, 90.0) / 90.0,
-        np.clip(-seen.turn, 0.0, 90.0) / 90.0,
-        np.where(np.isfinite(seen.limit), seen.limit, 0.0) / _SPEED,
-        seen.gives_way,
-        conflict,
-        np.where(conflict, 1 - arrives / _LONG, 0.0),
-        np.where(conflict, 1 - other_arrives / _LONG, 0.0),
-        np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
-        seen.merging & conflict,
-        np.where(conflict, seen.other_speed / _SPEED, 0.0),
-    )
-    return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
+    arrives = _time(seen.to_area, seen.speed)
+    other_arrives = _time(seen.other_to_area, seen.other_speed)
+    columns = {
+        "speed": seen.speed / _SPEED,
+        "moving": seen.moving,
+        "leader_near": _near(seen.gap),
+        "leader_headway": np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
+        "leader_slower": np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
+        "idm": np.clip(next_second(literature(), seen), -4.0, 2.0),
+        "follower_near": _near(seen.behind),
+        "follower_faster": np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
+        "junction_near": _near(seen.to_junction),
+        "left": np.clip(seen.turn, 0.0, 90.0) / 90.0,
+        "right": np.clip(-seen.turn, 0.0, 90.0) / 90.0,
+        "limit": np.where(np.isfinite(seen.limit), seen.limit, 0.0) / _SPEED,
+        "gives_way": seen.gives_way,
+        "conflict": conflict,
+        "arrives": np.where(conflict, 1 - arrives / _LONG, 0.0),
+        "other_arrives": np.where(conflict, 1 - other_arrives / _LONG, 0.0),
+        "first": np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
+        "merging": seen.merging & conflict,
+        "other_speed": np.where(conflict, seen.other_speed / _SPEED, 0.0),
+    }
+    return np.stack([np.asarray(column, np.float64) for column in columns.values()], axis=1)
 
 
 def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:

@@ -80,16 +80,16 @@ def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:
         seen: Moments.
         levels: m/s², ascending and equally spaced.
     """
-    seen = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
-    goes_on = seen.previous() == np.arange(len(seen)) - 1
+    moments = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
+    goes_on = moments.previous() == np.arange(len(moments)) - 1
     goes_on[0] = False
     last = np.append(~goes_on[1:], True)
-    observation = features(seen)
-    after = features(seen.advanced(seen.acceleration))
+    observation = features(moments)
+    after = features(moments.advanced(moments.acceleration))
     after[~last] = observation[1:][goes_on[1:]]
     grid = np.array(levels)
-    pair, action = rewards(seen, grid), nearest(grid, seen.acceleration)
-    rows = np.arange(len(seen))
+    pair, action = rewards(moments, grid), nearest(grid, moments.acceleration)
+    rows = np.arange(len(moments))
     return Demonstrations.of(
         observation=observation,
         action=action,
@@ -128,7 +128,7 @@ class Levels:
         """Return each policy's log-density of the observed accelerations, 1 / (m/s²)."""
         alone = [Forecast.at(np.full(len(seen), centre)) for centre in self.centre]
         observed = seen.acceleration, seen.moving
-        of_level = np.stack([self.spread.log_density(one, *observed) for one in alone], axis=1)
+        of_level = np.stack([self.spread.log_density(level, *observed) for level in alone], axis=1)
         return np.asarray(logsumexp(chances(seen) + of_level[:, None, :], axis=2))
 
     def fitted(

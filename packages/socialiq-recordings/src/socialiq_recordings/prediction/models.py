@@ -35,15 +35,11 @@ Numbers = Float64[np.ndarray, " moment"]
 
 
 class Forecast(NamedTuple):
-    """Predicted acceleration: a mixture of components with one scale.
+    """Predicted acceleration: a mixture of components with one scale."""
 
-    Attributes:
-        log_weight: Logarithm of each component's weight; a row's weights sum to 1.
-        centre: Of each component, m/s².
-    """
-
+    # logarithm of each component's weight; a row's weights sum to 1
     log_weight: Float64[np.ndarray, "moment component"]
-    centre: Float64[np.ndarray, "moment component"]
+    centre: Float64[np.ndarray, "moment component"]  # of each component, m/s²
 
     @staticmethod
     def at(mean: Numbers) -> Forecast:
@@ -58,26 +54,17 @@ class Forecast(NamedTuple):
 
 @dataclass(frozen=True)
 class Spread:
-    """Student's t around a component, one for standing vehicles and one for moving ones.
+    """Student's t around a component, one for standing vehicles and one for moving ones."""
 
-    Attributes:
-        freedom: Degrees of freedom, of standing and of moving vehicles.
-        scale: m/s², likewise.
-        stays: Share of the standing vehicles that stay, whatever their situation.
-    """
-
-    freedom: tuple[float, float]
-    scale: tuple[float, float]
-    stays: float
+    freedom: tuple[float, float]  # degrees of freedom, of standing and of moving vehicles
+    scale: tuple[float, float]  # m/s², likewise
+    stays: float  # share of the standing vehicles that stay, whatever their situation
 
     @staticmethod
     def fit(error: Numbers, acceleration: Numbers, moving: Bool[np.ndarray, " moment"]) -> Spread:
         """Return the most likely scales, degrees of freedom and share of those who stay.
 
-        Args:
-            error: Accelerations less their predictions, m/s².
-            acceleration: m/s².
-            moving: Whether each vehicle moves.
+        `error` are accelerations less their predictions, m/s².
         """
         free_standing, scale, stays = _fit(error[~moving], acceleration[~moving], True)
         free_moving, faster, _ = _fit(error[moving], acceleration[moving], False)
@@ -86,13 +73,7 @@ class Spread:
     def log_density(
         self, forecast: Forecast, acceleration: Numbers, moving: Bool[np.ndarray, " moment"]
     ) -> Numbers:
-        """Return the log-density of accelerations in m/s², 1 / (m/s²).
-
-        Args:
-            forecast: Of each moment.
-            acceleration: m/s².
-            moving: Whether each vehicle moves.
-        """
+        """Return the log-density of accelerations in m/s², 1 / (m/s²)."""
         kind = moving.astype(np.int64)
         freedom, scale = np.array(self.freedom)[kind], np.array(self.scale)[kind]
         components = _log_t(
@@ -148,26 +129,17 @@ TRIVIAL = ("constant speed", "last acceleration")
 
 
 class Task(NamedTuple):
-    """Data that the models of a fold may learn from.
+    """Data that the models of a fold may learn from."""
 
-    Attributes:
-        train: Training moments.
-        residual: Of each: observed less fitted IDM's acceleration of the decision before; 0
-            without one.
-        first: Whether each is in the first half of its driver's conflicts.
-        own: Moments in the first halves of the drivers that are predicted.
-        own_residual: Residuals of these.
-        idm: Log-parameters of the IDM fitted to the training moments.
-        seed: Seed of what is drawn.
-    """
-
-    train: Situations
+    train: Situations  # training moments
+    # of each: observed less fitted IDM's acceleration of the decision before; 0 without one
     residual: Numbers
+    # whether each is in the first half of its driver's conflicts
     first: Bool[np.ndarray, " moment"]
-    own: Situations
-    own_residual: Numbers
-    idm: following.Parameters
-    seed: int
+    own: Situations  # moments in the first halves of the drivers that are predicted
+    own_residual: Numbers  # residuals of these
+    idm: following.Parameters  # log-parameters of the IDM fitted to the training moments
+    seed: int  # seed of what is drawn
 
 
 Model = Callable[[Situations, Numbers], Any]
@@ -175,27 +147,18 @@ Model = Callable[[Situations, Numbers], Any]
 
 
 class Fitted(NamedTuple):
-    """Fitted model.
+    """Fitted model."""
 
-    Attributes:
-        forecast: `Forecast` of the acceleration of the next second.
-        spread: Density around it.
-        personal: Whether it learned from drivers' own first halves.
-        inferred: Numbers that it inferred, by name.
-    """
-
-    forecast: Model
-    spread: Spread
-    personal: bool = False
-    inferred: Mapping[str, float] = {}
+    forecast: Model  # `Forecast` of the acceleration of the next second
+    spread: Spread  # density around it
+    personal: bool = False  # whether it learned from drivers' own first halves
+    inferred: Mapping[str, float] = {}  # numbers that it inferred, by name
 
 
 def residuals(idm: following.Parameters, seen: Situations) -> Numbers:
     """Return observed less the IDM's acceleration of each driver's moment before; 0 without one.
 
-    Args:
-        idm: Log-parameters.
-        seen: Moments, with all earlier ones of their drivers.
+    `seen` must have all earlier moments of its drivers.
     """
     off, before = seen.acceleration - next_second(idm, seen), seen.previous()
     return np.where(before >= 0, off[before], 0.0)
@@ -204,22 +167,16 @@ def residuals(idm: following.Parameters, seen: Situations) -> Numbers:
 def rollout(
     fitted: Fitted, idm: following.Parameters, seen: Situations, residual: Numbers
 ) -> Numbers:
-    """Return the distances after `HORIZON` s of the mean accelerations, m.
+    """Return the distances after `HORIZON` s of a model's mean accelerations, m.
 
-    All others keep their speeds.
-
-    Args:
-        fitted: The model.
-        idm: Log-parameters of which the residuals are.
-        seen: Situations.
-        residual: Last residuals.
+    All others keep their speeds. `residual` are the last residuals of the IDM `idm`.
     """
-    total = np.zeros(len(seen))
+    total, moments = np.zeros(len(seen)), seen
     for _ in range(HORIZON):
-        rate = fitted.forecast(seen, residual).mean
-        total += ballistic(seen.speed, rate, 1.0)[0]
-        residual = rate - next_second(idm, seen)
-        seen = seen.advanced(rate)
+        rate = fitted.forecast(moments, residual).mean
+        total += ballistic(moments.speed, rate, 1.0)[0]
+        residual = rate - next_second(idm, moments)
+        moments = moments.advanced(rate)
     return total
 
 

@@ -32,37 +32,23 @@ from a driver's first half are only scored on its second."""
 
 
 class Predicted(NamedTuple):
-    """Predictions of one model for the moments that a holdout tests.
+    """Predictions of one model for the moments that a holdout tests."""
 
-    Attributes:
-        model: Name.
-        personal: Whether it learned from drivers' first halves.
-        log_density: Of the observed acceleration.
-        mean: Predicted acceleration, m/s².
-        driven: Predicted distance after 3 s, m.
-    """
-
-    model: str
-    personal: bool
-    log_density: Float64[np.ndarray, " moment"]
-    mean: Float64[np.ndarray, " moment"]
-    driven: Float64[np.ndarray, " moment"]
+    model: str  # name
+    personal: bool  # whether it learned from drivers' first halves
+    log_density: Float64[np.ndarray, " moment"]  # of the observed acceleration
+    mean: Float64[np.ndarray, " moment"]  # predicted acceleration, m/s²
+    driven: Float64[np.ndarray, " moment"]  # predicted distance after 3 s, m
 
 
 class Held(NamedTuple):
-    """Moments that a holdout tests, each once.
+    """Moments that a holdout tests, each once."""
 
-    Attributes:
-        holdout: What is held out.
-        moments: The moments.
-        second: Whether each is in the second half of the driver's conflicts.
-        predicted: Of every model.
-    """
-
-    holdout: str
-    moments: Situations
+    holdout: str  # what is held out
+    moments: Situations  # the moments
+    # whether each is in the second half of the driver's conflicts
     second: Bool[np.ndarray, " moment"]
-    predicted: Sequence[Predicted]
+    predicted: Sequence[Predicted]  # of every model
 
     def mask(self, subset: str, part: str) -> Bool[np.ndarray, " moment"]:
         """Return the moments of a subset and a part."""
@@ -82,11 +68,11 @@ def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
     """
     rows: list[Row] = []
     for subset in SUBSETS:
-        for part in PARTS:
-            mask = tested.mask(subset, part)
-            models = [model for model in tested.predicted if part != "all" or not model.personal]
+        for half in PARTS:
+            mask = tested.mask(subset, half)
+            models = [model for model in tested.predicted if half != "all" or not model.personal]
             if mask.any():
-                head = {"holdout": tested.holdout, "moments": subset, "part": part}
+                head = {"holdout": tested.holdout, "moments": subset, "part": half}
                 best = _better_trivial(models, mask)
                 rows += [
                     head | _scored(tested, model, best, mask, (seed, resamples)) for model in models

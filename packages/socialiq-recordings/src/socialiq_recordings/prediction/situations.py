@@ -48,61 +48,40 @@ class Situations:
     """Situations, a row for each moment of a vehicle.
 
     A distance is infinite, and its speed 0, where there is no such vehicle.
-
-    Attributes:
-        recording: Index of the recording.
-        vehicle: Number of the vehicle over all recordings.
-        chain: Number of the chain.
-        site: Number of the site.
-        time: s, on one clock: recordings overlap on it only where they have moments in common.
-        speed: m/s.
-        last: Acceleration of the second before, m/s²; NaN if the vehicle wasn't in view.
-        length: Of the vehicle, m.
-        gap: To the leader, m, bumper to bumper.
-        leader_speed: m/s.
-        behind: Gap of the follower, m.
-        behind_speed: m/s.
-        to_junction: From the front to the next junction on the route, m.
-        turn: Change of direction over the next 20 m, degrees, positive to the left.
-        limit: Speed limit, m/s; infinite if unknown.
-        gives_way: Whether a sign on the lanelet tells it to yield or to stop.
-        to_area: From the front to the conflict area, m; negative inside.
-        through: From its beginning until the rear has left it, m.
-        merging: Whether the ways merge there.
-        other_to_area: The other vehicle's distance to it, m.
-        other_through: As `through`, m.
-        other_speed: m/s.
-        other_gap: The other's gap to its own leader, m.
-        other_leader_speed: m/s.
-        acceleration: Observed mean of the next second, m/s²; a target.
-        driven: Distance after `HORIZON` s, m; NaN if the vehicle wasn't in view; a target.
     """
 
-    recording: Int64[np.ndarray, " moment"]
-    vehicle: Int64[np.ndarray, " moment"]
-    chain: Int64[np.ndarray, " moment"]
-    site: Int64[np.ndarray, " moment"]
+    recording: Int64[np.ndarray, " moment"]  # index of the recording
+    vehicle: Int64[np.ndarray, " moment"]  # number of the vehicle over all recordings
+    chain: Int64[np.ndarray, " moment"]  # number of the chain
+    site: Int64[np.ndarray, " moment"]  # number of the site
+    # s, on one clock: recordings overlap on it only where they have moments in common
     time: Float64[np.ndarray, " moment"]
-    speed: Float64[np.ndarray, " moment"]
+    speed: Float64[np.ndarray, " moment"]  # m/s
+    # acceleration of the second before, m/s²; NaN if the vehicle wasn't in view
     last: Float64[np.ndarray, " moment"]
-    length: Float64[np.ndarray, " moment"]
-    gap: Float64[np.ndarray, " moment"]
-    leader_speed: Float64[np.ndarray, " moment"]
-    behind: Float64[np.ndarray, " moment"]
-    behind_speed: Float64[np.ndarray, " moment"]
+    length: Float64[np.ndarray, " moment"]  # of the vehicle, m
+    gap: Float64[np.ndarray, " moment"]  # to the leader, m, bumper to bumper
+    leader_speed: Float64[np.ndarray, " moment"]  # m/s
+    behind: Float64[np.ndarray, " moment"]  # gap of the follower, m
+    behind_speed: Float64[np.ndarray, " moment"]  # m/s
+    # from the front to the next junction on the route, m
     to_junction: Float64[np.ndarray, " moment"]
+    # change of direction over the next 20 m, degrees, positive to the left
     turn: Float64[np.ndarray, " moment"]
-    limit: Float64[np.ndarray, " moment"]
+    limit: Float64[np.ndarray, " moment"]  # speed limit, m/s; infinite if unknown
+    # whether a sign on the lanelet tells it to yield or to stop
     gives_way: Bool[np.ndarray, " moment"]
+    # from the front to the conflict area, m; negative inside
     to_area: Float64[np.ndarray, " moment"]
-    through: Float64[np.ndarray, " moment"]
-    merging: Bool[np.ndarray, " moment"]
-    other_to_area: Float64[np.ndarray, " moment"]
-    other_through: Float64[np.ndarray, " moment"]
-    other_speed: Float64[np.ndarray, " moment"]
-    other_gap: Float64[np.ndarray, " moment"]
-    other_leader_speed: Float64[np.ndarray, " moment"]
-    acceleration: Float64[np.ndarray, " moment"]
+    through: Float64[np.ndarray, " moment"]  # from its beginning until the rear has left it, m
+    merging: Bool[np.ndarray, " moment"]  # whether the ways merge there
+    other_to_area: Float64[np.ndarray, " moment"]  # the other vehicle's distance to it, m
+    other_through: Float64[np.ndarray, " moment"]  # as `through`, m
+    other_speed: Float64[np.ndarray, " moment"]  # m/s
+    other_gap: Float64[np.ndarray, " moment"]  # the other's gap to its own leader, m
+    other_leader_speed: Float64[np.ndarray, " moment"]  # m/s
+    acceleration: Float64[np.ndarray, " moment"]  # observed mean of the next second, m/s²; a target
+    # distance after `HORIZON` s, m; NaN if the vehicle wasn't in view; a target
     driven: Float64[np.ndarray, " moment"]
 
     def __len__(self) -> int:

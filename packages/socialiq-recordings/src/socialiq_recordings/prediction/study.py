@@ -45,19 +45,12 @@ _BREAK = 1e5  # s without a moment between recordings that have none in common
 
 
 class Fold(NamedTuple):
-    """Moments to learn from and moments to predict.
+    """Moments to learn from and moments to predict."""
 
-    Attributes:
-        holdout: What is held out.
-        name: Number of the part.
-        train: Moments to learn from.
-        test: Moments to predict.
-    """
-
-    holdout: Holdout
-    name: int
-    train: Bool[np.ndarray, " moment"]
-    test: Bool[np.ndarray, " moment"]
+    holdout: Holdout  # what is held out
+    name: int  # number of the part
+    train: Bool[np.ndarray, " moment"]  # moments to learn from
+    test: Bool[np.ndarray, " moment"]  # moments to predict
 
 
 def possible(seen: Situations) -> tuple[Holdout, ...]:
@@ -182,17 +175,11 @@ class Config:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Scores of all models.
+    """Scores of all models."""
 
-    Attributes:
-        scores: A row for each holdout, subset, part and model.
-        folds: A row for each fold: sizes, fitted IDM, mean κ of the dial.
-        contrasts: A row for each contrast between models, corrected together.
-    """
-
-    scores: list[Row]
-    folds: list[Row]
-    contrasts: list[Row]
+    scores: list[Row]  # a row for each holdout, subset, part and model
+    folds: list[Row]  # a row for each fold: sizes, fitted IDM, mean κ of the dial
+    contrasts: list[Row]  # a row for each contrast between models, corrected together
 
 
 def situations(recordings: Sequence[Recording], drop: bool = True) -> Situations:
@@ -248,19 +235,19 @@ def predict(seen: Situations, config: Config) -> Prediction:
         for model in fitted.values():
             row |= model.inferred
         sizes.append(row)
-    every = [one.joined(seen, half) for one in tested.values()]
-    drawn = config.seed, config.resamples
-    rows = [row for held in every for row in scores.scores(held, *drawn)]
-    return Prediction(rows, sizes, scores.contrasts(every, *drawn))
+    every = [folds_of.joined(seen, half) for folds_of in tested.values()]
+    draws = config.seed, config.resamples
+    rows = [row for held in every for row in scores.scores(held, *draws)]
+    return Prediction(rows, sizes, scores.contrasts(every, *draws))
 
 
 def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
     train = seen.rows(fold.train)
     idm = fit_population(train)
     last = residuals(idm, seen)
-    own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
+    is_own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
     first = half[fold.train] == 0
-    return Task(train, last[fold.train], first, seen.rows(own), last[own], idm, seed)
+    return Task(train, last[fold.train], first, seen.rows(is_own), last[is_own], idm, seed)
 
 
 class _Tested(NamedTuple):
@@ -319,11 +306,9 @@ def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
     return ChoiceTable(
         driver=seen.vehicle,
         chain=seen.chain,
-        site=seen.site,
         time=seen.time,
         half=half,
         conflict=seen.conflict & seen.moving,
-        moving=seen.moving,
         grid=grid,
         log_base=log_base,
         r_env=pair.env,

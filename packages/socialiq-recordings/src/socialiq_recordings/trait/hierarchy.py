@@ -23,10 +23,7 @@ def driver_log_likelihood(
 ) -> Float[np.ndarray, "driver shared value"]:
     """Return the sum over each driver's decisions of log p(a | s); 0 without a decision.
 
-    Args:
-        of_decision: log p of what was chosen, for each grid point.
-        driver: Number of each decision's driver, below `drivers`.
-        drivers: Number of drivers.
+    `driver` is the number of each decision's driver, below the number of drivers.
     """
     order = np.argsort(driver, kind="stable")
     total = np.zeros((drivers, *of_decision.shape[1:]))
@@ -54,15 +51,10 @@ def log_marginal(
 
 
 class Population(NamedTuple):
-    """Posterior of what drivers have in common, on the grid of a trait.
+    """Posterior of what drivers have in common, on the grid of a trait."""
 
-    Attributes:
-        trait: The grid.
-        chance: Of each shared number, mean and spread.
-    """
-
-    trait: Trait
-    chance: Float[np.ndarray, "shared hyper"]
+    trait: Trait  # the grid
+    chance: Float[np.ndarray, "shared hyper"]  # of each shared number, mean and spread
 
     @property
     def driver_prior(self) -> Float[np.ndarray, "shared value"]:
@@ -82,10 +74,7 @@ def population_posterior(
 ) -> Population:
     """Return the posterior of shared number, mean and spread, under an even prior on the grid.
 
-    Args:
-        log_marginals: Of each driver.
-        trait: The grid.
-        counts: How often each driver counts; once by default. 0 leaves it out.
+    `counts` says how often each driver counts: once by default; 0 leaves it out.
     """
     weight = np.ones(len(log_marginals)) if counts is None else counts
     total = np.tensordot(weight, log_marginals, 1)
@@ -105,18 +94,12 @@ def driver_posteriors(
 
 
 class Inference(NamedTuple):
-    """A trait inferred from drivers' decisions.
+    """A trait inferred from drivers' decisions."""
 
-    Attributes:
-        population: From all drivers.
-        fold: Number of each driver's fold, a group of chains.
-        others: From the drivers of the other folds, by fold.
-        drivers: Posterior of each driver, with the population of the other folds as its prior.
-    """
-
-    population: Population
-    fold: Int64[np.ndarray, " driver"]
-    others: tuple[Population, ...]
+    population: Population  # from all drivers
+    fold: Int64[np.ndarray, " driver"]  # number of each driver's fold, a group of chains
+    others: tuple[Population, ...]  # from the drivers of the other folds, by fold
+    # posterior of each driver, with the population of the other folds as its prior
     drivers: Float[np.ndarray, "driver shared value"]
 
     def left(
@@ -145,12 +128,7 @@ def infer(
 ) -> Inference:
     """Infer a trait of all drivers; nothing of a driver's own chain is in its population.
 
-    Up to `FOLDS` chains are folds of their own.
-
-    Args:
-        log_likelihood: Of each driver.
-        chain: Number of each driver's chain, from 0.
-        trait: The grid.
+    Up to `FOLDS` chains, numbered from 0, are folds of their own.
     """
     marginals, fold = log_marginal(log_likelihood, trait), chain % FOLDS
     without = tuple(
@@ -175,17 +153,11 @@ def weighted_quantiles(
 
 
 class Direction(NamedTuple):
-    """Mean direction of a distribution of angles and its interval, degrees.
+    """Mean direction of a distribution of angles and its interval, degrees."""
 
-    Attributes:
-        angle: Direction of the mean unit vector.
-        low: `angle` plus a quantile of the wrapped deviations.
-        high: Likewise.
-    """
-
-    angle: float
-    low: float
-    high: float
+    angle: float  # direction of the mean unit vector
+    low: float  # `angle` plus a quantile of the wrapped deviations
+    high: float  # likewise
 
 
 def direction(

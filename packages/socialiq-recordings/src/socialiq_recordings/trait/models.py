@@ -41,19 +41,12 @@ _LEFT = 1e-4  # probability, over that of the likeliest point, above which a poi
 
 
 class Sample(NamedTuple):
-    """Decisions in conflict of drivers with both halves.
+    """Decisions in conflict of drivers with both halves."""
 
-    Attributes:
-        table: The decisions.
-        driver: Number of each decision's driver, from 0.
-        chain: Number of each driver's chain, from 0.
-        identity: Each driver's number in the table.
-    """
-
-    table: ChoiceTable
-    driver: Int64[np.ndarray, " decision"]
-    chain: Int64[np.ndarray, " driver"]
-    identity: Int64[np.ndarray, " driver"]
+    table: ChoiceTable  # the decisions
+    driver: Int64[np.ndarray, " decision"]  # number of each decision's driver, from 0
+    chain: Int64[np.ndarray, " driver"]  # number of each driver's chain, from 0
+    identity: Int64[np.ndarray, " driver"]  # each driver's number in the table
 
     @property
     def second(self) -> np.ndarray:
@@ -81,26 +74,19 @@ def sample_of(table: ChoiceTable) -> Sample:
 
 
 class Models(NamedTuple):
-    """Predictions of second halves, by model.
+    """Predictions of second halves, by model."""
 
-    Attributes:
-        sample: The decisions.
-        predictions: By name, of the decisions of second halves.
-        angle: The inferred angle.
-        shuffled: Mean log-likelihood of each turn of the shuffled angle.
-    """
-
-    sample: Sample
-    predictions: dict[str, Evaluated]
-    angle: Inference
-    shuffled: tuple[float, ...]
+    sample: Sample  # the decisions
+    predictions: dict[str, Evaluated]  # by name, of the decisions of second halves
+    angle: Inference  # the inferred angle
+    shuffled: tuple[float, ...]  # mean log-likelihood of each turn of the shuffled angle
 
 
 def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
     """Infer every trait from first halves and predict second halves.
 
     Args:
-        table: Decisions of at least two drivers with both halves.
+        table: Decisions.
         seed: Of the shuffling.
         step: Of the angles integrated over, degrees.
         narrow: Whether grids are narrowed to what first halves leave (`traits`).
@@ -113,7 +99,7 @@ def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = 
         raise UserError("one driver has decisions in both halves: at least two are needed")
     scale = traits.reward_scale(sample.table)
     angle, gain = traits.angle_trait(step, scale=scale), traits.progress_trait(scale=scale)
-    of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
+    of_angle, of_gain = (evaluate(sample.table, trait) for trait in (angle, gain))
     again = (lambda trait: evaluate(sample.table, trait)) if narrow else None
     return models_of(sample, angle, of_angle, gain, of_gain, seed, again=again)
 
@@ -197,11 +183,7 @@ def predict(
     """Return the predictions with the trait integrated out over each decision's own posterior.
 
     log Σ p(shared, z | first half) p(a | s, shared, z), and the mean under the same mixture.
-
-    Args:
-        evaluated: Of the decisions to predict.
-        posterior: Of each row of posteriors.
-        driver: Row of each decision's posterior.
+    `driver` is the row of each decision's posterior.
     """
     weight = posterior[driver]
     within = np.einsum("dsv,dsv->d", weight, np.exp(evaluated.log_likelihood))
@@ -309,12 +291,8 @@ def scores(models: Models) -> list[Row]:
 def contrasts(models: Models, seed: int, resamples: int = 2000) -> list[Row]:
     """Return what the angle gains over each rival, with intervals by chain and Holm's correction.
 
-    The differences of log-likelihoods are tested. Those of errors are given with intervals.
-
-    Args:
-        models: Predictions.
-        seed: Of the resampling.
-        resamples: Number of resamples.
+    The differences of log-likelihoods are tested. Those of errors are given with intervals. `seed`
+    is that of the resampling.
     """
     sample, angle, rows = models.sample, models.predictions["angle"], []
     chain = sample.chain[sample.driver[sample.second]]

@@ -46,17 +46,11 @@ _QUANTILES = 61  # of a normal distribution, that stand for known angles
 
 
 class Planted(NamedTuple):
-    """A population of simulated drivers.
+    """A population of simulated drivers."""
 
-    Attributes:
-        spread: Standard deviation of the angles, degrees.
-        mean: Mean of the angles, degrees.
-        strength: β, per unit of reward.
-    """
-
-    spread: float
-    mean: float
-    strength: float
+    spread: float  # standard deviation of the angles, degrees
+    mean: float  # mean of the angles, degrees
+    strength: float  # β, per unit of reward
 
     def weights(self, angle: Float[np.ndarray, " driver"]) -> Float[np.ndarray, "driver 2"]:
         """Return the weights of both rewards, of angles in degrees."""
@@ -131,14 +125,7 @@ def known_angle_gain(sample: Sample, planted: Planted) -> float:
 def strength_of_gain(sample: Sample, spread: float, mean: float, gain: float) -> float | None:
     """Return the least β, per unit of reward, with which known angles save a share of the error.
 
-    Args:
-        sample: The decisions.
-        spread: Of the angles, degrees.
-        mean: Of the angles, degrees.
-        gain: The share.
-
-    Returns:
-        β to 1 %, by bisection; None if no β saves as much on these moments.
+    β to 1 %, by bisection; None if no β saves as much on these moments.
     """
     tried = np.geomspace(0.05, CERTAIN, 40) / reward_scale(sample.table)
     gains = [known_angle_gain(sample, Planted(spread, mean, strength)) for strength in tried]
@@ -266,15 +253,8 @@ def power_rows(
     """Return for each planted population and size the gains and the shares of detections.
 
     A population for each spread, and one whose known angles save `gain`, which is left out where no
-    strength saves as much on these moments.
-
-    Args:
-        sample: The sample at hand.
-        config: The configuration.
-        counted: Called after each repeat.
-
-    Returns:
-        Rows by population and size, without sizes larger than one that nearly always detects.
+    strength saves as much on these moments. Sizes larger than one that nearly always detects are
+    left out. `counted` is called after each repeat.
 
     Raises:
         UserError: If all candidates of all decisions have equal rewards: nothing tells angles
@@ -309,9 +289,6 @@ def needed_rows(rows: Sequence[Row]) -> list[Row]:
 
     Between two sizes the share is taken as linear in the logarithm of the size. A population
     without spread needs none: its detections are errors.
-
-    Args:
-        rows: Result of `power_rows`.
     """
     needed: list[Row] = []
     for name in dict.fromkeys(row["population"] for row in rows):
@@ -347,11 +324,7 @@ def _size_of(rows: Sequence[Row]) -> float | None:
 
 
 def power(rows: Sequence[Row]) -> Figure:
-    """Draw the share of detections and the gain over the number of drivers, by population.
-
-    Args:
-        rows: Rows of `power.csv`.
-    """
+    """Draw the share of detections and the gain over the number of drivers, by population."""
     drawing = figure(10.0, 4.0)
     left, right = drawing.subplots(1, 2)
     colors = list(COLORS.values())
@@ -367,8 +340,8 @@ def power(rows: Sequence[Row]) -> Figure:
         left.errorbar(shifted, share, ends, fmt="o-", color=color, markersize=4, label=name)
         gain = [100 * row["rmse_gain"] for row in of_population]
         right.plot(drivers, gain, "o-", color=color, markersize=4, label=name)
-        known = 100 * of_population[0]["known_angle_gain"]
-        right.axhline(known, color=color, linewidth=0.8, linestyle=":")
+        if_known = 100 * of_population[0]["known_angle_gain"]
+        right.axhline(if_known, color=color, linewidth=0.8, linestyle=":")
     left.axhline(POWER, color="#777777", linewidth=0.8)
     for axes in (left, right):
         axes.set_xscale("log")

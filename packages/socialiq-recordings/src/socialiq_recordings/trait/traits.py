@@ -50,36 +50,25 @@ Values = Float[np.ndarray, " value"]
 
 
 class Rule(NamedTuple):
-    """Functions from which a trait follows on any grid.
+    """Functions from which a trait follows on any grid."""
 
-    Attributes:
-        weights: Of r_env and r_social, for shared numbers (a column) and values (a row).
-        shares: Of drivers with each value, for values, mean and spread.
-    """
-
+    # of r_env and r_social, for shared numbers (a column) and values (a row)
     weights: Callable[[Any, Any], Any]
+    # of drivers with each value, for values, mean and spread
     shares: Callable[[Any, float, float], Any]
 
 
 class Trait(NamedTuple):
-    """Grid of a trait: what is integrated out.
+    """Grid of a trait: what is integrated out."""
 
-    Attributes:
-        shared: What all drivers have in common, by grid point.
-        value: What a driver has of its own, ascending.
-        weights: Of r_env and r_social at each of them.
-        mean: Mean of the population, by grid point of the population.
-        spread: Spread of the population; 0 if all drivers are alike.
-        population: Share of the drivers with each value, given mean and spread.
-        rule: How weights and shares follow from the grids; None if the grids are fixed.
-    """
-
-    shared: Float[np.ndarray, " shared"]
-    value: Float[np.ndarray, " value"]
-    weights: Float[np.ndarray, "shared value 2"]
-    mean: Float[np.ndarray, " hyper"]
-    spread: Float[np.ndarray, " hyper"]
+    shared: Float[np.ndarray, " shared"]  # what all drivers have in common, by grid point
+    value: Float[np.ndarray, " value"]  # what a driver has of its own, ascending
+    weights: Float[np.ndarray, "shared value 2"]  # of r_env and r_social at each of them
+    mean: Float[np.ndarray, " hyper"]  # mean of the population, by grid point of the population
+    spread: Float[np.ndarray, " hyper"]  # spread of the population; 0 if all drivers are alike
+    # share of the drivers with each value, given mean and spread
     population: Float[np.ndarray, "hyper value"]
+    # how weights and shares follow from the grids; None if the grids are fixed
     rule: Rule | None = None
 
     @staticmethod
@@ -96,25 +85,27 @@ class Trait(NamedTuple):
         value: Bool[np.ndarray, " value"],
         spread: Bool[np.ndarray, " hyper"],
     ) -> Trait | None:
-        """Return the trait on finer grids, as many points over the part that is left.
+        """Return the trait on finer grids, as many points over the part that the data leave.
 
-        Args:
-            shared: Shared numbers that the data leave.
-            value: Values that they leave.
-            spread: Populations whose spreads they leave.
-
-        Returns:
-            The trait; None if nothing is left out, or its grids are fixed.
+        `spread` says of which populations they leave the spread. None if nothing is left out, or
+        the grids are fixed.
         """
         if self.rule is None:
             return None
         spreads = np.unique(self.spread)
         left = np.isin(spreads, self.spread[spread])
         grids = [(self.shared, shared), (self.value, value), (spreads, left)]
-        finer = [_finer(*grid_and_left) for grid_and_left in grids]
-        if all(np.array_equal(new, old) for new, (old, _) in zip(finer, grids, strict=True)):
-            return None
-        return Trait.of(self.rule, *finer)
+        finer, same = [], True
+        for grid, remaining in grids:
+            # Between the neighbours of what is left, even in the index of the old grid, so that the
+            # density of the prior stays.
+            places = np.flatnonzero(remaining)
+            ends = max(int(places[0]) - 1, 0), min(int(places[-1]) + 1, len(grid) - 1)
+            is_same = ends == (0, len(grid) - 1)
+            at, numbers = np.linspace(*ends, len(grid)), np.arange(len(grid))
+            finer.append(grid if is_same else np.interp(at, numbers, grid))
+            same = same and is_same
+        return None if same else Trait.of(self.rule, *finer)
 
     def alike(self) -> Trait:
         """Return the trait without differences between drivers: only populations of spread 0."""
@@ -123,30 +114,11 @@ class Trait(NamedTuple):
         return self._replace(mean=mean, spread=spread, population=population)
 
 
-def _finer(
-    grid: Float[np.ndarray, " point"], left: Bool[np.ndarray, " point"]
-) -> Float[np.ndarray, " point"]:
-    """Return as many points between the neighbours of those that are left.
-
-    They are even in the index of the old grid, so that the density of the prior stays.
-    """
-    places = np.flatnonzero(left)
-    ends = max(int(places[0]) - 1, 0), min(int(places[-1]) + 1, len(grid) - 1)
-    if ends == (0, len(grid) - 1):
-        return grid
-    return np.interp(np.linspace(*ends, len(grid)), np.arange(len(grid)), grid)
-
-
-def wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
+def _wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
     """Return the shares of a wrapped normal distribution (Mardia and Jupp 2000, 3.5.7) on a grid.
 
-    On a grid of the whole circle whose step is at most the spread, sums of smooth functions over it
-    are their integrals to a relative error of about exp(-2 π²).
-
-    Args:
-        angle: The grid, degrees, evenly spaced.
-        mean: One of the grid's angles, degrees.
-        spread: Standard deviation in degrees; with 0 all is at the mean.
+    On an even grid of the whole circle whose step is at most the spread, sums of smooth functions
+    over it are their integrals to a relative error of about exp(-2 π²).
     """
     off = (angle - mean + 180.0) % 360.0 - 180.0
     if spread == 0.0:
@@ -156,7 +128,7 @@ def wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
     return density / density.sum()
 
 
-def normal_on_grid(value: Values, mean: float, spread: float) -> Values:
+def _normal_on_grid(value: Values, mean: float, spread: float) -> Values:
     """Return the shares of a normal distribution on a grid of any spacing, cut off at its ends."""
     if spread == 0.0:
         return (np.abs(value - mean) < 1e-9).astype(np.float64)
@@ -164,30 +136,22 @@ def normal_on_grid(value: Values, mean: float, spread: float) -> Values:
     return density / density.sum()
 
 
-def angle_grid(step: float) -> Values:
-    """Return the angles of the circle from -180 + step to 180 degrees; the step divides 360."""
-    return step * np.arange(1, round(360 / step) + 1) - 180.0
-
-
 def angle_trait(
     step: float = 5.0, strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0
 ) -> Trait:
     """Return the social angle as a trait: β (cos α r_env + sin α r_social), β shared.
 
-    Prior: β, the population's mean and its spread each even over their grids.
-
-    Args:
-        step: Of the angles and spreads, degrees; divides 360.
-        strengths: Grid of β times `scale`.
-        scale: Typical difference of reward between candidates.
+    Prior: β, the population's mean and its spread each even over their grids. The grid of β is
+    `strengths` over the typical difference of reward `scale`; `step` in degrees divides 360.
     """
 
     def weights(strength: Any, angle: Any) -> Any:
         radians = np.radians(angle)
         return strength[..., None] * np.stack([np.cos(radians), np.sin(radians)], axis=-1)
 
-    rule, spreads = Rule(weights, wrapped_normal), np.arange(0.0, _WIDEST + step / 2, step)
-    return Trait.of(rule, np.array(strengths) / scale, angle_grid(step), spreads)
+    rule, spreads = Rule(weights, _wrapped_normal), np.arange(0.0, _WIDEST + step / 2, step)
+    circle = step * np.arange(1, round(360 / step) + 1) - 180.0
+    return Trait.of(rule, np.array(strengths) / scale, circle, spreads)
 
 
 def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0) -> Trait:
@@ -195,10 +159,6 @@ def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0)
 
     It has the freedom of `angle_trait` (mean, spread, one shared number), reaches as far, and says
     nothing about others.
-
-    Args:
-        strengths: Grid of the size of g and c times `scale`.
-        scale: Typical difference of reward between candidates.
     """
 
     def weights(others: Any, gain: Any) -> Any:
@@ -207,7 +167,7 @@ def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0)
     sizes = np.array(sorted({0.0, *strengths})) / scale
     value = np.concatenate([-sizes[:0:-1], sizes])
     spreads = np.array(PROGRESS_SPREADS) / scale
-    return Trait.of(Rule(weights, normal_on_grid), value, value, spreads)
+    return Trait.of(Rule(weights, _normal_on_grid), value, value, spreads)
 
 
 def family_trait(
@@ -216,18 +176,13 @@ def family_trait(
     """Return the angle of a family of policies as a trait.
 
     Prior: β, the population's mean and its spread each even over their grids. A population is a
-    normal distribution that is cut off at the ends of the family.
-
-    Args:
-        angle: Of the policies, degrees, at equal distances.
-        strengths: Grid of β times `scale`.
-        scale: Typical difference of value between candidates.
+    normal distribution that is cut off at the ends of the family, angles at equal distances.
     """
 
     def weights(strength: Any, angle: Any) -> Any:  # of rewards: the values replace them
         return np.zeros((*np.broadcast_shapes(strength.shape, angle.shape), 2))
 
-    step, rule = float(angle[1] - angle[0]), Rule(weights, normal_on_grid)
+    step, rule = float(angle[1] - angle[0]), Rule(weights, _normal_on_grid)
     spreads = np.arange(0.0, _WIDEST + step / 2, step)
     return Trait.of(rule, np.array(strengths) / scale, angle, spreads)._replace(rule=None)
 
@@ -257,14 +212,10 @@ def value_scale(values: Float[np.ndarray, "decision candidate value"]) -> float:
 
 
 class Evaluated(NamedTuple):
-    """Predictions of some decisions: by one model, or by every grid point of a trait.
+    """Predictions of some decisions: by one model, or by every grid point of a trait."""
 
-    Attributes:
-        log_likelihood: log p of the chosen candidate, nats.
-        mean: Mean of the candidates, in the unit of the table's grid.
-    """
-
-    log_likelihood: Float[np.ndarray, "decision ..."]
+    log_likelihood: Float[np.ndarray, "decision ..."]  # log p of the chosen candidate, nats
+    # mean of the candidates, in the unit of the table's grid
     mean: Float[np.ndarray, "decision ..."]
 
     def rows(self, mask: np.ndarray) -> Evaluated:
@@ -291,15 +242,11 @@ def evaluate(table: ChoiceTable, trait: Trait) -> Evaluated:
 
 
 class Tabulated(NamedTuple):
-    """Predictions of every candidate at every decision and grid point of a trait.
+    """Predictions of every candidate at every decision and grid point of a trait."""
 
-    Attributes:
-        log_p: By decision, candidate, shared number and value.
-        mean: By decision, shared number and value.
-    """
-
+    # by decision, candidate, shared number and value
     log_p: Float[np.ndarray, "decision candidate shared value"]
-    mean: Float[np.ndarray, "decision shared value"]
+    mean: Float[np.ndarray, "decision shared value"]  # by decision, shared number and value
 
     @staticmethod
     def of(table: ChoiceTable, trait: Trait) -> Tabulated:
@@ -321,13 +268,9 @@ def tabulate_family(
     trait: Trait,
     random: float,
 ) -> Tabulated:
-    """Return log p(a | s) of every candidate, and the mean candidate, by β and angle.
+    """Return log p(a | s) of every candidate, and the mean candidate, by β and angle of a family.
 
-    Args:
-        values: Q_α(s, a).
-        grid: The candidates.
-        trait: Of the family (`family_trait`).
-        random: ε, above 0.
+    `values` are Q_α(s, a), `random` is ε, above 0.
     """
     finite = np.isfinite(values)[:, :, None, :]
     score = trait.shared[:, None] * np.where(finite, values[:, :, None, :], 0.0)

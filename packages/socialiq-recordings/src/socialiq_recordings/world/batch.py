@@ -17,39 +17,22 @@ from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
 
 
 class Traffic(NamedTuple):
-    """Episodes side by side; vehicles are numbered within the recording of their episode.
+    """Episodes side by side; vehicles are numbered within the recording of their episode."""
 
-    Attributes:
-        seed: Of the episode, uint64.
-        recording: Number of the recording.
-        ego: Number of the ego.
-        step: Sub-steps since the recording's first frame.
-        begun: Sub-step at which the episode began.
-        n_present: Vehicles on the road.
-        present: Their numbers, first those that came first, (row, vehicle).
-        status: WAITING, PRESENT or GONE, (row, vehicle).
-        along: Coordinates of their middles on their ways, m.
-        speed: m/s.
-        before: Speeds at the last decision, or since they entered, m/s.
-        rate: Accelerations of the sub-step, m/s².
-        barrier: Coordinate of the next leader or closed line, m.
-        driver: Parameters, (row, vehicle, 6).
-    """
-
-    seed: np.ndarray
-    recording: np.ndarray
-    ego: np.ndarray
-    step: np.ndarray
-    begun: np.ndarray
-    n_present: np.ndarray
-    present: np.ndarray
-    status: np.ndarray
-    along: np.ndarray
-    speed: np.ndarray
-    before: np.ndarray
-    rate: np.ndarray
-    barrier: np.ndarray
-    driver: np.ndarray
+    seed: np.ndarray  # of the episode, uint64
+    recording: np.ndarray  # number of the recording
+    ego: np.ndarray  # number of the ego
+    step: np.ndarray  # sub-steps since the recording's first frame
+    begun: np.ndarray  # sub-step at which the episode began
+    n_present: np.ndarray  # vehicles on the road
+    present: np.ndarray  # their numbers, first those that came first, (row, vehicle)
+    status: np.ndarray  # WAITING, PRESENT or GONE, (row, vehicle)
+    along: np.ndarray  # coordinates of their middles on their ways, m
+    speed: np.ndarray  # m/s
+    before: np.ndarray  # speeds at the last decision, or since they entered, m/s
+    rate: np.ndarray  # accelerations of the sub-step, m/s²
+    barrier: np.ndarray  # coordinate of the next leader or closed line, m
+    driver: np.ndarray  # parameters, (row, vehicle, 6)
 
     @staticmethod
     def of(world: RecordedWorld, size: int) -> Traffic:

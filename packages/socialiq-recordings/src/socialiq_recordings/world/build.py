@@ -33,31 +33,21 @@ _APART = 60.0  # s; vehicles seen further apart in time never meet in an episode
 
 
 class Made(NamedTuple):
-    """World, and what it was made from.
+    """World, and what it was made from."""
 
-    Attributes:
-        world: The world.
-        every: Encounters of each recording.
-        kept: Tracks of each that count, so that a vehicle in two recordings counts once.
-        observed: What the recordings show.
-        calibration: The drivers.
-        identified: Sites, chains and vehicles of the recordings.
-    """
-
-    world: RecordedWorld
-    every: list[Encounters]
+    world: RecordedWorld  # the world
+    every: list[Encounters]  # encounters of each recording
+    # tracks of each that count, so that a vehicle in two recordings counts once
     kept: list[set[int]]
-    observed: Observed
-    calibration: Calibration
-    identified: Identified
+    observed: Observed  # what the recordings show
+    calibration: Calibration  # the drivers
+    identified: Identified  # sites, chains and vehicles of the recordings
 
 
 def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
-    """Make a world of recordings, whose drivers are calibrated on all of them.
+    """Make a world of recordings with roads, whose drivers are calibrated on all of them.
 
-    Args:
-        recordings: With roads; several give several schedules of entries.
-        config: Options.
+    Several recordings give several schedules of entries.
 
     Raises:
         UserError: If a recording has no road or too few vehicles, or no vehicle meets a conflict.
@@ -94,10 +84,13 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
                 "source": tracks.source,
             }
         )
+    errors = {"rms": calibration.rms, "rms_constant": calibration.rms_constant}
+    header = {"lateral": calibration.lateral, "evidence": calibration.evidence}
+    header |= {name: None if np.isnan(v) else v for name, v in errors.items()}
     provenance = {
         "recordings": described,
         "sites": sorted(set(identified.site)),
-        "calibration": calibration.as_header(),
+        "calibration": header,
         "vehicles": len(arrays["identity"]),
         "egos": len(arrays["egos"]),
         "closures": len(arrays["closed"]),

@@ -7,10 +7,9 @@ literature, and says so.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -34,45 +33,29 @@ _SECOND = 1.0  # s between the moments
 
 
 class Followed(NamedTuple):
-    """Moments at which a vehicle follows another.
+    """Moments at which a vehicle follows another."""
 
-    Attributes:
-        speed: m/s.
-        gap: Between bumpers, m.
-        leader_speed: m/s.
-        acceleration: Of the next second, m/s².
-    """
-
-    speed: Float64[np.ndarray, " moment"]
-    gap: Float64[np.ndarray, " moment"]
-    leader_speed: Float64[np.ndarray, " moment"]
-    acceleration: Float64[np.ndarray, " moment"]
+    speed: Float64[np.ndarray, " moment"]  # m/s
+    gap: Float64[np.ndarray, " moment"]  # between bumpers, m
+    leader_speed: Float64[np.ndarray, " moment"]  # m/s
+    acceleration: Float64[np.ndarray, " moment"]  # of the next second, m/s²
 
 
 class Observed(NamedTuple):
-    """Quantities of the traffic of some recordings.
+    """Quantities of the traffic of some recordings."""
 
-    Attributes:
-        speeds: Of all vehicles at all moments, m/s.
-        free_speeds: Fastest of each vehicle without leader or curve, m/s.
-        headways: Median gap by speed of each vehicle that follows steadily, s.
-        standing_gaps: Median gap of each vehicle that stands behind another, m.
-        lateral: v² κ in curves, m/s².
-        followed: Moments of following.
-        pets: Post-encroachment times of conflicts, s.
-        accepted: Gaps and lags accepted, s.
-        vehicles: Number of vehicles.
-    """
-
-    speeds: Float64[np.ndarray, " moment"]
+    speeds: Float64[np.ndarray, " moment"]  # of all vehicles at all moments, m/s
+    # fastest of each vehicle without leader or curve, m/s
     free_speeds: Float64[np.ndarray, " vehicle"]
+    # median gap by speed of each vehicle that follows steadily, s
     headways: Float64[np.ndarray, " vehicle"]
+    # median gap of each vehicle that stands behind another, m
     standing_gaps: Float64[np.ndarray, " vehicle"]
-    lateral: Float64[np.ndarray, " moment"]
-    followed: Followed
-    pets: Float64[np.ndarray, " conflict"]
-    accepted: Float64[np.ndarray, " conflict"]
-    vehicles: int
+    lateral: Float64[np.ndarray, " moment"]  # v² κ in curves, m/s²
+    followed: Followed  # moments of following
+    pets: Float64[np.ndarray, " conflict"]  # post-encroachment times of conflicts, s
+    accepted: Float64[np.ndarray, " conflict"]  # gaps and lags accepted, s
+    vehicles: int  # number of vehicles
 
 
 def observe(every: Sequence[Encounters], counted: Sequence[set[int]]) -> Observed:
@@ -145,50 +128,27 @@ _SPREAD = 0.15  # relative, of both accelerations, which single drivers hardly s
 
 
 class Drivers(NamedTuple):
-    """Distributions that a driver's parameters are drawn from.
+    """Distributions that a driver's parameters are drawn from."""
 
-    Attributes:
-        desired_speed: m/s.
-        time_headway: s.
-        jam_distance: m, bumper to bumper.
-        max_acceleration: m/s².
-        comfort_deceleration: m/s², positive.
-        margin: s that a driver leaves between itself and a vehicle that has the right of way.
-    """
-
-    desired_speed: Normal
-    time_headway: Normal
-    jam_distance: Normal
-    max_acceleration: Normal
-    comfort_deceleration: Normal
-    margin: Normal
+    desired_speed: Normal  # m/s
+    time_headway: Normal  # s
+    jam_distance: Normal  # m, bumper to bumper
+    max_acceleration: Normal  # m/s²
+    comfort_deceleration: Normal  # m/s², positive
+    margin: Normal  # s that a driver leaves between itself and a vehicle that has the right of way
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Drivers of a recording, and on what they rest.
+    """Drivers of a recording, and on what they rest."""
 
-    Attributes:
-        drivers: The population.
-        lateral: Largest lateral acceleration in curves, m/s².
-        evidence: For each parameter its mean and deviation, the number of vehicles or moments that
-            it was estimated from, and whether it was estimated.
-        rms: Error of the IDM with the means on the moments of following, m/s²; NaN without a fit.
-        rms_constant: Error of constant speed on the same moments, m/s².
-    """
-
-    drivers: Drivers
-    lateral: float
+    drivers: Drivers  # the population
+    lateral: float  # largest lateral acceleration in curves, m/s²
+    # for each parameter its mean and deviation, the number of vehicles or moments that show it, and
+    # whether it was estimated
     evidence: tuple[Row, ...]
-    rms: float
-    rms_constant: float
-
-    def as_header(self) -> dict[str, Any]:
-        """Return the calibration as JSON, without the drivers."""
-        header = dataclasses.asdict(self)
-        header.pop("drivers")
-        numbers = {name: float(header[name]) for name in ("rms", "rms_constant")}
-        return header | {name: None if np.isnan(v) else v for name, v in numbers.items()}
+    rms: float  # error of the IDM with the means in following, m/s²; NaN without a fit
+    rms_constant: float  # error of constant speed on the same moments, m/s²
 
 
 def calibrate(observed: Observed) -> Calibration:

@@ -120,21 +120,13 @@ _BESIDE = 1.5  # m; ways that pass further beside a line are of another lane
 
 
 class Closure(NamedTuple):
-    """Line that is closed to a lane.
+    """Line that is closed to a lane."""
 
-    Attributes:
-        x: m to the east.
-        y: m to the north.
-        heading: Direction of the lane, rad.
-        begin: s from the recording's first frame; minus infinity if from its start.
-        end: s; infinity if to its end.
-    """
-
-    x: float
-    y: float
-    heading: float
-    begin: float
-    end: float
+    x: float  # m to the east
+    y: float  # m to the north
+    heading: float  # direction of the lane, rad
+    begin: float  # s from the recording's first frame; minus infinity if from its start
+    end: float  # s; infinity if to its end
 
 
 def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:

@@ -73,15 +73,10 @@ class Practice:
 
 @dataclass(frozen=True)
 class Practised:
-    """Outcome of a training with practice.
+    """Outcome of a training with practice."""
 
-    Attributes:
-        stages: Outcome of each stage of the last training, by its name.
-        driven: Episodes that each run has driven, of each round.
-    """
-
-    stages: dict[str, Trained]
-    driven: list[list[Demonstrations]]
+    stages: dict[str, Trained]  # outcome of each stage of the last training, by its name
+    driven: list[list[Demonstrations]]  # episodes that each run has driven, of each round
 
 
 def train_with_practice(
@@ -135,14 +130,9 @@ def record(
     share: float,
     first_seed: int,
 ) -> Demonstrations:
-    """Record policies in the world, each on episodes of its own.
+    """Record policies, a mode for each name, each on so many episodes of its own.
 
-    Args:
-        world: The world.
-        drivers: Policies by name; a mode for each.
-        episodes: Number of episodes of each.
-        share: Share of decisions that are drawn at random, from one stream for all episodes.
-        first_seed: Seed of the first episode.
+    A share of the decisions is drawn at random, from one stream for all episodes of a policy.
     """
     tables = []
     for number, (name, policy) in enumerate(drivers.items()):
@@ -177,52 +167,22 @@ Act = Callable[[Float32[np.ndarray, "row feature"]], Int64[np.ndarray, " row"]]
 
 
 class Visited(NamedTuple):
-    """States that a policy visits, and what each action leads to if the policy goes on.
+    """States that a policy visits, and what each action leads to if the policy goes on."""
 
-    Attributes:
-        observation: Of each state.
-        time: Decisions since the reset.
-        action: The policy's.
-        returns: Sums of r_env and r_social to the end of the episode, of each action.
-        at_fault: Whether the episode then ends in a collision at fault, of each action.
-    """
-
-    observation: Float32[np.ndarray, "state feature"]
-    time: Float32[np.ndarray, " state"]
-    action: Int64[np.ndarray, " state"]
+    observation: Float32[np.ndarray, "state feature"]  # of each state
+    time: Float32[np.ndarray, " state"]  # decisions since the reset
+    action: Int64[np.ndarray, " state"]  # the policy's
+    # sums of r_env and r_social to the end of the episode, of each action
     returns: Float[np.ndarray, "state action 2"]
+    # whether the episode then ends in a collision at fault, of each action
     at_fault: Bool[np.ndarray, "state action"]
 
 
-def branch(
-    batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act
-) -> tuple[Float[np.ndarray, "state action 2"], Bool[np.ndarray, "state action"]]:
-    """Return `returns` and `at_fault` of `Visited` of each action in some rows of a batch.
+def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"]) -> Visited:
+    """Drive an episode for each seed, in a batch of as many, and branch in every state.
 
     Each action is taken in a copy of the episode, which meets the same traffic, and the policy is
-    followed to the end. The batch is not changed.
-    """
-    count = batch.n_actions
-    copies = batch.branch(np.repeat(rows, count))
-    first = np.tile(np.arange(count), len(rows))
-    returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
-    steps = rollouts(
-        copies, first, np.ones(copies.size, bool), lambda rows: policy(copies.observation[rows])
-    )
-    for decided, decisions in steps:
-        returns[decided] += np.column_stack(decisions.rewards)[decided]
-        collided = decisions.ending == int(Ending.COLLISION)
-        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
-    return returns.reshape(-1, count, 2), at_fault.reshape(-1, count)
-
-
-def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"]) -> Visited:
-    """Drive an episode for each seed, and branch in every state.
-
-    Args:
-        batch: As many episodes as seeds.
-        policy: Greedy or not; it is followed in the copies too.
-        seeds: Of the episodes.
+    followed to the end.
     """
     batch.reset(seeds)
     running, visited = np.ones(batch.size, bool), []
@@ -230,7 +190,20 @@ def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"
         rows = np.flatnonzero(running)
         observation, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
         action[rows] = policy(observation[rows])
-        visited.append((observation[rows], time[rows], action[rows], *branch(batch, rows, policy)))
+        visited.append((observation[rows], time[rows], action[rows], *_branch(batch, rows, policy)))
         decisions = batch.step(action, auto_reset=False, rows=running)
         running &= decisions.ending == int(Ending.NONE)
     return Visited(*(np.concatenate(column) for column in zip(*visited, strict=True)))
+
+
+def _branch(batch: JunctionBatch, rows: np.ndarray, policy: Act) -> tuple[np.ndarray, np.ndarray]:
+    """Return `returns` and `at_fault` of `Visited` of each action in some rows."""
+    copies = batch.branch(np.repeat(rows, batch.n_actions))
+    first, running = np.tile(np.arange(batch.n_actions), len(rows)), np.ones(copies.size, bool)
+    returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
+    steps = rollouts(copies, first, running, lambda rows: policy(copies.observation[rows]))
+    for decided, decisions in steps:
+        returns[decided] += np.column_stack(decisions.rewards)[decided]
+        collided = decisions.ending == int(Ending.COLLISION)
+        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
+    return returns.reshape(len(rows), -1, 2), at_fault.reshape(len(rows), -1)

@@ -218,10 +218,6 @@ class RecordedWorld(World):
 
         return JunctionBatch(self, size, threads)
 
-    def with_config(self, **changes: Any) -> RecordedWorld:
-        """Return the same road under other options."""
-        return dataclasses.replace(self, config=dataclasses.replace(self.config, **changes))
-
     def save(self, path: Path, replace: bool = False) -> str:
         """Write the world to one file, whole or not at all; return the SHA-256 of the content.
 
@@ -244,7 +240,7 @@ class RecordedWorld(World):
             UserError: If the file is missing, damaged, or holds something else.
         """
         arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
-        for fault in itertools.chain(_faults(arrays), _header_faults(header)):
+        for fault in _faults(arrays, header):
             raise UserError(f"{path} {fault}: make the world again with `socialiq data world`")
         options = header["config"]
         try:
@@ -262,19 +258,16 @@ class RecordedWorld(World):
         )
 
 
-def _header_faults(header: dict[str, Any]) -> Iterator[str]:
+def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with a world; each check relies on those before it.
+
+    The compiled core checks no index, so that each is checked here.
+    """
     speed = header.get("max_speed")
     if not (isinstance(speed, float) and 0 < speed < 1e3):
         yield "has no largest speed"
     if not isinstance(header.get("provenance"), dict) or not isinstance(header.get("config"), dict):
         yield "has no provenance or options"
-
-
-def _faults(arrays: dict[str, np.ndarray]) -> Iterator[str]:
-    """Yield what is wrong with a world's arrays; each check relies on those before it.
-
-    The compiled core checks no index, so that each is checked here.
-    """
     for name, (dtype, shape) in LAYOUT.items():
         array = arrays.get(name)
         if array is None or array.dtype != dtype or array.shape[1:] != shape or array.ndim < 1:

@@ -20,25 +20,19 @@ HUMAN, SIMULATED = MODES = ("human", "simulated")
 
 
 class Replayed(NamedTuple):
-    """Recorded decisions in the form of a world.
+    """Recorded decisions in the form of a world."""
 
-    Attributes:
-        table: Demonstrations; an episode ends with ARRIVAL, or with TIMEOUT at the end of the view.
-        vehicle: Number in the world of each episode's vehicle.
-        step: Sub-step of each decision, from the recording's first frame.
-        speed: At the end of each decision, m/s.
-        signals: Signals of the rewards of each decision, in the order of `SIGNALS`.
-        residual: Recorded speed at the next decision less that of the chosen level, m/s.
-        change: Recorded change of speed of each decision, m/s.
-    """
-
+    # demonstrations; an episode ends with ARRIVAL, or with TIMEOUT at the end of the view
     table: Demonstrations
-    vehicle: Int64[np.ndarray, " episode"]
+    vehicle: Int64[np.ndarray, " episode"]  # number in the world of each episode's vehicle
+    # sub-step of each decision, from the recording's first frame
     step: Int64[np.ndarray, " decision"]
-    speed: Float64[np.ndarray, " decision"]
+    speed: Float64[np.ndarray, " decision"]  # at the end of each decision, m/s
+    # signals of the rewards of each decision, in the order of `SIGNALS`
     signals: Float64[np.ndarray, "decision signal"]
+    # recorded speed at the next decision less that of the chosen level, m/s
     residual: Float64[np.ndarray, " decision"]
-    change: Float64[np.ndarray, " decision"]
+    change: Float64[np.ndarray, " decision"]  # recorded change of speed of each decision, m/s
 
     @property
     def residual_rms(self) -> float:
