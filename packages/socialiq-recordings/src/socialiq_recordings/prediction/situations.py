@@ -169,7 +169,7 @@ SOON = 5.0
 
 _APART = 1e6  # s between recordings without a moment in common
 _TURN = 20.0  # m ahead over which a change of direction is measured
-_KINDS = dict.fromkeys(("recording", "vehicle", "chain", "site"), np.int64)
+_KINDS: dict[str, Any] = dict.fromkeys(("recording", "vehicle", "chain", "site"), np.int64)
 _KINDS |= dict.fromkeys(("gives_way", "merging"), np.bool_)
 _NO_AREA: dict[str, Any] = {
     "to_area": math.inf,
