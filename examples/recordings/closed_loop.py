@@ -18,7 +18,7 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import as_csv
 from socialiq.types import Ending, Policy, Row
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
 
 ANGLES = (0.0, 30.0, 60.0, 90.0)

@@ -10,7 +10,7 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import RECORDED_JUNCTION
 from socialiq.worlds.environment import make_environment
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.recorded_world import AS_DRIVER
 from socialiq_recordings.world.replay import replay
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.types import Ending
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.practice import visit
 
 SEEDS = np.arange(4) + 50_000_000

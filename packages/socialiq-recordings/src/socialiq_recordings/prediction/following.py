@@ -43,13 +43,9 @@ def accelerations(
     gap: Float64[np.ndarray, "*#shape"],
     leader_speed: Float64[np.ndarray, "*#shape"],
 ) -> Float64[np.ndarray, "*#shape"]:
-    """Return accelerations of the IDM, m/s².
+    """Return accelerations of the IDM, m/s², of one set of parameters or one for each vehicle.
 
-    Args:
-        log_parameters: Of `FITTED` along the last axis; one set, or one for each vehicle.
-        speed: m/s.
-        gap: To the leader's rear, m; infinite without a leader.
-        leader_speed: m/s.
+    Speeds in m/s; the gap is to the leader's rear, m, infinite without a leader.
     """
     desired, headway, jam, strongest, comfort = np.moveaxis(np.exp(log_parameters), -1, 0)
     return acceleration(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
@@ -58,11 +54,9 @@ def accelerations(
 def next_second(
     log_parameters: Float64[np.ndarray, "*some parameter"], seen: Situations
 ) -> Float64[np.ndarray, " moment"]:
-    """Return the mean acceleration of the next second behind a leader that keeps its speed.
+    """Return the mean acceleration of the next second behind a leader that keeps its speed, m/s².
 
-    Args:
-        log_parameters: Of `FITTED`; one set, or one for each moment.
-        seen: Situations.
+    Of one set of parameters, or one for each moment.
     """
     speed, gap, dt = seen.speed, seen.gap, 1.0 / _STEPS
     for _ in range(_STEPS):
@@ -89,14 +83,9 @@ def fit_drivers(
 ) -> dict[int, Parameters]:
     """Return the most probable log-parameters of each driver.
 
-    Accelerations are normal around the IDM's and log-parameters around the population's; steps of
-    Gauss and Newton for all drivers at once.
-
-    Args:
-        population: Its log-parameters.
-        own: Moments of the drivers that may be learned from.
-        error: Standard deviation of the accelerations, m/s².
-        spread: Standard deviation of drivers' log-parameters.
+    Accelerations are normal around the IDM's, with the deviation `error` in m/s², log-parameters
+    around the population's, with the deviation `spread`; steps of Gauss and Newton for all drivers
+    at once, from their moments that may be learned from.
     """
     vehicles, driver = np.unique(own.vehicle, return_inverse=True)
     fitted = np.tile(population, (len(vehicles), 1))
@@ -128,14 +117,7 @@ def of_drivers(
 def best_spread(
     population: Parameters, train: Situations, first: Bool[np.ndarray, " moment"], error: float
 ) -> float:
-    """Return the spread with which first halves of training drivers predict second halves best.
-
-    Args:
-        population: Its log-parameters.
-        train: Moments of training drivers.
-        first: Whether each is of a first half.
-        error: Standard deviation of the accelerations, m/s².
-    """
+    """Return the spread with which first halves of training drivers predict second halves best."""
     later = train.rows(~first)
 
     def missed(spread: float) -> float:

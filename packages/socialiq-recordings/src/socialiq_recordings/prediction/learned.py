@@ -74,11 +74,8 @@ class Training:
 def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:
     """Return moments as demonstrations whose actions are levels of acceleration.
 
-    An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view.
-
-    Args:
-        seen: Moments.
-        levels: m/s², ascending and equally spaced.
+    An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view. The
+    levels, in m/s², are ascending and equally spaced.
     """
     moments = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
     goes_on = moments.previous() == np.arange(len(moments)) - 1
@@ -107,10 +104,6 @@ class Levels:
     A policy's density of an acceleration is a mixture over the levels, its probabilities the
     weights: each level stands for the training accelerations that are nearest to it, with their
     mean as its centre and one fitted spread around it.
-
-    Args:
-        task: The fold.
-        settings: Settings.
     """
 
     def __init__(self, task: Task, settings: Training) -> None:
@@ -136,10 +129,7 @@ class Levels:
     ) -> Fitted:
         """Return the model of some policies, mixed.
 
-        Args:
-            chances: Of the policies.
-            log_share: Log-probability of each policy, for drivers that aren't known.
-            by_driver: The same of known drivers.
+        `log_share` is the log-probability of each policy, `by_driver` the same of known drivers.
         """
         shares_of = by_driver or {}
 
@@ -185,13 +175,7 @@ _PARTS = 2  # of the training drivers
 def trained(
     tasks: Sequence[Task], settings: Training, names: Sequence[str]
 ) -> list[dict[str, Fitted]]:
-    """Return the models `names` of `LEARNED` of every fold, by name.
-
-    Args:
-        tasks: One for each fold.
-        settings: Settings.
-        names: Names of models.
-    """
+    """Return the models `names` of `LEARNED` of every fold, by name."""
     models: list[dict[str, Fitted]] = [{} for _ in tasks]
     tables = [demonstrations(task.train, settings.levels) for task in tasks]
     if CLONE in names:

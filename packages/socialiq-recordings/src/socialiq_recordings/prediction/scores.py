@@ -59,12 +59,9 @@ class Held(NamedTuple):
 
 
 def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
-    """Return a row for each subset, part and model; an interval of one chain is None.
+    """Return a row for each subset, part and model, with intervals from resampled chains.
 
-    Args:
-        tested: Moments with predictions.
-        seed: Of the resampling of chains.
-        resamples: Number of resamples.
+    An interval of one chain is None.
     """
     rows: list[Row] = []
     for subset in SUBSETS:
@@ -146,10 +143,7 @@ EXTENDED = {
 def contrasts(tested: Sequence[Held], seed: int, resamples: int) -> list[Row]:
     """Return a row for each contrast: gain in nats a moment, interval by chain, p, corrected p.
 
-    Args:
-        tested: Moments with predictions, of each holdout.
-        seed: Of the resampling of chains.
-        resamples: Number of resamples, and of drawn patterns of signs.
+    `resamples` is the number of resampled chains, and of drawn patterns of signs.
     """
     every = [held.moments.chain for held in tested]
     chains = np.unique(np.concatenate(every)) if tested else np.zeros(0)
@@ -201,11 +195,7 @@ _FEWEST = 10  # moments; scores of fewer are not drawn
 
 
 def gains(rows: Sequence[Row]) -> Figure:
-    """Draw the gain of each model with its interval, a panel for each holdout.
-
-    Args:
-        rows: Rows of `scores.csv`.
-    """
+    """Draw the gain of each model with its interval, a panel for each holdout."""
     holdouts = list(dict.fromkeys(row["holdout"] for row in rows))
     models = [m for m in dict.fromkeys(row["model"] for row in rows) if m not in TRIVIAL]
     drawing = figure(3.0 + 3.6 * len(holdouts), 1.8 + 0.33 * max(len(models), 1))

@@ -85,7 +85,6 @@ class Situations:
     driven: Float64[np.ndarray, " moment"]
 
     def __len__(self) -> int:
-        """Return the number of moments."""
         return len(self.vehicle)
 
     @property
@@ -188,10 +187,7 @@ def situations_of(
 ) -> Situations:
     """Return the situations of all vehicles on the road, one for each second.
 
-    Args:
-        recordings: With road networks.
-        identified: Of the same recordings.
-        drop: Whether a vehicle whose moments several recordings show gets moments in one only.
+    With `drop` a vehicle whose moments several recordings show gets moments in one only.
 
     Raises:
         UserError: If no vehicle is in view for a second.
@@ -262,7 +258,7 @@ class _Seen:
 
     def moments(self, track: int, clock: float) -> list[Row]:
         """Return the situations of a vehicle that is in view for a second after them."""
-        way, step = self.ways[track], round(1.0 / self.dt)
+        way, step, matched = self.ways[track], round(1.0 / self.dt), self.scene.matched(track)
         frames = range(way.first, way.last - step + 1, step)
         partners = []
         for number, partner in self.ways.items() if len(frames) else ():
@@ -275,44 +271,35 @@ class _Seen:
                 start = self.lanelets[number].centre[0]
                 entries.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
             before = junction_of.get(number)
-        junctions = np.array(entries)
-        return [self._row(way, frame, clock, partners, junctions) for frame in frames]
-
-    def _row(
-        self,
-        way: Way,
-        frame: int,
-        clock: float,
-        partners: list[tuple[Way, Area]],
-        junctions: Float64[np.ndarray, " junction"],
-    ) -> Row:
-        along, speed = way.state(frame)
-        vehicles = on_way(self.scene, way, frame, self.encounters.config.slack)
-        ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
-        front = along + way.length / 2
-        to_junction = junctions[junctions > front] - front
-        then = frame + round(HORIZON / self.dt)
-        at = np.clip([along, along + _TURN], 0.0, way.line.length)
-        heading, later = way.line.points_at(at)[1].tolist()
-        matched = self.scene.matched(way.track)
-        lanelet = self.lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
-        return {
-            "time": clock + frame * self.dt,
-            "speed": max(speed, 0.0),
-            "last": _acceleration(way, frame, -1.0),
-            "length": way.length,
-            "gap": ahead.gap,
-            "leader_speed": ahead.speed,
-            "behind": behind.gap,
-            "behind_speed": behind.speed,
-            "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
-            "turn": math.degrees((later - heading + math.pi) % (2 * math.pi) - math.pi),
-            "acceleration": _acceleration(way, frame, 1.0),
-            "driven": way.state(then)[0] - along if then <= way.last else math.nan,
-            "limit": lanelet.speed_limit,
-            "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP),
-            **self._conflict(way, frame, partners),
-        }
+        junctions, rows = np.array(entries), []
+        for frame in frames:
+            along, speed = way.state(frame)
+            vehicles = on_way(self.scene, way, frame, self.encounters.config.slack)
+            ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
+            front = along + way.length / 2
+            to_junction = junctions[junctions > front] - front
+            then = frame + round(HORIZON / self.dt)
+            at = np.clip([along, along + _TURN], 0.0, way.line.length)
+            heading, later = way.line.points_at(at)[1].tolist()
+            lanelet = self.lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
+            row: Row = {
+                "time": clock + frame * self.dt,
+                "speed": max(speed, 0.0),
+                "last": _acceleration(way, frame, -1.0),
+                "length": way.length,
+                "gap": ahead.gap,
+                "leader_speed": ahead.speed,
+                "behind": behind.gap,
+                "behind_speed": behind.speed,
+                "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
+                "turn": math.degrees((later - heading + math.pi) % (2 * math.pi) - math.pi),
+                "acceleration": _acceleration(way, frame, 1.0),
+                "driven": way.state(then)[0] - along if then <= way.last else math.nan,
+                "limit": lanelet.speed_limit,
+                "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP),
+            }
+            rows.append(row | self._conflict(way, frame, partners))
+        return rows
 
     def _conflict(self, way: Way, frame: int, partners: list[tuple[Way, Area]]) -> Row:
         """Return the conflict whose later vehicle arrives first, at the speeds of the frame."""

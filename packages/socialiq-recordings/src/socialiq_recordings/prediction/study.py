@@ -72,7 +72,17 @@ def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
         UserError: If there are too few; the line says what is missing.
     """
     one_of("holdout", holdout, HOLDOUTS)
-    result = {"moments": _moments, "vehicles": _vehicles, "sites": _sites}[holdout](seen)
+    sites = np.unique(seen.site)
+    if holdout == "sites" and len(sites) < 2:
+        raise UserError(
+            "these recordings show one site: add another place, or hold out vehicles or moments "
+            "(--holdout)"
+        )
+    if holdout == "sites":
+        tests = [seen.site == site for site in sites]
+        result = [Fold("sites", number, ~test, test) for number, test in enumerate(tests)]
+    else:
+        result = _moments(seen) if holdout == "moments" else _vehicles(seen)
     short = [fold for fold in result if fold.train.sum() < LEAST]
     if short or not result:
         count = int(short[0].train.sum()) if short else 0
@@ -91,19 +101,6 @@ def _moments(seen: Situations) -> list[Fold]:
         cut[rows] = (seen.time[rows].min() + seen.time[rows].max() + 1.0) / 2
     # The acceleration of a moment to learn from ends before the first one to predict begins.
     return [Fold("moments", 0, seen.time + 1.0 <= cut, seen.time >= cut)]
-
-
-def _sites(seen: Situations) -> list[Fold]:
-    sites = np.unique(seen.site)
-    if len(sites) < 2:
-        raise UserError(
-            "these recordings show one site: add another place, or hold out vehicles or moments "
-            "(--holdout)"
-        )
-    return [
-        Fold("sites", number, seen.site != site, seen.site == site)
-        for number, site in enumerate(sites)
-    ]
 
 
 def _vehicles(seen: Situations) -> list[Fold]:
@@ -183,21 +180,12 @@ class Prediction:
 
 
 def situations(recordings: Sequence[Recording], drop: bool = True) -> Situations:
-    """Return the situations of recordings that are identified first.
-
-    Args:
-        recordings: With road networks.
-        drop: Whether vehicles that several recordings show are counted once.
-    """
+    """Return the situations of recordings that are identified first, as `situations_of`."""
     return situations_of(recordings, identify(recordings), drop)
 
 
 def predict(seen: Situations, config: Config) -> Prediction:
-    """Fit every model on every fold, predict what is held out, and score it.
-
-    Args:
-        seen: All moments.
-        config: Settings.
+    """Fit every model on every fold of all moments, predict what is held out, and score it.
 
     Raises:
         UserError: If what is to be held out can't be.
@@ -277,10 +265,6 @@ def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
 
     Log-probabilities of a moment are in proportion to the density by the base predictor, which was
     trained on other chains (held-out vehicles).
-
-    Args:
-        seen: All moments.
-        seed: Of the base predictor.
 
     Raises:
         UserError: If vehicles can't be held out.

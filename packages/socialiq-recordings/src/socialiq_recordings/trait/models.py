@@ -85,11 +85,8 @@ class Models(NamedTuple):
 def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
     """Infer every trait from first halves and predict second halves.
 
-    Args:
-        table: Decisions.
-        seed: Of the shuffling.
-        step: Of the angles integrated over, degrees.
-        narrow: Whether grids are narrowed to what first halves leave (`traits`).
+    `step` is that of the angles integrated over, degrees; `narrow`: grids are narrowed to what
+    first halves leave (`traits`).
 
     Raises:
         UserError: If fewer than two drivers have decisions in conflict in both halves.

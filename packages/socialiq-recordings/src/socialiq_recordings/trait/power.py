@@ -45,6 +45,12 @@ _SHUFFLES = 2
 _QUANTILES = 61  # of a normal distribution, that stand for known angles
 
 
+Grids = list[tuple[Trait, Tabulated]]
+"""Grids of the angle and of the progress gain, with the predictions of their points."""
+
+Counted = Callable[[], None] | None
+
+
 class Planted(NamedTuple):
     """A population of simulated drivers."""
 
@@ -187,69 +193,56 @@ class PowerConfig:
             raise UserError("seed must be at least 0, and resamples from 100 to 100000")
 
 
-def grids_of(sample: Sample) -> tuple[Trait, Trait]:
-    """Return the angle and the progress gain on the grids of the repeats."""
-    scale = reward_scale(sample.table)
-    angle = traits.angle_trait(STEP, strengths=STRENGTHS, scale=scale)
-    return angle, traits.progress_trait(STRENGTHS, scale=scale)
+def _row(
+    sample: Sample, config: PowerConfig, grids: Grids, planted: Planted, size: int, counted: Counted
+) -> Row:
+    """Return gains and shares of detections over all repeats of a size."""
+    outcomes = []
+    for repeat in range(config.repeats):
+        rng = np.random.default_rng([config.seed, repeat, size, round(100 * planted.spread)])
+        models = _models(sample, grids, planted, size, rng)
+        tests = contrasts(models, repeat, config.resamples)
+        every = all(test["found"] for test in tests)
+        outcomes.append([tests[0][name] for name in ("gain_nats", "rmse_gain", "found")] + [every])
+        if counted:
+            counted()
+    nats, error, detected, gate = np.array(outcomes, np.float64).T
+    share = wilson(int(detected.sum()), config.repeats)
+    return {
+        "size": size,
+        "drivers": size * len(sample.chain),
+        "chains": size * (int(sample.chain.max()) + 1),
+        "decisions": size * len(sample.table),
+        "gain_nats": float(nats.mean()),
+        "rmse_gain": float(error.mean()),
+        "detected": share.value,
+        "low": share.low,
+        "high": share.high,
+        "beats_every_rival": float(gate.mean()),
+        "repeats": config.repeats,
+    }
 
 
-class Simulator:
-    """Repeats of a planted population on the decisions of a sample."""
+def _models(
+    sample: Sample, grids: Grids, planted: Planted, size: int, rng: np.random.Generator
+) -> Models:
+    """Return the models of one simulated sample."""
+    larger, rows = larger_sample(sample, size, rng)
+    angle = planted.mean + planted.spread * rng.standard_normal(len(larger.chain))
+    decided = decide(larger, planted.weights(angle), rng)
+    chosen = decided.table.chosen
 
-    def __init__(self, sample: Sample, config: PowerConfig) -> None:
-        self._sample, self._config = sample, config
-        self._grids = [(grid, Tabulated.of(sample.table, grid)) for grid in grids_of(sample)]
+    def again(trait: Trait) -> Evaluated:
+        if size == 1:
+            return traits.evaluate(decided.table, trait)
+        return Tabulated.of(sample.table, trait).at(rows, chosen)
 
-    def models(self, planted: Planted, size: int, seed: Sequence[int]) -> Models:
-        """Return the models of one simulated sample."""
-        rng = np.random.default_rng(seed)
-        sample, rows = larger_sample(self._sample, size, rng)
-        angle = planted.mean + planted.spread * rng.standard_normal(len(sample.chain))
-        sample = decide(sample, planted.weights(angle), rng)
-        chosen = sample.table.chosen
-
-        def again(trait: Trait) -> Evaluated:
-            if size == 1:
-                return traits.evaluate(sample.table, trait)
-            return Tabulated.of(self._sample.table, trait).at(rows, chosen)
-
-        of_angle, of_gain = ((grid, every.at(rows, chosen)) for grid, every in self._grids)
-        seed_of_shuffles = int(rng.integers(2**31))
-        return models_of(sample, *of_angle, *of_gain, seed_of_shuffles, _SHUFFLES, again=again)
-
-    def row(self, planted: Planted, size: int, counted: Callable[[], None] | None = None) -> Row:
-        """Return gains and shares of detections over all repeats of a size."""
-        config, outcomes = self._config, []
-        for repeat in range(config.repeats):
-            seed = [config.seed, repeat, size, round(100 * planted.spread)]
-            tests = contrasts(self.models(planted, size, seed), repeat, config.resamples)
-            every = all(test["found"] for test in tests)
-            outcomes.append(
-                [tests[0][name] for name in ("gain_nats", "rmse_gain", "found")] + [every]
-            )
-            if counted:
-                counted()
-        nats, error, detected, gate = np.array(outcomes, np.float64).T
-        share = wilson(int(detected.sum()), config.repeats)
-        return {
-            "size": size,
-            "drivers": size * len(self._sample.chain),
-            "chains": size * (int(self._sample.chain.max()) + 1),
-            "decisions": size * len(self._sample.table),
-            "gain_nats": float(nats.mean()),
-            "rmse_gain": float(error.mean()),
-            "detected": share.value,
-            "low": share.low,
-            "high": share.high,
-            "beats_every_rival": float(gate.mean()),
-            "repeats": config.repeats,
-        }
+    of_angle, of_gain = ((grid, every.at(rows, chosen)) for grid, every in grids)
+    seed = int(rng.integers(2**31))
+    return models_of(decided, *of_angle, *of_gain, seed, _SHUFFLES, again=again)
 
 
-def power_rows(
-    sample: Sample, config: PowerConfig, counted: Callable[[], None] | None = None
-) -> list[Row]:
+def power_rows(sample: Sample, config: PowerConfig, counted: Counted = None) -> list[Row]:
     """Return for each planted population and size the gains and the shares of detections.
 
     A population for each spread, and one whose known angles save `gain`, which is left out where no
@@ -262,7 +255,9 @@ def power_rows(
     """
     if not np.ptp(rewards_of(sample.table), axis=1).any():
         raise UserError("every candidate has the same rewards: no choice can show an angle")
-    simulator, scale = Simulator(sample, config), reward_scale(sample.table)
+    scale = reward_scale(sample.table)
+    traits_of = traits.angle_trait(STEP, STRENGTHS, scale), traits.progress_trait(STRENGTHS, scale)
+    grids = [(trait, Tabulated.of(sample.table, trait)) for trait in traits_of]
     populations = {
         f"spread {spread:g}": Planted(spread, config.mean, config.strength / scale)
         for spread in config.spreads
@@ -277,7 +272,7 @@ def power_rows(
         head = {"population": name, "spread": planted.spread, "strength": planted.strength * scale}
         head["known_angle_gain"] = known_angle_gain(sample, planted)
         for size in sorted(config.sizes):
-            row = simulator.row(planted, size, counted)
+            row = _row(sample, config, grids, planted, size, counted)
             rows.append(head | row)
             if planted.spread > 0 and row["detected"] >= ENOUGH:
                 break  # larger samples find it too

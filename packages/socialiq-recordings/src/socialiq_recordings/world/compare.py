@@ -19,9 +19,9 @@ from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.world.batch import JunctionBatch, Traffic
 from socialiq_recordings.world.build import Made
 from socialiq_recordings.world.drivers import Observed, observe
+from socialiq_recordings.world.gym import JunctionBatch, Traffic
 from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
 
 QUANTITIES = {
@@ -37,13 +37,8 @@ QUANTITIES = {
 def simulate(made: Made, seed: int, repeats: int = 1) -> Observed:
     """Return what simulated traffic shows from the recorded starts, as long as was recorded.
 
-    Every vehicle is a driver of the population. Vehicles that count once in the recordings count
-    once here.
-
-    Args:
-        made: World and recordings.
-        seed: Of the first repeat's drivers.
-        repeats: Times that each recording is simulated, with new drivers.
+    Every vehicle is a driver of the population, a new one in each repeat; `seed` is that of the
+    first. Vehicles that count once in the recordings count once here.
     """
     every, counted = [], []
     for repeat in range(repeats):
@@ -63,11 +58,7 @@ def run(
 ) -> Float64[np.ndarray, "step vehicle 2"]:
     """Return coordinates and speeds of a recording's vehicles, all simulated; NaN: not there.
 
-    Args:
-        world: The world.
-        recording: Number of the recording.
-        steps: Sub-steps from its first frame.
-        seed: Of the drivers.
+    Sub-steps count from the recording's first frame; `seed` is that of the drivers.
     """
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core

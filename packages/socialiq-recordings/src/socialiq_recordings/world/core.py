@@ -1,6 +1,6 @@
 """Compiled entry points: resets and decisions of recorded junctions, and traffic without an ego.
 
-`batch`, `replay` and `compare` call them. `row` is an episode, `base` the first vehicle of its
+`gym`, `replay` and `compare` call them. `row` is an episode, `base` the first vehicle of its
 recording, `count` the number of its vehicles.
 """
 
@@ -25,18 +25,6 @@ _CURVE = 0.5  # s in which the ego's control comes down to the speed of a curve
 
 
 @kernel
-def _draw_driver(road, traffic, row, base, vehicle):
-    """Draw a driver's parameters; its desired speed is at least its recorded first one."""
-    for number in range(len(road.drivers)):
-        mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
-        value = mean + deviation * rules.normal(traffic.seed[row], number, vehicle)
-        value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
-        traffic.driver[row, vehicle, number] = value
-    first = road.state[road.state_first[base + vehicle], 1]
-    traffic.driver[row, vehicle, 0] = max(traffic.driver[row, vehicle, 0], first)
-
-
-@kernel
 def _put(traffic, row, vehicle, along, speed):
     traffic.status[row, vehicle] = PRESENT
     traffic.along[row, vehicle], traffic.speed[row, vehicle] = along, speed
@@ -47,14 +35,23 @@ def _put(traffic, row, vehicle, along, speed):
 
 @inlined_kernel
 def populate(road, traffic, row, recording, ego, step):
-    """Place the vehicles that were recorded at a sub-step as they were then; no ego: -1."""
+    """Place the vehicles that were recorded at a sub-step as they were then; no ego: -1.
+
+    Drivers draw their parameters; the desired speed is at least the recorded first one.
+    """
     base, end = road.recording_first[recording], road.recording_first[recording + 1]
     traffic.recording[row], traffic.ego[row] = recording, ego
     traffic.step[row] = traffic.begun[row] = step
     traffic.n_present[row] = 0
     for vehicle in range(end - base):
-        _draw_driver(road, traffic, row, base, vehicle)
         first, last = road.state_first[base + vehicle], road.state_first[base + vehicle + 1] - 1
+        for number in range(len(road.drivers)):
+            mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
+            value = mean + deviation * rules.normal(traffic.seed[row], number, vehicle)
+            value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
+            traffic.driver[row, vehicle, number] = value
+        desired = max(traffic.driver[row, vehicle, 0], road.state[first, 1])
+        traffic.driver[row, vehicle, 0] = desired
         since = step - road.state_step[base + vehicle]
         if since < 0:
             traffic.status[row, vehicle] = WAITING
@@ -254,7 +251,7 @@ run, replay, without_ego = _entries(fingerprint(__file__))
 
 Args:
     road: `recorded_world.Road`.
-    traffic: `batch.Traffic`.
+    traffic: `gym.Traffic`.
     results: `state.Buffers`.
     commands: RESET, DECIDE or SKIP of `state`, by row.
     seeded: Whether a reset begins a stream, by row.

@@ -59,12 +59,7 @@ class Observed(NamedTuple):
 
 
 def observe(every: Sequence[Encounters], counted: Sequence[set[int]]) -> Observed:
-    """Return what some recordings show.
-
-    Args:
-        every: Encounters of each recording.
-        counted: Tracks of each that count, so that a vehicle in two recordings counts once.
-    """
+    """Return what some recordings show; only some tracks of each are counted."""
     names = {*Observed._fields, *Followed._fields} - {"followed", "vehicles"}
     rows: dict[str, list[float]] = {name: [] for name in names}
     vehicles = 0

@@ -1,17 +1,151 @@
-"""Recorded junction as a Gymnasium environment."""
+"""Episodes of a recorded junction: side by side, and one as a Gymnasium environment."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float32
 
 from socialiq.errors import UserError
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.episodes import RoadBatch, check_sizes, checked_numbers
 from socialiq.worlds.highway.gym import RoadEnv
-from socialiq_recordings.world.batch import JunctionBatch
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq.worlds.highway.options import SIGNALS
+from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
+from socialiq.worlds.intersection.options import settings_of
+from socialiq.worlds.world import Decisions
+from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
+
+
+class Traffic(NamedTuple):
+    """Episodes side by side; vehicles are numbered within the recording of their episode."""
+
+    seed: np.ndarray  # of the episode, uint64
+    recording: np.ndarray  # number of the recording
+    ego: np.ndarray  # number of the ego
+    step: np.ndarray  # sub-steps since the recording's first frame
+    begun: np.ndarray  # sub-step at which the episode began
+    n_present: np.ndarray  # vehicles on the road
+    present: np.ndarray  # their numbers, first those that came first, (row, vehicle)
+    status: np.ndarray  # WAITING, PRESENT or GONE, (row, vehicle)
+    along: np.ndarray  # coordinates of their middles on their ways, m
+    speed: np.ndarray  # m/s
+    before: np.ndarray  # speeds at the last decision, or since they entered, m/s
+    rate: np.ndarray  # accelerations of the sub-step, m/s²
+    barrier: np.ndarray  # coordinate of the next leader or closed line, m
+    driver: np.ndarray  # parameters, (row, vehicle, 6)
+
+    @staticmethod
+    def of(world: RecordedWorld, size: int) -> Traffic:
+        """Return empty episodes."""
+        vehicles, by_row = (
+            (size, world.capacity),
+            ("recording", "ego", "step", "begun", "n_present"),
+        )
+        by_vehicle = ("along", "speed", "before", "rate", "barrier")
+        return Traffic(
+            seed=np.zeros(size, np.uint64),
+            **{name: np.zeros(size, np.int64) for name in by_row},
+            present=np.zeros(vehicles, np.int64),
+            status=np.zeros(vehicles, np.int8),
+            **{name: np.zeros(vehicles) for name in by_vehicle},
+            driver=np.zeros((*vehicles, len(world.road.drivers))),
+        )
+
+
+class State(tuple[np.ndarray, ...]):
+    """Arrays that are the complete state of some episodes: `Traffic`, and the batch's own."""
+
+    def rows(self, chosen: Any) -> State:
+        """Return the state of the chosen episodes; indices may repeat."""
+        return State(column[np.asarray(chosen)] for column in self)
+
+
+class JunctionBatch(RoadBatch):
+    """Episodes of one world side by side, in the state `traffic`; see `RoadBatch`.
+
+    An action is the number of a level, or `AS_DRIVER`.
+
+    Raises:
+        UserError: If `size` or `threads` is not positive.
+    """
+
+    def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
+        check_sizes(size, threads)
+        options = world.options
+        super().__init__(options, Buffers.of(options, np.dtype(np.int8), 0, size))
+        self.world, self._threads = world, threads
+        self.traffic = Traffic.of(world, size)
+        self._settings = settings_of(options)
+        self._levels = np.array([*world.config.levels, np.nan])  # the last is that of AS_DRIVER
+
+    @property
+    def lanes(self) -> np.ndarray:
+        """No lanes: vehicles keep to their ways."""
+        return np.zeros(0)
+
+    @property
+    def n_actions(self) -> int:
+        """Number of levels."""
+        return self.world.n_actions
+
+    @property
+    def time(self) -> Float32[np.ndarray, " row"]:
+        """Number of decisions since the last reset of every episode."""
+        steps = self.traffic.step - self.traffic.begun
+        return (steps // self.options.frames).astype(np.float32)
+
+    def like(self, size: int) -> JunctionBatch:
+        """Return a batch of so many episodes of the same world."""
+        return JunctionBatch(self.world, size, self._threads)
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        as_driver = np.asarray(actions) == AS_DRIVER
+        levels = checked_numbers(np.where(as_driver, 0, actions), self.size, self.n_actions)
+        return np.where(as_driver, AS_DRIVER, levels)
+
+    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        from socialiq.worlds.highway.core.compile import run_in_parts
+        from socialiq_recordings.world import core  # import Numba only when it is needed
+
+        def carry_out(commands: np.ndarray) -> None:
+            arguments = commands.astype(np.int8), seeded, seeds, self._levels[actions]
+            options = self._settings, self.world.config.slack
+            state = self.world.road, self.traffic, self.buffers
+            run_in_parts(core.run, self._threads, self.size, *state, *arguments, *options)
+
+        again = commands == DECIDE_AND_RESET
+        carry_out(np.where(again, DECIDE, commands))
+        self.buffers.reached[:] = self.buffers.observation
+        again &= self.buffers.ending != int(Ending.NONE)
+        if again.any():
+            carry_out(np.where(again, RESET, SKIP))
+
+    def _decisions(self) -> Decisions:
+        results = self.buffers
+        return Decisions(
+            results.reached.reshape(self.size, -1).copy(),
+            RewardPair(*results.rewards.T.copy()),
+            results.ending.copy(),
+            dict(zip(SIGNALS, results.signals.T.copy(), strict=True)),
+            results.speed.copy(),
+            results.contact.copy(),
+        )
+
+    def _columns(self) -> tuple[np.ndarray, ...]:
+        return (*self.traffic, self.buffers.observation, self._waiting, self.begun)
+
+    def save(self) -> Any:
+        """Return a copy of the state of every episode."""
+        return State(column.copy() for column in self._columns())
+
+    def restore(self, state: Any) -> None:
+        """Restore a saved state with as many rows; episodes go on from it undisturbed."""
+        for column, saved in zip(self._columns(), state, strict=True):
+            column[:] = saved
 
 
 class RecordedJunctionEnv(RoadEnv):

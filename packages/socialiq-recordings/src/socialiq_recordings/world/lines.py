@@ -79,15 +79,10 @@ def states_of(way: Way, first_frame: int) -> tuple[int, Float64[np.ndarray, "ste
 
 
 def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray, "stretch 4"]:
-    """Return the parts of a way that lie in another, driven in the same direction.
+    """Return the parts of a leading way that lie in a following one, driven in the same direction.
 
-    Args:
-        leading: Way of the vehicle that is looked for.
-        following: Way on which it is looked for.
-        slack: m by which vehicles are narrower than recorded.
-
-    Returns:
-        Begin and end of each part on the leading way, then on the following one, m.
+    Begin and end of each part on the leading way, then on the following one, m. `slack` are m by
+    which vehicles are narrower than recorded.
     """
     first, second = (way.line.points for way in (leading, following))
     apart = np.maximum(
@@ -133,10 +128,6 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
     """Return the lines that were closed, one for each vehicle that stood without a known reason.
 
     A vehicle must be the first of its lane, and its stand unexplained for `_UNEXPLAINED` s.
-
-    Args:
-        encounters: Of the recording.
-        first_frame: First frame of the recording.
     """
     closures = []
     for way in encounters.ways.values():

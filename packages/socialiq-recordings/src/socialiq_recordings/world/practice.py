@@ -30,7 +30,7 @@ from socialiq.learners.offline.train import train_together
 from socialiq.learners.settings import check_counts, check_seed, check_shares
 from socialiq.types import Ending, Policy
 from socialiq.worlds.highway.state import Contact
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 ANGLES = 7
@@ -54,11 +54,7 @@ class Practice:
     first_seed: int = 65_000_000
 
     def __post_init__(self) -> None:
-        """Refuse empty sizes.
-
-        Raises:
-            UserError: If a count, share or seed is out of its range.
-        """
+        """Refuse counts, shares or seeds out of their ranges."""
         check_counts(self, ("episodes",))
         check_shares(self, ("exploration",))
         check_seed(self.first_seed)

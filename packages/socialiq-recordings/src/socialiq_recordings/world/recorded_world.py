@@ -24,7 +24,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.world import ConstantPolicy, World
 
 if TYPE_CHECKING:
-    from socialiq_recordings.world.batch import JunctionBatch
+    from socialiq_recordings.world.gym import JunctionBatch
 
 Lights = Literal["inferred", "none"]
 
@@ -214,7 +214,7 @@ class RecordedWorld(World):
 
     def batch(self, size: int, threads: int = 1) -> JunctionBatch:
         """Return episodes side by side."""
-        from socialiq_recordings.world.batch import JunctionBatch
+        from socialiq_recordings.world.gym import JunctionBatch
 
         return JunctionBatch(self, size, threads)
 

@@ -12,7 +12,7 @@ from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.state import Buffers
 from socialiq.worlds.intersection.options import settings_of
-from socialiq_recordings.world.batch import Traffic
+from socialiq_recordings.world.gym import Traffic
 from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
 
 HUMAN, SIMULATED = MODES = ("human", "simulated")
@@ -53,8 +53,7 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
 
     Args:
         world: The world.
-        every: s between the beginnings of a vehicle's episodes. The recorded moments between two
-            decisions are then used too, by episodes that begin there; their decisions overlap and
+        every: s between the beginnings of a vehicle's episodes, whose decisions then overlap and
             are not independent. 0: one episode for each vehicle.
         as_human: Whether vehicles of simulated recordings get the mode of people, too.
 
