@@ -8,8 +8,8 @@ from socialiq.evaluation.episode_rows import outcome_row, reward_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import ContinuousOptions
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.tables import matching
 

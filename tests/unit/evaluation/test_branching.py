@@ -7,10 +7,9 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching, branched_returns, equivalent_actions
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
+from socialiq.worlds.intersection.world import Batch
 
 GO = policy("go")
 

@@ -14,7 +14,7 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.ground import Ground
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.types import Row
-from socialiq.worlds.tabular_policy import expert_policy
+from socialiq.worlds.enumerate import expert_policy
 from socialiq_lab.tables import column, groups, mean, spread
 
 GRIDWORLDS = ("crossing5", "crossing7")

@@ -14,8 +14,8 @@ from socialiq.evaluation.episode_rows import outcome_row
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import episode_scenes
-from socialiq.worlds.highway.pictures.sheet import save as film
+from socialiq.worlds.highway.render import episode_scenes
+from socialiq.worlds.highway.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection

@@ -205,12 +205,13 @@ def replay_moment(road, traffic, results, moment, recording, ego, step, settings
 
 def _entries(sources: int):
     @entry_point
-    def run(road, traffic, results, commands, seeded, seeds, levels, options, slack, first, end):
+    def run(results, commands, seeds, seeded, actions, options, junction, first, end):
+        road, traffic, levels, slack = junction
         for row in range(first, end):
             if commands[row] == SKIP:
                 continue
             if commands[row] == DECIDE:
-                decide(road, traffic, results, row, levels[row], options[0], slack)
+                decide(road, traffic, results, row, levels[actions[row]], options[0], slack)
             else:
                 if seeded[row]:
                     traffic.seed[row] = rules.hashed(seeds[row])
@@ -250,15 +251,14 @@ run, replay, without_ego = _entries(fingerprint(__file__))
 """Entry points.
 
 Args:
-    road: `recorded_world.Road`.
-    traffic: `gym.Traffic`.
     results: `state.Buffers`.
     commands: RESET, DECIDE or SKIP of `state`, by row.
+    seeds: Seeds of the streams that a reset begins, uint64.
     seeded: Whether a reset begins a stream, by row.
-    seeds: Its seeds, uint64.
-    levels: The egos' accelerations, m/s²; NaN: it drives as a driver of the population.
+    actions: Numbers of levels.
     options: SETTINGS record in an array of one.
-    slack: m by which vehicles are smaller than recorded.
+    junction: `recorded_world.Road`, `gym.Traffic`, the levels in m/s² (NaN: as a driver of the
+        population) and m by which vehicles are smaller than recorded.
     first: First row of the part to do.
     end: End of that part.
 """

@@ -11,8 +11,8 @@ from jaxtyping import Float32
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.episodes import RoadBatch, check_sizes, checked_numbers
-from socialiq.worlds.highway.gym import RoadEnv
+from socialiq.worlds.gym import RoadEnv
+from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.intersection.options import settings_of
@@ -74,23 +74,17 @@ class JunctionBatch(RoadBatch):
     """
 
     def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
-        check_sizes(size, threads)
         options = world.options
-        super().__init__(options, Buffers.of(options, np.dtype(np.int8), 0, size))
-        self.world, self._threads = world, threads
-        self.traffic = Traffic.of(world, size)
-        self._settings = settings_of(options)
+        buffers = Buffers.of(options, np.dtype(np.int8), 0, size)
+        super().__init__(options, buffers, settings_of(options), threads)
+        self.world, self.traffic = world, Traffic.of(world, size)
+        self.n_actions = world.n_actions
         self._levels = np.array([*world.config.levels, np.nan])  # the last is that of AS_DRIVER
 
     @property
     def lanes(self) -> np.ndarray:
         """No lanes: vehicles keep to their ways."""
         return np.zeros(0)
-
-    @property
-    def n_actions(self) -> int:
-        """Number of levels."""
-        return self.world.n_actions
 
     @property
     def time(self) -> Float32[np.ndarray, " row"]:
@@ -104,25 +98,22 @@ class JunctionBatch(RoadBatch):
 
     def _checked(self, actions: Any) -> np.ndarray:
         as_driver = np.asarray(actions) == AS_DRIVER
-        levels = checked_numbers(np.where(as_driver, 0, actions), self.size, self.n_actions)
-        return np.where(as_driver, AS_DRIVER, levels)
+        return np.where(as_driver, AS_DRIVER, super()._checked(np.where(as_driver, 0, actions)))
 
-    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        from socialiq.worlds.highway.core.compile import run_in_parts
+    def _core(self) -> tuple[Any, Any]:
         from socialiq_recordings.world import core  # import Numba only when it is needed
 
-        def carry_out(commands: np.ndarray) -> None:
-            arguments = commands.astype(np.int8), seeded, seeds, self._levels[actions]
-            options = self._settings, self.world.config.slack
-            state = self.world.road, self.traffic, self.buffers
-            run_in_parts(core.run, self._threads, self.size, *state, *arguments, *options)
+        return core.run, (self.world.road, self.traffic, self._levels, self.world.config.slack)
 
+    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         again = commands == DECIDE_AND_RESET
-        carry_out(np.where(again, DECIDE, commands))
+        commands = np.where(again, DECIDE, commands).astype(np.int8)
+        super()._run(commands, seeds, seeded, actions)
         self.buffers.reached[:] = self.buffers.observation
         again &= self.buffers.ending != int(Ending.NONE)
         if again.any():
-            carry_out(np.where(again, RESET, SKIP))
+            commands = np.where(again, RESET, SKIP).astype(np.int8)
+            super()._run(commands, seeds, seeded, actions)
 
     def _decisions(self) -> Decisions:
         results = self.buffers
@@ -135,16 +126,16 @@ class JunctionBatch(RoadBatch):
             results.contact.copy(),
         )
 
-    def _columns(self) -> tuple[np.ndarray, ...]:
+    def _arrays(self) -> tuple[np.ndarray, ...]:
         return (*self.traffic, self.buffers.observation, self._waiting, self.begun)
 
     def save(self) -> Any:
         """Return a copy of the state of every episode."""
-        return State(column.copy() for column in self._columns())
+        return State(column.copy() for column in self._arrays())
 
     def restore(self, state: Any) -> None:
         """Restore a saved state with as many rows; episodes go on from it undisturbed."""
-        for column, saved in zip(self._columns(), state, strict=True):
+        for column, saved in zip(self._arrays(), state, strict=True):
             column[:] = saved
 
 
@@ -183,10 +174,9 @@ class RecordedJunctionEnv(RoadEnv):
         world = load_world(file)
         if sha256 and sha256 != world.sha256:
             raise UserError(f"{file} is not the world with the SHA-256 {sha256[:12]}...")
-        batch = world.batch(1)
-        super().__init__(world, batch, angle, render_mode, clock)
-        self.world: RecordedWorld = world
-        self.batch: JunctionBatch = batch
+        super().__init__(world, angle, render_mode, clock)
+        self.world: RecordedWorld
+        self.batch: JunctionBatch
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

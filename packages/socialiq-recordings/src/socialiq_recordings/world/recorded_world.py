@@ -18,10 +18,9 @@ from gymnasium import spaces
 from socialiq import storage
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
-from socialiq.worlds.highway.options import SIGNALS, reward_definition
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.world import ConstantPolicy, World
+from socialiq.worlds.world import ConstantPolicy
 
 if TYPE_CHECKING:
     from socialiq_recordings.world.gym import JunctionBatch
@@ -129,7 +128,7 @@ SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedWorld(World):
+class RecordedWorld(RoadWorld):
     """World of recorded junctions.
 
     Its rule-based drivers are a driver of the calibrated population, which knows the ways of the
@@ -151,7 +150,6 @@ class RecordedWorld(World):
     sha256: str = ""
     name: str = "recorded-junction"
 
-    draws_by_seed: ClassVar[bool] = True
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers
 
@@ -162,7 +160,7 @@ class RecordedWorld(World):
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
 
     @property
-    def options(self) -> Options:
+    def options(self) -> Options:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Options of the reward pair."""
         return dataclasses.replace(
             self.config.rewards,
@@ -179,24 +177,14 @@ class RecordedWorld(World):
         return self.config.decisions
 
     @property
-    def reward(self) -> dict[str, Any]:
-        """Weights of the signals, and the options that matter."""
-        return reward_definition(self.options)
-
-    @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of all signals, those of r_env first."""
-        return SIGNALS
+    def view(self) -> Any:
+        """None: `compare.scene` draws moments."""
+        return None
 
     @property
     def action_space(self) -> spaces.Discrete:
         """Space of one action: the number of an acceleration, the strongest braking first."""
         return spaces.Discrete(len(self.config.levels))
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        return self.config.observed_vehicles * len(FEATURES)
 
     @property
     def capacity(self) -> int:
@@ -212,8 +200,8 @@ class RecordedWorld(World):
         one_of("driver of a recorded junction", name, self.drivers)
         return ConstantPolicy({"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}[name])
 
-    def batch(self, size: int, threads: int = 1) -> JunctionBatch:
-        """Return episodes side by side."""
+    def batch(self, size: int, threads: int = 1, traced: bool = False) -> JunctionBatch:  # noqa: ARG002
+        """Return episodes side by side; their sub-steps are not traced."""
         from socialiq_recordings.world.gym import JunctionBatch
 
         return JunctionBatch(self, size, threads)

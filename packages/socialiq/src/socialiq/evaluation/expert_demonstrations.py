@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
 from socialiq.evaluation.rollout import rollout_table
-from socialiq.worlds.enumerate import Table
-from socialiq.worlds.tabular_policy import expert_policy
+from socialiq.worlds.enumerate import Table, expert_policy
 
 MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching
@@ -23,12 +22,10 @@ from socialiq.learners.policy_iteration.dial import DialIterationConfig
 from socialiq.learners.policy_iteration.train import IterationHyperparameters
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Policy
-from socialiq.worlds.highway.gym import RoadVectorEnv
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.highway.world import SceneWorld
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 CHUNK = 200  # updates between two rounds of acting
 
@@ -138,15 +135,14 @@ def source_of(
         steps_per_update: Environment steps for each update.
         clock: Whether observations end with the time.
     """
-    return from_vector_env(intersections(options, environments, clock), CHUNK * steps_per_update)
+    return road_source(Intersection(options), environments, steps_per_update, clock)
 
 
 def road_source(
     world: Intersection | SceneWorld, environments: int, steps_per_update: int, clock: bool = False
 ) -> Source:
     """Return experience of any road, as `source_of` does of the intersection."""
-    batch = world.batch(environments)
-    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
+    env = learning_env(world, environments, clock)
     return from_vector_env(env, CHUNK * steps_per_update)
 
 
@@ -184,8 +180,7 @@ def dial_collector(
     if count == 1:
         source = road_source(world, environments, steps_per_update, clock)
         return DialCollector([source], structure, numbers)
-    batch = world.batch(count * environments, min(count, available_cores()))
-    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
+    env = learning_env(world, count * environments, clock, min(count, available_cores()))
     rounds = -(-CHUNK * steps_per_update // environments)
     return DialVectorCollector(env, rounds, structure, numbers)
 

@@ -22,10 +22,9 @@ from socialiq.evaluation.simulate import (
 )
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.enumerate import GridBatch, Table
+from socialiq.worlds.enumerate import GridBatch, Table, draw_actions
 from socialiq.worlds.environment import action_bounds
 from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.tabular_policy import draw_actions
 
 
 class Rollout(NamedTuple):
