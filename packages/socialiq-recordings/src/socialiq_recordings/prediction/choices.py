@@ -98,12 +98,8 @@ def nearest(grid: Float64[np.ndarray, " candidate"], values: Any) -> Int64[np.nd
     return np.clip(index, 0, len(grid) - 1).astype(np.int64)
 
 
-AHEAD = 5.0
-"""s over which progress and losses are counted."""
-
-UNIT = 10.0
-"""m/s; metres are divided by it."""
-
+AHEAD = 5.0  # s over which progress and losses are counted
+UNIT = 10.0  # m/s; metres are divided by it
 _DT = 0.25  # s
 _STEPS = round(AHEAD / _DT)
 

@@ -14,15 +14,11 @@ from scipy.optimize import least_squares
 from socialiq_recordings.idm import Idm, acceleration, ballistic
 from socialiq_recordings.prediction.situations import Situations
 
-FITTED = Idm._fields
-"""Parameters that are fitted; all are above 0, so that their logarithms are."""
-
+FITTED = Idm._fields  # parameters that are fitted; all are above 0, so that their logarithms are
 LOW, HIGH = np.log([3.0, 0.2, 0.3, 0.1, 0.3]), np.log([40.0, 6.0, 8.0, 5.0, 9.0])
 """Range of the fitted parameters, in logarithms: beyond are errors of a fit, not drivers."""
 
-SPREADS = (0.03, 0.1, 0.3, 1.0)
-"""Standard deviations of drivers' log-parameters that are tried."""
-
+SPREADS = (0.03, 0.1, 0.3, 1.0)  # standard deviations of drivers' log-parameters that are tried
 _STEPS = 5  # of a second
 _STEP = 1e-3  # of a log-parameter, for derivatives
 _ROUNDS = 3  # of Gauss and Newton

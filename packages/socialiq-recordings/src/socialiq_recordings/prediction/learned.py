@@ -156,18 +156,10 @@ def of_policies(policies: Sequence[Any]) -> Chances:
 
 AT_ANGLE, BY_DRIVER = "dial", "dial, angle by driver"
 CLONE = "clone"
-LEARNED = (CLONE, AT_ANGLE, BY_DRIVER)
-"""Models that our learners train."""
-
-ANGLES = np.linspace(0.0, 90.0, 7)
-"""Degrees; angles integrated over."""
-
-SHARES = (0.0, 0.125, 0.25, 0.5, 1.0)
-"""κ: how far drivers go from the clone to the dial."""
-
-TEMPERATURE = 1.0
-"""η of the dial at all angles, s: its rewards are seconds."""
-
+LEARNED = (CLONE, AT_ANGLE, BY_DRIVER)  # models that our learners train
+ANGLES = np.linspace(0.0, 90.0, 7)  # degrees; angles integrated over
+SHARES = (0.0, 0.125, 0.25, 0.5, 1.0)  # κ: how far drivers go from the clone to the dial
+TEMPERATURE = 1.0  # η of the dial at all angles, s: its rewards are seconds
 _RATE = 3e-3  # Adam's initial learning rate, which falls; few updates need more than the default
 _PARTS = 2  # of the training drivers
 

@@ -24,9 +24,7 @@ from socialiq_recordings.prediction.situations import HORIZON, Situations, group
 FREEDOM = (2.0, 3.0, 5.0, 10.0, 30.0)
 """Degrees of freedom that are tried: from heavy tails to nearly normal."""
 
-LEAST = 0.1
-"""m/s²; least scale. Accelerations of a second from speeds that err by 0.07 m/s have it."""
-
+LEAST = 0.1  # m/s²; least scale. Accelerations of a second from speeds that err by 0.07 m/s have it
 _ROUNDS = 30  # of expectation and maximisation
 _STAYING = 3.0  # degrees of freedom of the speeds of vehicles that stay
 _MOST_STAY = 0.99

@@ -127,9 +127,7 @@ def _better_trivial(
 
 FITTED = "IDM, fitted"
 
-ERROR = 0.05
-"""Chance that any contrast is decided though there is no difference."""
-
+ERROR = 0.05  # chance that any contrast is decided though there is no difference
 EXTENDED = {
     "IDM, by driver": FITTED,
     "IDM, last residual": FITTED,

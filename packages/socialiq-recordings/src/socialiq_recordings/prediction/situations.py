@@ -36,11 +36,8 @@ from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
 from socialiq_recordings.road.routes import Scene
 
-MOVING = 0.5
-"""m/s; a slower vehicle stands."""
-
-HORIZON = 3
-"""s after a moment to which the position is predicted."""
+MOVING = 0.5  # m/s; a slower vehicle stands
+HORIZON = 3  # s after a moment to which the position is predicted
 
 
 @dataclass(frozen=True, eq=False)

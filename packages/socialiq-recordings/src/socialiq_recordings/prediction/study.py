@@ -35,9 +35,7 @@ from socialiq_recordings.recording import Recording
 Holdout = Literal["moments", "vehicles", "sites"]
 HOLDOUTS: tuple[Holdout, ...] = get_args(Holdout)
 
-PARTS = 5
-"""Largest number of folds of vehicles."""
-
+PARTS = 5  # largest number of folds of vehicles
 LEAST = 20
 """Fewest moments from which models are fitted, and fewest vehicles that are cut into blocks."""
 
@@ -132,9 +130,7 @@ def _vehicles(seen: Situations) -> list[Fold]:
     return result
 
 
-ALL_MODELS = (*MODELS, *learned.LEARNED)
-"""Names of all models."""
-
+ALL_MODELS = (*MODELS, *learned.LEARNED)  # names of all models
 GRID = (-4.0, 3.0, 0.25)
 """m/s²; lowest and highest acceleration of the choices, and the step between them."""
 
@@ -198,7 +194,7 @@ def predict(seen: Situations, config: Config) -> Prediction:
     half = seen.half()
     tasks = [_task(seen, half, fold, config.seed) for fold in all_folds]
     policies = learned.trained(tasks, config.training, names)
-    tested = {holdout: _Tested(holdout, [], []) for holdout in holdouts}
+    outputs: dict[str, list[list[scores.Predicted]]] = {holdout: [] for holdout in holdouts}
     sizes = []
     for fold, task, policies_of in zip(all_folds, tasks, policies, strict=True):
         fitted = {name: MODELS[name](task) for name in names if name in MODELS} | policies_of
@@ -209,8 +205,7 @@ def predict(seen: Situations, config: Config) -> Prediction:
             density = model.spread.log_density(forecast, test.acceleration, test.moving)
             columns = density, forecast.mean, rollout(model, task.idm, test, last)
             predictions.append(scores.Predicted(name, model.personal, *columns))
-        tested[fold.holdout].rows.append(np.flatnonzero(fold.test))
-        tested[fold.holdout].predictions.append(predictions)
+        outputs[fold.holdout].append(predictions)
         row: Row = {
             "holdout": fold.holdout,
             "fold": fold.name,
@@ -223,10 +218,33 @@ def predict(seen: Situations, config: Config) -> Prediction:
         for model in fitted.values():
             row |= model.inferred
         sizes.append(row)
-    every = [folds_of.joined(seen, half) for folds_of in tested.values()]
+    tested = []
+    for holdout, by_fold in outputs.items():
+        of_holdout = [fold for fold in all_folds if fold.holdout == holdout]
+        tested.append(_joined(seen, half, holdout, of_holdout, by_fold))
     draws = config.seed, config.resamples
-    rows = [row for held in every for row in scores.scores(held, *draws)]
-    return Prediction(rows, sizes, scores.contrasts(every, *draws))
+    rows = [row for held in tested for row in scores.scores(held, *draws)]
+    return Prediction(rows, sizes, scores.contrasts(tested, *draws))
+
+
+def _joined(
+    seen: Situations,
+    half: np.ndarray,
+    holdout: str,
+    folds_of: list[Fold],
+    predictions: list[list[scores.Predicted]],
+) -> scores.Held:
+    """Return the predictions of all folds of a holdout, in the order of the moments."""
+    rows = np.concatenate([np.flatnonzero(fold.test) for fold in folds_of])
+    order = np.argsort(rows, kind="stable")
+    models = []
+    for same in zip(*predictions, strict=True):
+        columns = (
+            np.concatenate([getattr(prediction, name) for prediction in same])[order]
+            for name in ("log_density", "mean", "driven")
+        )
+        models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
+    return scores.Held(holdout, seen.rows(rows[order]), half[rows[order]] == 1, models)
 
 
 def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
@@ -236,28 +254,6 @@ def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
     is_own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
     first = half[fold.train] == 0
     return Task(train, last[fold.train], first, seen.rows(is_own), last[is_own], idm, seed)
-
-
-class _Tested(NamedTuple):
-    """Rows and predictions of the folds of a holdout."""
-
-    holdout: Holdout
-    rows: list[np.ndarray]
-    predictions: list[list[scores.Predicted]]
-
-    def joined(self, seen: Situations, half: np.ndarray) -> scores.Held:
-        """Return the predictions of all folds, in the order of the moments."""
-        rows = np.concatenate(self.rows)
-        order = np.argsort(rows, kind="stable")
-        moments, second = seen.rows(rows[order]), half[rows[order]] == 1
-        models = []
-        for same in zip(*self.predictions, strict=True):
-            columns = (
-                np.concatenate([getattr(prediction, name) for prediction in same])[order]
-                for name in ("log_density", "mean", "driven")
-            )
-            models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
-        return scores.Held(self.holdout, moments, second, models)
 
 
 def choices(seen: Situations, seed: int = 0) -> ChoiceTable:

@@ -10,9 +10,7 @@ from scipy.special import softmax
 
 from socialiq_recordings.trait.traits import Trait
 
-FOLDS = 20
-"""Most folds of chains."""
-
+FOLDS = 20  # most folds of chains
 _BLOCK = 4_000_000  # numbers in one block of products, 32 MB
 
 

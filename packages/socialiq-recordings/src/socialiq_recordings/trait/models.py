@@ -33,9 +33,7 @@ from socialiq_recordings.trait.traits import Evaluated, Tabulated, Trait, evalua
 GAINS = np.linspace(-1.0, 1.0, 41)
 """κ of residuals: of a normal prediction the mean moves by κ times the residual."""
 
-SHUFFLES = 20
-"""Turns of the shuffled angle."""
-
+SHUFFLES = 20  # turns of the shuffled angle
 _NARROWER = 4  # times that a grid is narrowed at most
 _LEFT = 1e-4  # probability, over that of the likeliest point, above which a point of a grid is left
 
@@ -265,8 +263,7 @@ RIVALS = ("population", "progress gain", "last residual", "running residual", "s
 """Models that the angle must be better than, and what it would show: that drivers differ, in what
 they do about others, for longer than a moment, and each in its own way."""
 
-ERROR = 0.05
-"""Chance that any contrast is called a gain though none is."""
+ERROR = 0.05  # chance that any contrast is called a gain though none is
 
 
 def scores(models: Models) -> list[Row]:

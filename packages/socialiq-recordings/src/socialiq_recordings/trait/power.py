@@ -26,21 +26,13 @@ from socialiq_recordings.trait import traits
 from socialiq_recordings.trait.models import Models, Sample, contrasts, models_of
 from socialiq_recordings.trait.traits import Evaluated, Tabulated, Trait, reward_scale, rewards_of
 
-CERTAIN = 60.0
-"""β times the typical difference of reward above which every choice is certain."""
-
+CERTAIN = 60.0  # β times the typical difference of reward above which every choice is certain
 STRENGTHS = (0.0, *(0.1 * 1.5**number for number in range(12)))
 """β of the repeats, per typical difference of reward: a coarser grid than of an inference."""
 
-STEP = 15.0
-"""Degrees between the angles of the repeats."""
-
-POWER = 0.8
-"""Share of detections that counts as enough."""
-
-ENOUGH = 0.95
-"""Share of detections above which larger samples are not drawn."""
-
+STEP = 15.0  # degrees between the angles of the repeats
+POWER = 0.8  # share of detections that counts as enough
+ENOUGH = 0.95  # share of detections above which larger samples are not drawn
 _SHUFFLES = 2
 _QUANTILES = 61  # of a normal distribution, that stand for known angles
 

@@ -36,9 +36,7 @@ from socialiq_recordings.prediction.choices import ChoiceTable
 STRENGTHS = (0.0, *(0.1 * 2.0 ** (third / 3) for third in range(19)))
 """β from 0 to 6.4, per typical difference of reward (`reward_scale`)."""
 
-PROGRESS_SPREADS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
-"""Spreads of g, per typical difference of reward."""
-
+PROGRESS_SPREADS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # spreads of g, per typical difference of reward
 LEAST_SCALE = 1e-9
 """Typical difference of reward below which the rewards of all candidates count as equal."""
 

@@ -23,9 +23,7 @@ from socialiq_recordings.world.drivers import Calibration, Observed, calibrate, 
 from socialiq_recordings.world.recorded_world import LAYOUT, RecordedWorld, Road, WorldConfig
 
 LEAST_VEHICLES = 2
-MOST_VEHICLES = 2000
-"""Vehicles of one recording; 16 bytes are kept for each two of them."""
-
+MOST_VEHICLES = 2000  # vehicles of one recording; 16 bytes are kept for each two of them
 _APPROACH = 20.0  # m before the first conflict area: the influence zone, as at the intersection
 _BEYOND = 10.0  # m behind the last conflict area at which the ego has arrived
 _LEAST_WAY = 15.0  # m that an ego must have to drive

@@ -111,9 +111,7 @@ def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> 
     rows["standing_gaps"] += [float(np.median(standing))] if standing else []
 
 
-LEAST = 10
-"""Vehicles that must show a parameter before it is estimated."""
-
+LEAST = 10  # vehicles that must show a parameter before it is estimated
 _LEAST_MOMENTS = 30  # following decisions for a fit of the IDM
 _ERROR = 1.0  # m/s²; errors beyond count less than squared (soft L1)
 _HEADWAYS, _GAPS = (0.4, 3.0), (0.5, 6.0)  # s, m; bounds of a driver's values

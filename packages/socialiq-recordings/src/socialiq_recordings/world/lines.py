@@ -19,12 +19,8 @@ from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, 
 from socialiq_recordings.road.paths import wrapped
 from socialiq_recordings.world.recorded_world import SUB_STEPS
 
-SPACING = 1.0
-"""m between the points of a line."""
-
-FASTEST = 45.0
-"""m/s; no speed limit of a curve is higher."""
-
+SPACING = 1.0  # m between the points of a line
+FASTEST = 45.0  # m/s; no speed limit of a curve is higher
 _AROUND = 5  # points before and behind between which a direction changes
 _SLOWING = 1.5  # m/s²; deceleration before a curve
 _PROBED = 2.0  # m between the points of a way that are looked for on another
@@ -103,9 +99,7 @@ def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray,
     return np.column_stack([at[ends], positions.along[ends]])
 
 
-STANDING = 0.5
-"""m/s; a slower vehicle stands."""
-
+STANDING = 0.5  # m/s; a slower vehicle stands
 _AHEAD = 12.0  # m; a leader within this distance is what a vehicle stands behind
 _SOON = 5.0  # s; a conflicting vehicle that arrives later is no reason to stand
 _UNEXPLAINED = 1.0  # s for which a vehicle must stand without a reason

@@ -33,8 +33,7 @@ from socialiq.worlds.highway.state import Contact
 from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
-ANGLES = 7
-"""Angles at which a dial practises, from its least to its largest."""
+ANGLES = 7  # angles at which a dial practises, from its least to its largest
 
 
 @dataclass(frozen=True)
@@ -84,16 +83,11 @@ def train_with_practice(
     callbacks: Callable[[int, str], Callbacks] | None = None,
     chunk: int = 500,
 ) -> Practised:
-    """Train dials on demonstrations, and again after each round of practice, from new weights.
+    """Train dials on demonstrations of a world, and again after each round of practice there.
 
-    Args:
-        world: Where they practise.
-        static: Of every training.
-        hyperparameters: Numbers of each run; each practises on episodes of its own.
-        shown: Demonstrations of that world.
-        practice: Amount of practice.
-        callbacks: Called with the number of practised rounds and the name of a stage.
-        chunk: Updates between two calls of the callbacks.
+    Each training begins with new weights, and each run practises on episodes of its own.
+    `callbacks` gets the number of practised rounds and the name of a stage; `chunk` is the number
+    of updates between two calls of what it returns.
 
     Raises:
         UserError: As `train_together`.

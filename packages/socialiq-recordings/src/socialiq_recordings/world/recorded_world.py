@@ -27,15 +27,11 @@ if TYPE_CHECKING:
 
 Lights = Literal["inferred", "none"]
 
-SUB_STEPS = 10
-"""Sub-steps of a second."""
-
+SUB_STEPS = 10  # sub-steps of a second
 LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
 """m/s²; default actions. Those of recorded decisions, and a hard braking."""
 
-AS_DRIVER = -1
-"""Action with which the ego drives as a driver of the population."""
-
+AS_DRIVER = -1  # action with which the ego drives as a driver of the population
 _LONGEST = 600.0  # s; of an episode
 
 
@@ -192,11 +188,7 @@ class RecordedWorld(RoadWorld):
         return int(np.diff(self.road.recording_first).max())
 
     def driver(self, name: str, seed: int = 0) -> ConstantPolicy:  # noqa: ARG002  none is random
-        """Return a driver of `drivers`.
-
-        Raises:
-            UserError: If the name is unknown.
-        """
+        """Return a driver of `drivers`; see `World.driver`."""
         one_of("driver of a recorded junction", name, self.drivers)
         return ConstantPolicy({"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}[name])
 

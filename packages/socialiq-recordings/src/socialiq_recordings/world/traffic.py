@@ -51,9 +51,7 @@ def following(seed):
     return hashed(seed + _GOLDEN) + _ONE
 
 
-WAITING, PRESENT, GONE = range(3)
-"""States of a vehicle in an episode."""
-
+WAITING, PRESENT, GONE = range(3)  # states of a vehicle in an episode
 DT = 0.1  # s of a sub-step; 1 / SUB_STEPS
 HARDEST = 8.0  # m/s²
 _V0, _T, _S0, _A, _B, _MARGIN = range(6)
