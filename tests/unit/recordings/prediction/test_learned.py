@@ -54,7 +54,7 @@ def test_learned_policies_predict_a_planted_rule(situations: Make) -> None:
     seen = replace(seen, acceleration=rule)
     idm, first = following.literature(), seen.half() == 0
     last = residuals(idm, seen)
-    task = Task(seen, last, first, seen.rows(first), last[first], idm, 0)
+    task = Task(seen, last, first, seen.rows(first), idm, 0)
     settings = learned.Training(levels=LEVELS, updates=300, hidden=(16,))
     (made,) = learned.trained([task], settings, learned.LEARNED)
     assert set(made) == set(learned.LEARNED)

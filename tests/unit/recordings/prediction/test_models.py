@@ -22,7 +22,7 @@ def _task(train: Situations) -> Task:
     first = train.half() == 0
     idm = following.literature()
     last = residuals(idm, train)
-    return Task(train, last, first, train.rows(first), last[first], idm, 0)
+    return Task(train, last, first, train.rows(first), idm, 0)
 
 
 def _drivers(situations: Make) -> Situations:

@@ -135,7 +135,6 @@ class Task(NamedTuple):
     # whether each is in the first half of its driver's conflicts
     first: Bool[np.ndarray, " moment"]
     own: Situations  # moments in the first halves of the drivers that are predicted
-    own_residual: Numbers  # residuals of these
     idm: following.Parameters  # log-parameters of the IDM fitted to the training moments
     seed: int  # seed of what is drawn
 

@@ -253,7 +253,7 @@ def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
     last = residuals(idm, seen)
     is_own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
     first = half[fold.train] == 0
-    return Task(train, last[fold.train], first, seen.rows(is_own), last[is_own], idm, seed)
+    return Task(train, last[fold.train], first, seen.rows(is_own), idm, seed)
 
 
 def choices(seen: Situations, seed: int = 0) -> ChoiceTable:

@@ -77,7 +77,6 @@ class Models(NamedTuple):
     sample: Sample  # the decisions
     predictions: dict[str, Evaluated]  # by name, of the decisions of second halves
     angle: Inference  # the inferred angle
-    shuffled: tuple[float, ...]  # mean log-likelihood of each turn of the shuffled angle
 
 
 def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
@@ -148,8 +147,7 @@ def models_of(
         np.mean([turn.log_likelihood for turn in turns], axis=0),
         np.mean([turn.mean for turn in turns], axis=0),
     )
-    means = tuple(float(turn.log_likelihood.mean()) for turn in turns)
-    return Models(sample, predictions, inferred, means)
+    return Models(sample, predictions, inferred)
 
 
 def _narrowed(
@@ -159,15 +157,16 @@ def _narrowed(
 
     With `again` the grids are narrowed until first halves leave nothing of them out.
     """
-    first = ~sample.second
-    narrower = 0
-    while True:
-        log_likelihood = evaluated.log_likelihood[first], sample.driver[first], len(sample.chain)
-        inferred = infer(driver_log_likelihood(*log_likelihood), sample.chain, trait)
-        finer = trait.narrowed(*inferred.left(_LEFT)) if again and narrower < _NARROWER else None
+    first, drivers = ~sample.second, len(sample.chain)
+    for number in range(_NARROWER + 1):
+        of_decision = evaluated.log_likelihood[first]
+        log_likelihood = driver_log_likelihood(of_decision, sample.driver[first], drivers)
+        inferred = infer(log_likelihood, sample.chain, trait)
+        finer = trait.narrowed(*inferred.left(_LEFT)) if number < _NARROWER else None
         if finer is None or again is None:
-            return inferred, evaluated.rows(sample.second)
-        trait, evaluated, narrower = finer, again(finer), narrower + 1
+            break
+        trait, evaluated = finer, again(finer)
+    return inferred, evaluated.rows(sample.second)
 
 
 def predict(
