@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from scipy.special import softmax
 
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import COLORS, figure, finish
@@ -62,12 +63,39 @@ def fit_family(
     decisions = decisions._replace(log_base=base_of(policies, decisions.seen))
     sample = sample_of(choices_of(decisions, episodes, used))
     values = np.stack([policy.q_values(decisions.seen) for policy in policies], axis=2)
-    trait = traits.family_trait(angle, scale=traits.value_scale(values))
-    every = traits.tabulate_family(values, sample.table.grid, trait, RANDOM)
+    trait = traits.family_trait(angle, scale=value_scale(values))
+    every = tabulate_family(values, sample.table.grid, trait, RANDOM)
     of_chosen = every.at(np.arange(len(sample.table)), sample.table.chosen)
     gain = traits.progress_trait(scale=traits.reward_scale(sample.table))
     of_gain = traits.evaluate(sample.table, gain)
     return models_of(sample, trait, of_chosen, gain, of_gain, seed, every=every)
+
+
+def value_scale(values: Float[np.ndarray, "decision candidate value"]) -> float:
+    """Return the typical difference of value between candidates; 1 if there is none."""
+    variance = values.var(axis=1, where=np.isfinite(values)) if values.size else np.zeros(1)
+    scale = float(np.sqrt(variance.mean()))
+    return scale if scale > traits.LEAST_SCALE else 1.0
+
+
+def tabulate_family(
+    values: Float[np.ndarray, "decision candidate value"],
+    grid: Float[np.ndarray, " candidate"],
+    trait: traits.Trait,
+    random: float,
+) -> traits.Tabulated:
+    """Return log p(a | s) of every candidate, and the mean candidate, by β and angle of a family.
+
+    p(a | s) = (1 - ε) softmax(β Q_α(s, .))(a) + ε / n, with ε = `random` the share of choices at
+    random among the n candidates. One whose value Q_α(s, a) is minus infinity is none.
+    """
+    finite = np.isfinite(values)[:, :, None, :]
+    score = trait.shared[:, None] * np.where(finite, values[:, :, None, :], 0.0)
+    chance = softmax(np.where(finite, score, -np.inf), axis=1)
+    mixed = (1 - random) * chance + random / finite.sum(axis=1, keepdims=True)
+    chance = np.where(finite, mixed, 0.0)
+    log_p = np.log(np.maximum(chance, np.finfo(np.float64).tiny))
+    return traits.Tabulated(log_p, np.einsum("dcsv,c->dsv", chance, grid))
 
 
 def recovery(models: Models, angle: Float[np.ndarray, " driver"]) -> Row:

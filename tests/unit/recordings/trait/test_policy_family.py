@@ -12,9 +12,8 @@ from socialiq_recordings.trait.traits import (
     progress_trait,
     reward_scale,
     rewards_of,
-    tabulate_family,
-    value_scale,
 )
+from studies.angle_trait.study import tabulate_family, value_scale
 
 GRID = np.array([-1.0, 0.0, 1.0])
 

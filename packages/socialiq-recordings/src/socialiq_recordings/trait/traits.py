@@ -12,14 +12,6 @@ A grid must be finer than what the data determine: where it is coarser, a popula
 can come closer to drivers who are all alike than any point of the grid, and differences between
 drivers are found that aren't there. `Trait.narrowed` lays the same number of points over the part
 of a grid that the data leave.
-
-Of a family with one policy for each angle, such as a dial, a driver of angle α takes the candidate
-a of a decision s with probability
-
-    p(a | s) = (1 - ε) softmax(β Q_α(s, .))(a) + ε / n,
-
-with β shared and ε the share of choices at random among the n candidates. A candidate whose value
-is minus infinity is none.
 """
 
 from __future__ import annotations
@@ -29,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
-from scipy.special import log_softmax, softmax
+from scipy.special import log_softmax
 
 from socialiq_recordings.prediction.choices import ChoiceTable
 
@@ -202,13 +194,6 @@ def reward_scale(table: ChoiceTable) -> float:
     return scale if scale > LEAST_SCALE else 1.0
 
 
-def value_scale(values: Float[np.ndarray, "decision candidate value"]) -> float:
-    """Return the typical difference of value between candidates; 1 if there is none."""
-    variance = values.var(axis=1, where=np.isfinite(values)) if values.size else np.zeros(1)
-    scale = float(np.sqrt(variance.mean()))
-    return scale if scale > LEAST_SCALE else 1.0
-
-
 class Evaluated(NamedTuple):
     """Predictions of some decisions: by one model, or by every grid point of a trait."""
 
@@ -258,22 +243,3 @@ class Tabulated(NamedTuple):
     def at(self, rows: np.ndarray, chosen: Int64[np.ndarray, " decision"]) -> Evaluated:
         """Return the predictions of some rows for what was chosen there."""
         return Evaluated(self.log_p[rows, chosen], self.mean[rows])
-
-
-def tabulate_family(
-    values: Float[np.ndarray, "decision candidate value"],
-    grid: Float[np.ndarray, " candidate"],
-    trait: Trait,
-    random: float,
-) -> Tabulated:
-    """Return log p(a | s) of every candidate, and the mean candidate, by β and angle of a family.
-
-    `values` are Q_α(s, a), `random` is ε, above 0.
-    """
-    finite = np.isfinite(values)[:, :, None, :]
-    score = trait.shared[:, None] * np.where(finite, values[:, :, None, :], 0.0)
-    chance = softmax(np.where(finite, score, -np.inf), axis=1)
-    mixed = (1 - random) * chance + random / finite.sum(axis=1, keepdims=True)
-    chance = np.where(finite, mixed, 0.0)
-    log_p = np.log(np.maximum(chance, np.finfo(np.float64).tiny))
-    return Tabulated(log_p, np.einsum("dcsv,c->dsv", chance, grid))

@@ -127,18 +127,10 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
           rule, ranked):  # fmt: skip
     """Whether a vehicle may not enter a conflict area now.
 
-    Args:
-        gap: From its front to the area, m, above 0.
-        through: From its front to where its rear leaves the area, m.
-        speed: m/s.
-        strongest: Its acceleration, m/s².
-        desired: Its desired speed, m/s.
-        margin: s that it leaves before a vehicle with the right of way.
-        their_gap: The other's gap, m; 0 or less if it is in the area.
-        their_through: The other's way until its rear has left, m.
-        their_speed: m/s.
-        rule: 1 if it yields, -1 if the other does, 0 if who comes first goes first.
-        ranked: Whether it goes first if both arrive at one moment.
+    `gap` is from its front to the area, m, `through` from its front to where its rear leaves it;
+    the other's gap is 0 or less if it is in the area. `margin` is what it leaves before a vehicle
+    with the right of way, s. `rule`: 1 if it yields, -1 if the other does, 0 if who comes first
+    goes first, or the `ranked` one if both arrive at one moment.
     """
     arrives = time_to(gap, speed, strongest, max(desired, speed))
     clears = their_through / max(their_speed, _CREEP)
