@@ -11,7 +11,7 @@ import numpy as np
 
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
-from socialiq.audit.resolve_policy import ATLAS
+from socialiq.audit.request import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.learners.callbacks import Callbacks
