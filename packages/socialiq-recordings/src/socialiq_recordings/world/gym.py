@@ -41,10 +41,8 @@ class Traffic(NamedTuple):
     @staticmethod
     def of(world: RecordedWorld, size: int) -> Traffic:
         """Return empty episodes."""
-        vehicles, by_row = (
-            (size, world.capacity),
-            ("recording", "ego", "step", "begun", "n_present"),
-        )
+        vehicles = size, world.capacity
+        by_row = ("recording", "ego", "step", "begun", "n_present")
         by_vehicle = ("along", "speed", "before", "rate", "barrier")
         return Traffic(
             seed=np.zeros(size, np.uint64),
