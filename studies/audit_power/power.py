@@ -18,7 +18,7 @@ from socialiq.social.angle import angle_of, estimate_angle, exact_weights
 from socialiq.statistics.hotelling import confidence_ellipse
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Row
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 
 ANGLES = np.array([0.0, 30.0, 60.0, 90.0])
 """Target angles of the references in degrees."""

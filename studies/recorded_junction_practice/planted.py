@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.recorded_world import RecordedWorld
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
-from socialiq.worlds.highway.state import DECIDE, SKIP, Contact
+from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
 from socialiq_recordings.world import traffic as rules
 from socialiq_recordings.world.observation import annotate, observe, touched
 from socialiq_recordings.world.traffic import DT, GONE, HARDEST, PRESENT, WAITING, ahead_of

@@ -12,9 +12,8 @@ from jaxtyping import Float32
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.gym import RoadEnv
-from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
+from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SIGNALS, SKIP, Buffers
+from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection.options import settings_of
 from socialiq.worlds.world import Decisions
 from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
@@ -80,11 +79,6 @@ class JunctionBatch(RoadBatch):
         self._levels = np.array([*world.config.levels, np.nan])  # the last is that of AS_DRIVER
 
     @property
-    def lanes(self) -> np.ndarray:
-        """No lanes: vehicles keep to their ways."""
-        return np.zeros(0)
-
-    @property
     def time(self) -> Float32[np.ndarray, " row"]:
         """Number of decisions since the last reset of every episode."""
         steps = self.traffic.step - self.traffic.begun
@@ -98,10 +92,11 @@ class JunctionBatch(RoadBatch):
         as_driver = np.asarray(actions) == AS_DRIVER
         return np.where(as_driver, AS_DRIVER, super()._checked(np.where(as_driver, 0, actions)))
 
-    def _core(self) -> tuple[Any, Any]:
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq_recordings.world import core  # import Numba only when it is needed
 
-        return core.run, (self.world.road, self.traffic, self._levels, self.world.config.slack)
+        junction = self.world.road, self.traffic, self._levels, self.world.config.slack
+        return core.run, junction, np.zeros(0)
 
     def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         again = commands == DECIDE_AND_RESET

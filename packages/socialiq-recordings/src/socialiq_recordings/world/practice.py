@@ -29,7 +29,7 @@ from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyper
 from socialiq.learners.offline.train import train_together
 from socialiq.learners.settings import check_counts, check_seed, check_shares
 from socialiq.types import Ending, Policy
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 

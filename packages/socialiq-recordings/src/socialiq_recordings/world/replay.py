@@ -10,7 +10,7 @@ from jaxtyping import Float64, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.state import Buffers
+from socialiq.worlds.highway.options import Buffers
 from socialiq.worlds.intersection.options import settings_of
 from socialiq_recordings.world.gym import Traffic
 from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld

@@ -6,7 +6,7 @@ from socialiq.evaluation.episodes import Episodes, conflict_rates
 from socialiq.social.angle import estimate_angle
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Row
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 
 OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 KMH = 3.6  # km/h of a m/s

@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import rollouts
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
-from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import ACTIONS, Options
 from socialiq.worlds.intersection.world import Batch, Intersection

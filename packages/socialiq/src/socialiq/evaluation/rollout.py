@@ -24,7 +24,7 @@ from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table, draw_actions
 from socialiq.worlds.environment import action_bounds
-from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.world import RoadBatch
 
 
 class Rollout(NamedTuple):
