@@ -52,19 +52,12 @@ def blocked(
 
 @dataclass(frozen=True)
 class Rule:
-    """A planted driver.
+    """A planted driver."""
 
-    Attributes:
-        name: Its name.
-        seconds: How far it looks ahead.
-        acceleration: On a free way, m/s².
-        levels: Accelerations of the world's actions, m/s².
-    """
-
-    name: str
-    seconds: float
-    acceleration: float
-    levels: tuple[float, ...]
+    name: str  # its name
+    seconds: float  # how far it looks ahead
+    acceleration: float  # on a free way, m/s²
+    levels: tuple[float, ...]  # accelerations of the world's actions, m/s²
 
     def predict(
         self,
