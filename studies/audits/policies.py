@@ -12,12 +12,12 @@ import numpy as np
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
 from socialiq.audit.resolve_policy import ATLAS
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.worlds.registry import make
@@ -166,7 +166,7 @@ def _constant(world: str, action: int) -> QPolicy:
 def _dial(ground: Ground, seed: int, updates: int, on_stage: StageCallback) -> DialPolicy:
     """Train the run `online` of the study `dial` with fewer updates."""
     static, numbers, clock, _ = RUNS["online"]
-    clocked = with_clock(ground, clock)
+    clocked = ground.with_clock(clock)
     world = clocked.table.world
     data = trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
     static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates)

@@ -6,18 +6,16 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
+from socialiq.learners import acting, cql
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import cql
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.acting import DialCollector, acting
+from socialiq.learners.dial import offline as regularised
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.learners.offline import config as regularised
-from socialiq.learners.offline.train import train_together
 from socialiq.nn.q_network import network_of
 from socialiq_lab.comparison_runs import (
     Arena,
@@ -78,7 +76,9 @@ def dial_collector(
     if arena.world is not None:
         return None
     source = arena.source(static.updates, static.environments)
-    return DialCollector([source] * len(numbers), static, numbers)
+    behaviour = acting.dials(static, numbers)
+    seeds = [run.seed for run in numbers]
+    return Collector([source] * len(numbers), seeds, behaviour, static.driven_share > 0)
 
 
 def dialled(preset: str) -> Learner:
@@ -107,17 +107,17 @@ def dialled(preset: str) -> Learner:
 
 def _regularised(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
     """Train the behaviour-regularised dial, whose stages share the updates."""
-    preset = regularised.PRESETS["offline-regularised"]
+    preset, numbers = dial.OfflineDialConfig(), dial.OfflineDialHyperparameters()
     names = ("hidden", "activation", "view", "batch_size")
-    share = arena.updates // (2 + preset.structure.critic_factor)  # behaviour and dial: one each
+    share = arena.updates // (2 + preset.critic_factor)  # behaviour and dial: one each
     static = dataclasses.replace(
-        preset.structure,
+        preset,
         **{name: getattr(arena.structure, name) for name in names},
         updates=max(share, 1),
     )
-    stages = train_together(
+    stages = regularised.train(
         static,
-        [dataclasses.replace(preset.numbers, seed=run.seed, **dict(run.setting)) for run in runs],
+        [dataclasses.replace(numbers, seed=run.seed, **dict(run.setting)) for run in runs],
         [arena.datasets[entry.dataset] for entry in runs],
         lambda _stage: arena.callbacks(),
         arena.chunk,
@@ -170,7 +170,7 @@ def _fronts(arena: Arena, runs: Sequence[Run], rewards: Sequence[Rewards]) -> li
     collector = Collector(
         [inferring(source, pair) for pair in rewards],
         [entry.seed for entry in numbers],
-        acting(static, numbers),
+        acting.dials(static, numbers),
     )
     callbacks = arena.callbacks()
     trained = train_dial(static, numbers, [], None, arena.sizes, callbacks, arena.chunk, collector)

@@ -10,8 +10,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import Sweep, sweep
-from socialiq.evaluation.exact import READOUTS, action_table
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.rollout import rollout_totals
 from socialiq.learners.dial.config import RUNS
 from socialiq.mdp.front import AttainableSet

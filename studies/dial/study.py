@@ -15,9 +15,8 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
-from socialiq.evaluation.exact import READOUTS
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, exact_regret, regret_at, with_clock
+from socialiq.evaluation.exact import READOUTS, Ground, exact_regret
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS, RUNS, DialConfig, DialHyperparameters
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
@@ -102,20 +101,17 @@ def _row(
     run: int,
 ) -> Row:
     """Return the strength of a budget, and the demonstrations' likelihood under its policy."""
-    dial, numbers = trained.policy(run), agents.numbers[run]
-    demonstrations = data[numbers.dataset]
-    chances = dial.at(config.budget_angle).probabilities(demonstrations.observation)
+    angle, numbers = config.budget_angle, agents.numbers[run]
+    policy, demonstrations = trained.policy(run).at(angle), data[numbers.dataset]
+    chances = policy.probabilities(demonstrations.observation)
     chosen = chances[np.arange(len(demonstrations.action)), demonstrations.action]
     return {
         "budget": agents.budgets[run],
         "seed": numbers.seed,
-        "angle": config.budget_angle,
+        "angle": angle,
         "multiplier": float(trained.kept[run]),
         "log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean()),
-    } | {
-        f"regret_{readout}": regret_at(ground, dial, config.budget_angle, readout)
-        for readout in READOUTS
-    }
+    } | {f"regret_{readout}": ground.regret(policy, angle, readout) for readout in READOUTS}
 
 
 DIAL = "dial.safetensors"
@@ -128,7 +124,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
     data = {
         clock: trajectory_datasets(
-            with_clock(ground, clock).table, config.seeds, config.episodes_each
+            ground.with_clock(clock).table, config.seeds, config.episodes_each
         )
         for clock in (True, False)
     }
@@ -138,14 +134,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
         trained = _train(ground, config, name, data[PRESETS[name].clock], context.on_stage)
         for run, seed in enumerate(config.seeds):
             dial = TrainedDial(
-                name, seed, trained.policy(run), with_clock(ground, PRESETS[name].clock)
+                name, seed, trained.policy(run), ground.with_clock(PRESETS[name].clock)
             )
             files = files or {DIAL: _file_of(dial.dial)}
             limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
             for table, rows in dial.rows(config, limit):
                 tables[table] += rows
     if "offline" in config.runs:
-        tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
+        tables |= budget_tables(ground.with_clock(True), config, data[True], context.on_stage)
     if ceilings:
         tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])
@@ -172,7 +168,7 @@ def _train(
     on_stage: StageCallback,
 ) -> Trained:
     static, numbers, clock, _ = PRESETS[name]
-    world = with_clock(ground, clock).table.world
+    world = ground.with_clock(clock).table.world
     static = dataclasses.replace(
         static, one_hot=world.one_hot, updates=config.updates or static.updates
     )
@@ -193,7 +189,7 @@ def _ceilings(
     ground: Ground, config: Config, data: Sequence[Demonstrations]
 ) -> dict[tuple[str, int], AttainableSet]:
     """Return the best values within each data set's support, by kind of support and seed."""
-    reachable = with_clock(ground, True).part
+    reachable = ground.with_clock(True).part
     supports = {PRESETS[name].support for name in config.runs} - {""}
     return {
         (support, seed): support_ceiling(demonstrations, reachable, timed=support == "timed")

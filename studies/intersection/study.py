@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.front import support_intervals
+from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results
 from socialiq.social.angle import angle_difference, angle_of

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import policy_row
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import policy_row
 from socialiq.evaluation.front import hypervolume
+from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import figure, finish
 from socialiq.results_folder import Results
 from socialiq.types import Row

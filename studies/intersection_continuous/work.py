@@ -11,15 +11,13 @@ from typing import Any
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.road_training import CHUNK, dial_collector, sizes_of
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.continuous.acting import ActorVectorCollector
-from socialiq.learners.continuous.actor_critic import ActorCritic
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.acting import actors_together
+from socialiq.learners.behaviour_cloning import GaussianCloning
+from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous.config import STEPS_PER_UPDATE
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.continuous.train import train
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
@@ -177,7 +175,6 @@ def run_file(numbers: Any) -> str:
 
 
 def _fit_actors(
-    learner: type[ActorCritic],
     config: Training,
     folder: Path,
     on_progress: ProgressCallback,
@@ -188,9 +185,9 @@ def _fit_actors(
     env = intersections(config.options, len(numbers) * config.environments, structure.times > 0)
     rounds = -(-CHUNK * structure.env_steps_per_update // config.environments)
     sizes = (Intersection(config.options).n_features + (structure.times > 0), width(config.options))
-    collector = ActorVectorCollector(env, rounds, structure, numbers)
+    collector = VectorCollector(env, rounds, numbers, actors_together(structure, numbers))
     options = {"sizes": sizes, "before_chunk": collector}
-    program = partial(train, learner, structure, numbers, datasets, **options)
+    program = partial(train, structure, numbers, datasets, **options)
     fit(program, folder, on_progress, [run_file(run) for run in numbers])
 
 
@@ -198,14 +195,14 @@ def train_soft(
     config: Training, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write experts, or dials, of soft actor-critic."""
-    _fit_actors(SoftActorCritic, config, folder, on_progress)
+    _fit_actors(config, folder, on_progress)
 
 
 def train_learners(
     config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write learners of a mixture; each training seed has a mixture of its own."""
-    _fit_actors(ContinuousIQLearn, config, folder, on_progress, _mixtures(config, inputs))
+    _fit_actors(config, folder, on_progress, _mixtures(config, inputs))
 
 
 def _mixtures(config: Training, inputs: Mapping[str, Path]) -> list[Demonstrations]:
@@ -220,9 +217,7 @@ def train_offline(
     """Write clones, or TD3+BC, of a mixture, as `train_learners`, without steps of their own."""
     inputs_of_program = (config.structure, config.numbers, _mixtures(config, inputs))
     clones = isinstance(config.structure, bc.CloningConfig)
-    program = partial(
-        BehaviourCloning.train_on if clones else partial(train, TD3BC), *inputs_of_program
-    )
+    program = partial(GaussianCloning.train_on if clones else train, *inputs_of_program)
     fit(program, folder, on_progress, [run_file(run) for run in config.numbers])
 
 

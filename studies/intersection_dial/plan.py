@@ -12,9 +12,8 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
+from socialiq.learners import policy_iteration
 from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
-from socialiq.learners.policy_iteration import dial as dial_iteration
-from socialiq.learners.policy_iteration import train as policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq_lab.intersection.demonstration_sets import (
     DEMONSTRATIONS,
@@ -106,7 +105,7 @@ class Config:
     """Static config of a dial with a clock."""
     recipe_numbers: DialHyperparameters = INTERSECTION.numbers
     """Hyperparameters of these dials, without the seed."""
-    iteration: dial_iteration.DialIterationConfig = ITERATION
+    iteration: policy_iteration.DialIterationConfig = ITERATION
     """Static config of the policy iteration that begins with such a dial."""
     iteration_numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
     """Hyperparameters of it, without the seed."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import policy_row
+from socialiq.evaluation.episodes import policy_row
 from socialiq.evaluation.front import hypervolume
 from socialiq.plotting.style import band, figure, finish, line
 from socialiq.results_folder import Results

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.iq_learn import presets
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.settings import check_counts
 from socialiq.worlds.intersection import atlas
 from socialiq_lab.intersection.demonstration_sets import (

@@ -1,8 +1,7 @@
 """Offline learning in the intersection: demonstrations and their reward pairs, no step in a world.
 
-One dial of `learners.offline` beside the demonstrators, clones and IQ-Learn, all with the network
-that reads the vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also
-trained online, in the world.
+One offline dial beside the demonstrators, clones and IQ-Learn, all with the network that reads the
+vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also trained online.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import policy_row
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import policy_row
+from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import band, figure, finish
 from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.learners.acting import drawing
 from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config
-from socialiq.learners.continuous.acting import drawing
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import Trained
@@ -53,7 +51,7 @@ def train_dials(
             dataclasses.replace(DEMONSTRATED, seed=seed, dataset=number, discount=task.discount)
             for number, seed in enumerate(seeds)
         ]
-        trained = _collected(task, ContinuousIQLearn, static, numbers, datasets)
+        trained = _collected(task, static, numbers, datasets)
     return [trained.policy(run) for run in range(len(seeds))]
 
 
@@ -91,7 +89,7 @@ def train_trio(
         for number, seed in enumerate(seeds)
         for angle in angles
     ]
-    return _by_seed(train(ContinuousIQLearn, static, numbers, datasets), len(angles))
+    return _by_seed(train(static, numbers, datasets), len(angles))
 
 
 def _by_seed(trained: Trained, size: int) -> list[list[ActorPolicy]]:
@@ -120,7 +118,7 @@ def _sac(
     changes: Sequence[Standardisation] = (),
 ) -> Trained:
     static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
-    return _collected(task, SoftActorCritic, static, numbers, changes=changes)
+    return _collected(task, static, numbers, changes=changes)
 
 
 def _demonstrated(task: Task, updates: int) -> config.ActorIQLearnConfig:
@@ -134,7 +132,6 @@ def _demonstrated(task: Task, updates: int) -> config.ActorIQLearnConfig:
 
 def _collected(
     task: Task,
-    learner: Any,
     static: Any,
     numbers: Sequence[Any],
     datasets: Sequence[Demonstrations] = (),
@@ -147,4 +144,4 @@ def _collected(
     collect = Collector(sources, seeds, drawing(static, static.env_steps_per_update))
     env = task.make()
     shape = sizes(env)[0], action_size(env)
-    return train(learner, static, numbers, datasets, None, shape, chunk=ROUND, before_chunk=collect)
+    return train(static, numbers, datasets, None, shape, chunk=ROUND, before_chunk=collect)

@@ -9,15 +9,16 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.learners.collect import Act, Behaviour, Collector, from_env
+from socialiq.learners.acting import Driver
+from socialiq.learners.collect import Behaviour, Collector, from_env
 from socialiq.learners.dial import train as dials
-from socialiq.learners.dial.acting import Driver
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.objective import Networks
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import train as iq_learn
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Act
 from socialiq.worlds.environment import sizes
 from studies.mo_gymnasium.tasks import Task
 

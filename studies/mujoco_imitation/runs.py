@@ -15,15 +15,13 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.acting import acting_in, drawing
+from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Collector, from_env
-from socialiq.learners.continuous.acting import drawing
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.config import SACConfig, SACHyperparameters
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.standardise import Standardisation
-from socialiq.learners.continuous.train import acting_in, train
+from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
@@ -86,7 +84,6 @@ def train_expert(
     env = make_env(task)
     assert env.observation_space.shape and env.action_space.shape
     train(
-        SoftActorCritic,
         static,
         runs,
         sizes=(env.observation_space.shape[0], env.action_space.shape[0]),
@@ -97,7 +94,7 @@ def train_expert(
             resume=checkpoint.is_file(),
         ),
         chunk=static.updates_per_round,
-        before_chunk=acting_in(lambda: make_env(task), static, runs),
+        before_chunk=acting_in(lambda: make_env(task), static, runs, static.updates_per_round),
     )
     checkpoint.unlink(missing_ok=True)
     record = read_json(folder / RECORD)
@@ -277,20 +274,19 @@ def _train(
         for number, seed in enumerate(seeds)
     ]
     if isinstance(method.static, bc.CloningConfig):
-        return BehaviourCloning.train_on(method.static, runs, datasets, callbacks)
+        return GaussianCloning.train_on(method.static, runs, datasets, callbacks)
 
     def environment() -> gymnasium.Env[Any, Any]:
         env = make_env(task)
         return AbsorbingStates(env) if method.absorbing else env
 
     if not method.online:
-        return train(ContinuousIQLearn, method.static, runs, datasets, callbacks=callbacks)
+        return train(method.static, runs, datasets, callbacks=callbacks)
     chunk = method.static.updates_per_round
     makers = [change.maker(environment) for change in changes] or [environment] * len(seeds)
     sources = [from_env(make(), chunk, continuous=True) for make in makers]
     collector = Collector(sources, seeds, drawing(method.static, 1))
     return train(
-        ContinuousIQLearn,
         method.static,
         runs,
         datasets,

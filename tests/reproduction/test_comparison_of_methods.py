@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from socialiq import results_folder as store
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import from_csv
 from socialiq.storage import packaged_results
 from socialiq_lab.comparison import EPISODES_EACH, means

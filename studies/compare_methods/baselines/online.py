@@ -29,7 +29,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from socialiq.learners import settings
-from socialiq.learners.collect import Act, Source
+from socialiq.learners.collect import Source
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import config, losses
 from socialiq.learners.iq_learn.train import Carry, IQLearn
@@ -38,7 +38,7 @@ from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
-from socialiq.types import Ending, RewardPair, Simulator, Transitions
+from socialiq.types import Act, Ending, RewardPair, Simulator, Transitions
 from studies.compare_methods.baselines.shared import (
     Episodes,
     learned_sums,

@@ -9,10 +9,8 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.evaluation.exact import Ground, Metrics, evaluate_exactly, mean_of
+from socialiq.evaluation.rollout import MODES
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.tables import column, groups, mean, spread

@@ -17,16 +17,16 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import READOUTS, Ground, Readout, action_table, evaluate_exactly
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners import dqn
+from socialiq.learners.acting import soft
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.collect import Act, Collector, Source, from_env, soft
+from socialiq.learners.collect import Collector, Source, from_env
 from socialiq.learners.dqn import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.types import Row
+from socialiq.types import Act, Row
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import nearest_mode, of_modes
 

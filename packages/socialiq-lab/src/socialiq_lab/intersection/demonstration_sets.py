@@ -9,8 +9,7 @@ from pathlib import Path
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.rollout import record
+from socialiq.evaluation.rollout import MODES, record
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.storage import save_arrays

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import load_values

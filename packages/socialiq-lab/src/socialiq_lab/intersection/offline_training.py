@@ -16,15 +16,15 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.road_training import CHUNK, soft_collector
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial import offline
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline import config as offline
-from socialiq.learners.offline.train import STAGES, train_together
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
@@ -41,8 +41,8 @@ def run_file(seed: int, angle: float | None = None) -> str:
 class OfflineDialRuns:
     """Offline dials, each on a mixture of the three experts' demonstrations."""
 
-    structure: offline.OfflineDialConfig
-    numbers: offline.OfflineDialHyperparameters
+    structure: dial.OfflineDialConfig
+    numbers: dial.OfflineDialHyperparameters
     seeds: tuple[int, ...]
     size: int
     """Transitions of each expert."""
@@ -56,12 +56,12 @@ def train_offline_dials(
     numbers = [replace(config.numbers, seed=seed) for seed in config.seeds]
 
     def callbacks(stage: str) -> Callbacks:
-        before = STAGES.index(stage)
+        before = offline.STAGES.index(stage)
         return Callbacks(
-            lambda report: on_progress((before + report.done / report.total) / len(STAGES))
+            lambda report: on_progress((before + report.done / report.total) / len(offline.STAGES))
         )
 
-    stages = train_together(config.structure, numbers, _mixtures(config, inputs), callbacks)
+    stages = offline.train(config.structure, numbers, _mixtures(config, inputs), callbacks)
     for run, seed in enumerate(config.seeds):
         _save(stages["dial"], run, folder / run_file(seed))
 

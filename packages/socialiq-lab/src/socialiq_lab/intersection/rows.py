@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from socialiq import results_folder as store
-from socialiq.evaluation.episode_rows import OUTCOMES, REWARDS, policy_row
-from socialiq.evaluation.episodes import Episodes
+from socialiq.evaluation.episodes import OUTCOMES, REWARDS, Episodes, policy_row
 from socialiq.results_folder import from_csv
 from socialiq.social.angle import exact_weights
 from socialiq.storage import packaged_results, read_json

@@ -30,15 +30,13 @@ from socialiq.evaluation.road_training import (
     soft_collector,
     source_of,
 )
-from socialiq.learners import dqn
+from socialiq.learners import dqn, policy_iteration
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
-from socialiq.learners.policy_iteration import dial as dial_iteration
-from socialiq.learners.policy_iteration import train as one_angle
 from socialiq.learners.state import History
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
@@ -269,8 +267,8 @@ def fit_dial(
 class DialIterationRun:
     """One run of direct policy iteration of a dial, which begins with the job's input."""
 
-    structure: dial_iteration.DialIterationConfig
-    numbers: one_angle.IterationHyperparameters
+    structure: policy_iteration.DialIterationConfig
+    numbers: policy_iteration.IterationHyperparameters
     environments: int = 256
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
@@ -288,7 +286,7 @@ def train_dial_by_iteration(
     (begun,) = inputs.values()
     start = DialPolicy.load(begun / DIAL)
     clock = observes_time(start, config.options)
-    structure, numbers = dial_iteration.with_network_of(config.structure, start), config.numbers
+    structure, numbers = policy_iteration.with_network_of(config.structure, start), config.numbers
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(state.target_network, 0)
@@ -301,7 +299,7 @@ def train_dial_by_iteration(
 
     labeller = dial_labeller(structure, config.options, config.environments, clock)
     fitting = partial(
-        dial_iteration.train,
+        policy_iteration.train,
         structure,
         [numbers],
         [labeller],

@@ -21,9 +21,9 @@ from socialiq.errors import UserError
 from socialiq.evaluation.rollout import columns_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.train import train_together
 from socialiq.learners.settings import check_counts, check_seed, check_shares
 from socialiq.types import Policy
 from socialiq_recordings.world.recorded_world import RecordedWorld
@@ -100,7 +100,7 @@ def train_with_practice(
         chunk: Updates between two calls of the callbacks.
 
     Raises:
-        UserError: As `train_together`.
+        UserError: As `learners.dial.offline.train`.
         Stopped: On Ctrl-C.
     """
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
@@ -108,7 +108,7 @@ def train_with_practice(
     def learn(number: int) -> dict[str, Trained]:
         data = [concatenate([shown, *own]) if own else shown for own in driven]
         of_stage = functools.partial(callbacks, number) if callbacks else None
-        return train_together(static, hyperparameters, data, of_stage, chunk)
+        return train(static, hyperparameters, data, of_stage, chunk)
 
     stages = learn(0)
     for number in range(1, practice.rounds + 1):

@@ -15,15 +15,12 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import Act, Ending, Policy, RewardPair
 from socialiq.worlds import world
 from socialiq.worlds.highway.episodes import RoadBatch, State
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
-
-Act = Callable[[np.ndarray], Any]
-"""Given observations, (row, feature), returns one action for each."""
 
 Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
 """Given the number of episodes and random numbers, returns an angle for each, in degrees."""
@@ -177,7 +174,7 @@ class Branching:
         states, env, social = (
             np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
         )
-        from socialiq.learners.policy_iteration.train import Labelled  # learning needs JAX
+        from socialiq.learners.policy_iteration import Labelled  # learning needs JAX
 
         return Labelled(states, RewardPair(env, social))
 
@@ -207,30 +204,18 @@ class OracleLookahead:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, " batch"], None]:
-        """Choose the action of each episode with the best known end."""
-        return self.totals().argmax(axis=1), state
+        """Choose the action of each episode with the best known score to its end."""
 
-    def totals(self) -> Float[np.ndarray, "batch action"]:
-        """Return the score that each action gives from now to the end of its episode."""
-        returns = branched_returns(
-            self._batch,
-            lambda seen: np.asarray(self._policy.predict(seen)[0]),
-            self._clock,
-        )
-        return score(self._weights, returns)
+        def follow(seen: np.ndarray) -> np.ndarray:
+            return np.asarray(self._policy.predict(seen)[0])
+
+        returns = branched_returns(self._batch, follow, self._clock)
+        return score(self._weights, returns).argmax(axis=1), state
 
 
 def with_oracle_lookahead(
     options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
 ) -> Episodes:
-    """Run the episodes of a policy with oracle lookahead.
-
-    Args:
-        options: The scenario.
-        policy: Policy that drives the copies.
-        seeds: One for each episode.
-        angle: At which totals are scored, in degrees.
-        size: Number of episodes side by side.
-    """
+    """Run seeded episodes of a policy with `OracleLookahead`, so many side by side."""
     batch = Batch(options, min(size, len(seeds)))
     return episodes_of(batch, OracleLookahead(policy, batch, angle), seeds)

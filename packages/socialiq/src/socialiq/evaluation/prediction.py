@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import one_of
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics, evaluate_exactly
+from socialiq.evaluation.rollout import MODES
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.theory import response, semi_gradient

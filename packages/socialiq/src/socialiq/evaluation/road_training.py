@@ -14,13 +14,18 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
-from socialiq.learners.collect import Collector, Source, from_vector_env, soft
-from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
+from socialiq.learners.acting import dials, dials_together, soft
+from socialiq.learners.collect import (
+    BaseCollector,
+    Collector,
+    Source,
+    VectorCollector,
+    from_vector_env,
+)
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
-from socialiq.learners.policy_iteration.dial import DialIterationConfig
-from socialiq.learners.policy_iteration.train import IterationHyperparameters
+from socialiq.learners.policy_iteration import DialIterationConfig, IterationHyperparameters
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Policy
 from socialiq.worlds.highway.gym import RoadVectorEnv
@@ -168,7 +173,7 @@ def dial_collector(
     world: Intersection | SceneWorld,
     environments: int,
     steps_per_update: int,
-) -> DialCollector | DialVectorCollector:
+) -> BaseCollector:
     """Return what collects dials' experience on the core, from episodes of each run.
 
     Several runs act together, on as many threads as there are runs, or cores if fewer.
@@ -183,11 +188,13 @@ def dial_collector(
     clock, count = structure.redraw_times > 0, len(numbers)
     if count == 1:
         source = road_source(world, environments, steps_per_update, clock)
-        return DialCollector([source], structure, numbers)
+        return Collector(
+            [source], [numbers[0].seed], dials(structure, numbers), structure.driven_share > 0
+        )
     batch = world.batch(count * environments, min(count, available_cores()))
     env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
     rounds = -(-CHUNK * steps_per_update // environments)
-    return DialVectorCollector(env, rounds, structure, numbers)
+    return VectorCollector(env, rounds, numbers, dials_together(structure, numbers))
 
 
 def observes_time(start: DialPolicy, options: Options) -> bool:

@@ -1,4 +1,4 @@
-"""Rollouts as tables of transitions: on a road, in a gridworld or a Gymnasium environment."""
+"""Rollouts as demonstrations: on a road, in a gridworld or an environment; the thesis' experts."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float, Int, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
 from socialiq.errors import UserError
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.simulate import (
     GymActor,
     GymSimulator,
@@ -25,7 +26,10 @@ from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.environment import action_bounds
 from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.tabular_policy import draw_actions
+from socialiq.worlds.tabular_policy import draw_actions, expert_policy
+
+MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
+"""Angle of each of the thesis' experts (5.2), in degrees."""
 
 
 class Rollout(NamedTuple):
@@ -58,12 +62,7 @@ class Rollout(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Demonstrations, with the classical rewards for comparison.
-
-    Attributes:
-        transitions: One row for each decision.
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (transition,).
-    """
+    """Demonstrations, and for comparison the ego's own and its neighbours' mean reward (A.1)."""
 
     transitions: Demonstrations
     classical: RewardPair
@@ -76,14 +75,7 @@ def record(
     mode: str,
     source: Mapping[str, Any] | None = None,
 ) -> Recorded:
-    """Run one greedy episode for each seed, and record every transition.
-
-    Args:
-        batch: Batch of episodes to drive.
-        policy: Policy of the ego.
-        seeds: Seed of each episode.
-        mode: Name of the driver mode to record.
-        source: Provenance to record.
+    """Run one greedy episode for each seed; record every transition, its mode and provenance.
 
     Raises:
         UserError: If there is no seed.
@@ -101,12 +93,7 @@ def record(
 
 
 class Columns(NamedTuple):
-    """Decisions of episodes as columns, episode by episode.
-
-    Attributes:
-        transitions: Arguments of `Demonstrations.of`.
-        more: Further columns.
-    """
+    """Decisions, episode by episode: arguments of `Demonstrations.of`, and further columns."""
 
     transitions: dict[str, Any]
     more: tuple[np.ndarray, ...]
@@ -115,12 +102,7 @@ class Columns(NamedTuple):
 def columns_of(
     steps: Iterator[Step], more: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
 ) -> Columns:
-    """Return the decisions of a batch's episodes as columns.
-
-    Args:
-        steps: Result of `simulate`.
-        more: From the result of a decision to further columns.
-    """
+    """Return the decisions of `simulate` as columns, with further ones of each result."""
     columns_of_steps = []
     for step in steps:
         result, running = step.made, step.running
@@ -184,17 +166,7 @@ def rollout_table(
 def rollout_totals(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> Float[np.ndarray, "episode 2"]:
-    """Return the sums of r_env and r_social of each episode in an enumerated world.
-
-    Args:
-        table: The world or its reachable part.
-        policy: Action probabilities by state, or by time and state.
-        episodes: Number of episodes.
-        seed: Seed of chance and of the policy's draws.
-
-    Raises:
-        UserError: If `episodes` is less than 1.
-    """
+    """Return the sums of r_env and r_social of episodes, as of `rollout_table`, in any part."""
     episode, _, state, action, _, _ = _steps(table, policy, episodes, seed)
     return np.stack(
         [np.bincount(episode, reward[state, action]) for reward in table.mdp.rewards], axis=1
@@ -205,7 +177,8 @@ def _steps(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> list[Int[np.ndarray, " transition"]]:
     """Return columns of all transitions: episode, step, state, action, next state, ending."""
-    _check_episodes(episodes)
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
     rng = np.random.default_rng(seed)
 
     def draw(time: int, state: np.ndarray, running: np.ndarray) -> Int64[np.ndarray, " row"]:
@@ -255,7 +228,8 @@ def rollout_env(
     Raises:
         UserError: If `episodes` is less than 1, or the actions are of another kind.
     """
-    _check_episodes(episodes)
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
     seeds = np.arange(seed, seed + episodes)
     steps = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
     space = env.action_space
@@ -274,6 +248,42 @@ def rollout_env(
     return Rollout(transitions, np.array([step.made.speed for step in steps], np.float64))
 
 
-def _check_episodes(episodes: int) -> None:
-    if episodes < 1:
-        raise UserError(f"episodes must be at least 1, got {episodes}")
+def demonstrations_by_mode(
+    table: Table, episodes: dict[str, int], seed: int
+) -> dict[str, Demonstrations]:
+    """Roll out each of the thesis' experts (5.2) in the stochastic world with all its states.
+
+    Each mode has its own number of episodes and its own random stream.
+    """
+    demonstrations = {}
+    for number, (mode, angle) in enumerate(MODES.items()):
+        source = {"expert": "value iteration, deterministic variant", "angle": angle}
+        policy, stream = expert_policy(table, angle), len(MODES) * seed + number
+        rollout = rollout_table(table, policy, episodes[mode], stream, mode, source)
+        demonstrations[mode] = rollout.transitions
+    return demonstrations
+
+
+def trajectory_datasets(
+    table: Table, seeds: Sequence[int], episodes_each: int
+) -> list[Demonstrations]:
+    """Return, for each seed, a mixture with equal numbers of new episodes of every expert (5.2)."""
+    return [
+        equal_trajectories(
+            demonstrations_by_mode(table, dict.fromkeys(MODES, episodes_each), seed),
+            episodes_each,
+            seed,
+        )
+        for seed in seeds
+    ]
+
+
+def transition_datasets(
+    table: Table, seeds: Sequence[int], transitions_each: int
+) -> list[Demonstrations]:
+    """Return, for each seed, a mixture with equal numbers of transitions of every expert (6.3)."""
+    enough = dict.fromkeys(MODES, transitions_each)  # an episode has at least one transition
+    return [
+        equal_transitions(demonstrations_by_mode(table, enough, seed), transitions_each, seed)
+        for seed in seeds
+    ]

@@ -71,15 +71,13 @@ def conservative_loss(
     q = jax.vmap(network)(batch.observation)
     taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
     q_next = jax.vmap(target_network)(batch.next_observation)
-    follows = losses.continuation(
-        losses.soft_value(q_next, hyperparameters.temperature),
-        batch.ending,
-        static.endings.by_kind(),
-        losses.absorbing_value(q.shape[-1], hyperparameters.temperature, hyperparameters.discount),
-    )
+    temperature = hyperparameters.temperature
+    next_value = losses.soft_value(q_next, temperature)
+    of_run = (q.shape[-1], temperature, hyperparameters, static)
+    follows = losses.continued(next_value, batch.ending, *of_run)
     reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
     error = losses.implicit_reward(taken, follows, hyperparameters.discount) - reward
-    gap = jnp.mean(losses.soft_value(q, hyperparameters.temperature) - taken)
+    gap = jnp.mean(losses.soft_value(q, temperature) - taken)
     terms = {
         "bellman": jnp.mean(jnp.square(error)) / 2,
         "conservative": hyperparameters.conservatism * gap,

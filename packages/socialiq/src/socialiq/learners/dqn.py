@@ -13,17 +13,17 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
-from socialiq.learners import replay, settings
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import Act, Behaviour, Collector, Source
-from socialiq.learners.expert_table import Batch
+from socialiq.learners.collect import Behaviour, Collector, Source
+from socialiq.learners.expert_table import Batch, Replay
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
-from socialiq.types import Ending
+from socialiq.types import Act, Ending
 
 Loss = Literal["huber", "squared"]
 
@@ -77,12 +77,9 @@ Scalar = Float[Array, ""]
 def next_value(
     target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
 ) -> Float[Array, " batch"]:
-    """max_a Q(s', a) by the target network; "double" lets the network itself choose a.
+    """max_a Q(s', a) by the target network (Mnih et al. 2015).
 
-    Args:
-        target_network: Q(s', ·) of the target network (Mnih et al. 2015).
-        fast: Q(s', ·) of the network (van Hasselt et al. 2016).
-        double: Who chooses.
+    With "double" a is chosen by the network's own values, `fast` (van Hasselt et al. 2016).
     """
     chosen = jnp.argmax(fast if double else target_network, axis=-1)
     return jnp.take_along_axis(target_network, chosen[:, None], axis=-1)[:, 0]
@@ -95,15 +92,7 @@ def bootstrapped_target(
     discount: Scalar | float,
     through_timeouts: bool,
 ) -> Float[Array, " batch"]:
-    """Y = R(α) + γ (1 - d) max_a Q(s', a).
-
-    Args:
-        reward: R(α) of each transition (Eq 4.3).
-        value: Of the state reached.
-        ending: Values of `types.Ending`.
-        discount: γ.
-        through_timeouts: Whether d = 0 at a timeout, which is the clock's doing, not a state.
-    """
+    """Y = R(α) + γ (1 - d) max_a Q(s', a); through timeouts d = 0 at one, the clock's doing."""
     goes_on = ending == int(Ending.NONE)
     if through_timeouts:
         goes_on |= ending == int(Ending.TIMEOUT)
@@ -126,7 +115,7 @@ class Carry(NamedTuple):
     """A random key and the replay."""
 
     key: Array
-    replay: replay.Replay
+    replay: Replay
 
 
 class DQN(Learner):
@@ -137,7 +126,9 @@ class DQN(Learner):
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed, beside an empty replay."""
         state, key = super().initialise(hyperparameters)
-        return state, Carry(key, replay.empty(self.static.replay_capacity, self.sizes[0]))
+        return state, Carry(
+            key, Replay.empty(self.static.replay_capacity, Batch.empty(self.sizes[0]))
+        )
 
     def draw(
         self,
@@ -147,8 +138,7 @@ class DQN(Learner):
     ) -> tuple[Batch, Carry]:
         """Sample the replay."""
         key, for_batch = jax.random.split(carry.key)
-        batch = replay.sample(carry.replay, for_batch, self.static.batch_size)
-        return batch, carry._replace(key=key)
+        return carry.replay.sample(for_batch, self.static.batch_size), carry._replace(key=key)
 
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays

@@ -253,8 +253,7 @@ def _checks(rule: Rule) -> Callable[[Any, Sequence[str]], None]:
     return check
 
 
-check_counts, check_shares = _checks(_count), _checks(_share)
-check_not_negative, check_above_zero = _checks(_not_negative), _checks(_above_zero)
+check_counts, check_shares, check_not_negative = map(_checks, (_count, _share, _not_negative))
 """Given a config and names of fields, raise `UserError` if one is out of range."""
 
 
@@ -276,25 +275,38 @@ def check_seeds(seeds: Sequence[int]) -> None:
         raise UserError("a seed is named twice: name each once")
 
 
-def check_runs(runs: Sequence[Any], sets: int | None, online: bool, acts: bool) -> None:
-    """Refuse runs without their data or their world, before any work is done.
+def check_fit(
+    runs: Sequence[Any], sets: int | None, online: bool, acts: bool, shapes: Sequence[Any]
+) -> tuple[int, int]:
+    """Refuse runs whose data and world don't fit together, before any work is done.
 
     Args:
         runs: Hyperparameters of each run.
         sets: Number of sets of demonstrations; None for a learner without.
         online: Whether the learner acts.
         acts: Whether there is a world, or experience from one.
+        shapes: Features of an observation and actions, or the length of one, of data and world.
+
+    Returns:
+        The shape that all have.
 
     Raises:
-        UserError: The line says what is missing, or is there without use.
+        UserError: The line says what is missing, is there without use, or doesn't fit.
     """
     if not runs:
         raise UserError("no runs: pass at least one set of hyperparameters")
     if sets == 0:
-        raise UserError("no demonstrations: pass at least one set")
+        raise UserError("no demonstrations: pass at least one set, or train without them")
     if sets is not None and max(run.dataset for run in runs) >= sets:
         raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
     if online and not acts:
         raise UserError("online training needs a world: name one, or train offline")
     if acts and not online:
         raise UserError("offline training takes no world: drop it, or train online")
+    distinct = sorted({tuple(shape) for shape in shapes})
+    if len(distinct) != 1:
+        raise UserError(
+            f"data and world differ in (features, actions): {distinct}: they belong to another "
+            "world, or lack its clock"
+        )
+    return distinct[0]

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from socialiq.nn.dial_policy import Dial
-from socialiq.nn.q_policy import checked_batch, layers_of_network, numbers_of
+from socialiq.nn.q_policy import checked_batch, fields_of_network, numbers_of
 from socialiq.nn.saved import Arrays, Header, SavedNetwork, layers_of_content
 from socialiq.nn.view import Encoding
 
@@ -65,17 +65,15 @@ class ActorPolicy(SavedNetwork):
         actor: Actor, provenance: Mapping[str, Any], rng: np.random.Generator | None = None
     ) -> ActorPolicy:
         """Build the policy from a trained actor; its scale becomes part of the first layer."""
+        fields = fields_of_network(actor) | {"provenance": provenance}
         rng = np.random.default_rng(0) if rng is None else rng
-        view, layers = actor.view, layers_of_network(actor)
-        view = view.in_numpy() if view else None
-        return ActorPolicy(*layers, actor.activation, actor.size, provenance, rng, view=view)
+        return ActorPolicy(action_size=actor.size, rng=rng, **fields)
 
     def network(self) -> Actor:
         """Return the actor, which can be trained: the inverse of `of`."""
         from socialiq.nn import actor, q_network  # learning needs JAX, acting does not
 
-        layers = q_network.linear_layers(self.weights, self.biases)
-        view = q_network.in_jax(self.view)
+        layers, view = q_network.trainable(self)
         return actor.Actor(layers, self.activation, self.action_size, view=view)
 
     @property
@@ -109,16 +107,13 @@ class ActorPolicy(SavedNetwork):
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions in [-1, 1]: the mean u, or a drawn one, squashed.
+        """Choose actions in [-1, 1], float32 (size,) or (batch, size); the policy has no memory.
 
         Args:
             observation: Shape (features,) or (batch, features).
-            state: Returned unchanged; the policy has no memory.
-            episode_start: Ignored, for the same reason.
-            deterministic: Whether the mean is taken.
-
-        Returns:
-            Float32 (size,) or (batch, size), and the state.
+            state: Returned unchanged.
+            episode_start: Ignored.
+            deterministic: Whether the mean u is squashed, or a drawn one.
 
         Raises:
             UserError: If an observation is nested, has another shape or is not finite.
@@ -149,14 +144,7 @@ class ActorPolicy(SavedNetwork):
 
 @dataclass(frozen=True)
 class ActorDial(Dial[ActorPolicy]):
-    """Trained dial of continuous actions; `at` returns the policy of one angle.
-
-    Attributes:
-        turned: The actor as a policy whose first layer also reads (cos α, sin α), as its last
-            inputs. Only `at` uses it.
-        low: Smallest trained social angle, in degrees.
-        high: Largest trained social angle, in degrees.
-    """
+    """Trained dial of continuous actions; attributes as of `Dial`."""
 
     KIND, NETWORK = "actor-dial", ActorPolicy
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from socialiq.errors import UserError
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.q_policy import QPolicy, ValuePolicy
-from socialiq.nn.saved import Arrays, Header, load_one_of, refusal
+from socialiq.nn.saved import Arrays, Header, refusal
 from socialiq.storage import kind_of
 
 MOST_MEMBERS = 32
@@ -49,12 +49,9 @@ class EnsemblePolicy(ValuePolicy):
     def of(
         members: Sequence[QPolicy | EnsemblePolicy], provenance: Mapping[str, Any] | None = None
     ) -> EnsemblePolicy:
-        """Build the ensemble of some policies; members of ensembles among them become its own.
+        """Build the ensemble of policies of one temperature; of ensembles it gets the members.
 
-        Args:
-            members: Policies of one temperature.
-            provenance: How it was made. By default what all members record alike, such as the
-                learner and the angle.
+        By default the record is what all members record alike, such as learner and angle.
 
         Raises:
             UserError: If there are none or too many, or they differ in features, actions or
@@ -80,11 +77,7 @@ class EnsemblePolicy(ValuePolicy):
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Return the mean of the members' Q of each observation and action.
-
-        Raises:
-            UserError: If an observation has another length or is not finite.
-        """
+        """Return the mean of the members' Q of each observation and action."""
         total = sum(member.q_values(observations) for member in self.members)
         return np.asarray(total / np.float32(len(self.members)))
 
@@ -125,7 +118,7 @@ def load_values(path: Path) -> QPolicy | EnsemblePolicy:
     """
     if kind_of(path) in (ActorPolicy.KIND, ActorDial.KIND):
         raise UserError(f"{path} has continuous actions: name a policy of discrete ones")
-    return load_one_of(path, (EnsemblePolicy, QPolicy))
+    return (EnsemblePolicy if kind_of(path) == EnsemblePolicy.KIND else QPolicy).load(path)
 
 
 def members_of(policy: Any) -> tuple[Any, ...]:

@@ -16,7 +16,7 @@ from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, layers_of_con
 from socialiq.nn.view import Encoding, View
 
 if TYPE_CHECKING:
-    from socialiq.nn.q_network import QNetwork, ValueNetwork
+    from socialiq.nn.q_network import QNetwork
 
 TRAINABLE = ("relu", "elu")
 """Activations of networks that can be trained."""
@@ -72,12 +72,12 @@ class ValuePolicy(Saved):
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions, greedily or from softmax(Q/τ).
+        """Choose actions, greedily or from softmax(Q/τ); the policy has no memory.
 
         Args:
             observation: Shape (features,) or (batch, features).
-            state: Returned unchanged; the policy has no memory.
-            episode_start: Ignored, for the same reason.
+            state: Returned unchanged.
+            episode_start: Ignored.
             deterministic: Whether to select greedily; else sample from softmax(Q/τ).
 
         Raises:
@@ -126,12 +126,17 @@ def numbers_of(observation: object) -> np.ndarray:
         raise UserError("observation is not numeric: this policy takes one array") from error
 
 
-def layers_of_network(network: Any) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Return weights and biases of a trained network; its scale becomes part of the first ones."""
+def fields_of_network(network: Any) -> dict[str, Any]:
+    """Return a trained network as fields of a `SavedNetwork`; its scale goes into the weights."""
     first, *following = (np.asarray(layer.weight) for layer in network.layers)
     scale = getattr(network, "scale", 1.0)
     first = first if scale == 1.0 else first * np.float32(scale)
-    return (first, *following), tuple(np.asarray(layer.bias) for layer in network.layers)
+    return {
+        "weights": (first, *following),
+        "biases": tuple(np.asarray(layer.bias) for layer in network.layers),
+        "activation": network.activation,
+        "view": network.view.in_numpy() if network.view else None,
+    }
 
 
 @dataclass(frozen=True)
@@ -162,16 +167,15 @@ class QPolicy(SavedNetwork, ValuePolicy):
 
     @staticmethod
     def of(
-        network: ValueNetwork,
+        network: Any,
         temperature: float,
         provenance: Mapping[str, Any],
         rng: np.random.Generator | None = None,
     ) -> QPolicy:
         """Build the policy from a trained network; its scale becomes part of the first layer."""
+        fields = fields_of_network(network) | {"provenance": provenance}
         rng = np.random.default_rng(0) if rng is None else rng
-        view, layers = network.view, layers_of_network(network)
-        view = view.in_numpy() if view else None
-        return QPolicy(*layers, network.activation, float(temperature), provenance, rng, view)
+        return QPolicy(temperature=float(temperature), rng=rng, **fields)
 
     def network(self) -> QNetwork:
         """Return the network, which can be trained: the inverse of `of`.
@@ -182,8 +186,8 @@ class QPolicy(SavedNetwork, ValuePolicy):
         from socialiq.nn import q_network  # learning needs JAX, acting does not
 
         one_of("activation of a trainable network", self.activation, TRAINABLE)
-        layers = q_network.linear_layers(self.weights, self.biases)
-        return q_network.QNetwork(layers, self.activation, q_network.in_jax(self.view))
+        layers, view = q_network.trainable(self)
+        return q_network.QNetwork(layers, self.activation, view)
 
     def with_clock(self, times: int) -> QPolicy:
         """Return the same policy for observations that end with the time, which it ignores.
@@ -212,11 +216,7 @@ class QPolicy(SavedNetwork, ValuePolicy):
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Return Q of each observation and action, shape (batch, actions).
-
-        Raises:
-            UserError: If an observation has another length or is not finite.
-        """
+        """Return Q of each observation and action, shape (batch, actions)."""
         return self.forward(checked_batch(observations, self.n_features))
 
     def settings(self) -> dict[str, Any]:

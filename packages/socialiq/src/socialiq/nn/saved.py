@@ -15,7 +15,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.nn.view import ROW, Choice, Encoding, OneHot, View, row_width
-from socialiq.storage import kind_of, load_arrays, save_arrays
+from socialiq.storage import load_arrays, save_arrays
 
 Arrays = Mapping[str, np.ndarray]
 Header = Mapping[str, Any]
@@ -35,15 +35,12 @@ _FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, Overflow
 
 
 class Saved(ABC):
-    """Base class of what is saved in one safetensors file; `KIND` registers a subclass.
-
-    Attributes:
-        KIND: Kind of content in the file's header.
-        VERSIONS: Schema versions that are read.
-    """
+    """Base class of what is saved in one safetensors file; `KIND` registers a subclass."""
 
     KIND: ClassVar[str]
+    """Kind of content in the file's header."""
     VERSIONS: ClassVar[tuple[int, ...]] = (1,)
+    """Schema versions that are read."""
 
     def __init_subclass__(cls) -> None:
         """Enter the class into the registry."""
@@ -63,26 +60,14 @@ class Saved(ABC):
     @classmethod
     @abstractmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
-        """Build the object from a file's content, after a check that its parts agree.
-
-        Args:
-            path: The file, for messages.
-            arrays: Its arrays.
-            header: Its header, with `sha256` in it.
+        """Build the object from a file's arrays and header, with `sha256` in it.
 
         Raises:
             UserError: If they don't agree.
         """
 
     def save(self, path: Path, replace: bool = True) -> str:
-        """Write one safetensors file.
-
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
-
-        Returns:
-            SHA-256 of the content.
+        """Write one safetensors file, in a folder that exists; return the content's SHA-256.
 
         Raises:
             UserError: If the file can't be written.
@@ -97,20 +82,6 @@ class Saved(ABC):
             UserError: If the file is missing, damaged, or holds something else.
         """
         return cls.checked(path, *load_arrays(path, cls.KIND, cls.VERSIONS))
-
-
-def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
-    """Read a file of one of several classes.
-
-    Args:
-        path: The file.
-        classes: Subclasses of `Saved`; a file of none of them is refused as the last one's.
-
-    Raises:
-        UserError: If the file is missing, damaged, or holds something else.
-    """
-    form = FORMS.get(kind_of(path), classes[-1])
-    return (form if form in classes else classes[-1]).load(path)
 
 
 def refusal(path: Path, fault: str) -> UserError:
@@ -182,7 +153,9 @@ class SavedNetwork(Saved):
         if isinstance(self.view, OneHot):
             header |= {"one_hot": {"lows": self.view.lows, "sizes": self.view.sizes}}
         elif self.view is not None:
-            header |= {"view": _view_header(self.view)}
+            view = self.view.choice.described()
+            view |= {"layers": len(self.view.weights), "n_features": self.view.n_features}
+            header["view"] = view | ({"times": self.view.times} if self.view.times else {})
             arrays |= _named_layers("view_", self.view.weights, self.view.biases)
         return arrays, header
 
@@ -216,7 +189,7 @@ class SavedNetwork(Saved):
 
     def _agrees(self, extra: int) -> bool:
         plain = self.activation in ACTIVATIONS and isinstance(self.provenance, dict)
-        if not (plain and self.has_sound_settings() and view_is_possible(self.view)):
+        if not (plain and self.has_sound_settings() and _is_possible(self.view)):
             return False
         # Before anything is computed with them: widths that a header claims could be of any size.
         width = self.view.width if self.view else self.weights[0].shape[1] - extra
@@ -253,13 +226,7 @@ def _layers_named(prefix: str, count: int, arrays: Arrays) -> tuple[Any, Any]:
     return weights, tuple(arrays[f"{prefix}bias_{number}"] for number in range(count))
 
 
-def _view_header(view: View) -> dict[str, Any]:
-    """Return what a header says of a view; the time only where there is one."""
-    sizes = {"layers": len(view.weights), "n_features": view.n_features}
-    return {**view.choice.described(), **sizes, **({"times": view.times} if view.times else {})}
-
-
-def view_is_possible(view: Any) -> bool:
+def _is_possible(view: Any) -> bool:
     """Whether a view's numbers are ones that `View` and `OneHot` produce."""
     if view is None:
         return True

@@ -1,4 +1,4 @@
-"""Direct policy iteration: label visited states by rollouts of every action, fit, repeat.
+"""Direct policy iteration of a dial: label visited states by rollouts of every action, fit, repeat.
 
 In a state that the current policy visits, each action is taken in a copy of the simulator, and the
 policy is followed to the end of the episode. The returns are unbiased samples of Q^π(s, a), with
@@ -8,13 +8,17 @@ is one approximate step of policy iteration, without bootstrapping: Lagoudakis a
 (Reinforcement learning as classification), Lazaric, Ghavamzadeh and Munos 2016 (Analysis of
 classification-based policy iteration algorithms). Needs a simulator whose state can be copied; the
 trained policy needs none.
+
+Every episode has an angle. Its states are labelled by rollouts of the dial at this angle, and the
+network is fitted to the returns of both rewards, and then to their score. So neighbouring angles
+share what is learned.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -24,28 +28,33 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError
-from socialiq.learners import replay, settings
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import Act
+from socialiq.learners.collect import BaseCollector
+from socialiq.learners.expert_table import Replay
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.settings import Count, Positive, Share
+from socialiq.learners.settings import Count, Natural, Positive, Share
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
-from socialiq.nn.q_network import QNetwork, network_of
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import PresentRows, View
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy, angle_columns, knots_between
+from socialiq.nn.q_network import network_of
+from socialiq.nn.view import CHOICES, PresentRows, View
 from socialiq.social.angle import score
-from socialiq.types import RewardPair
+from socialiq.types import Act, RewardPair
 
 Scalar = Float[Array, ""]
 
 
 @dataclass(frozen=True, kw_only=True)
-class IterationConfig(settings.Network, settings.Replay):
-    """Choices that shape the program. The ring holds labelled states.
+class DialIterationConfig(settings.DrawnAngles, settings.Network, settings.Replay):
+    """Choices that shape the program.
 
-    Older states in the ring were labelled by earlier policies.
+    The ring holds labelled states; older ones were labelled by earlier policies.
     """
 
+    high_share: Share | None = 0.4
+    knots: Natural = 0
+    """Number of hat functions of the angle that the network reads."""
     times: int = 0
     """Number of values of the time, the last feature of an observation that ends with a clock;
     0: it doesn't."""
@@ -60,6 +69,11 @@ class IterationConfig(settings.Network, settings.Replay):
     """Rounds of labelling before the first update; a network that improves a given policy would
     learn the few states of one round by heart."""
 
+    def __post_init__(self) -> None:
+        """Refuse names, sizes and angles that make no run."""
+        super().__post_init__()
+        self.check_high_share()
+
 
 @dataclass(frozen=True, kw_only=True)
 class IterationHyperparameters(settings.Exploration):
@@ -69,7 +83,7 @@ class IterationHyperparameters(settings.Exploration):
     """
 
     angle: settings.Angle = 0.0
-    """α of the returns' score, in degrees."""
+    """Not used: every episode has an angle of its own."""
     learning_rate: Positive = 5e-4
     final_learning_rate: Positive = 2e-5
     value_weight: Share = 0.05
@@ -85,11 +99,38 @@ class IterationHyperparameters(settings.Exploration):
     exploration: Share = 0.1
 
 
+def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterationConfig:
+    """Return a static config for runs that begin with a dial: with its network and angles.
+
+    Raises:
+        UserError: If the dial has no pair of values for each action, or reads one-hot inputs.
+    """
+    view = dial.turned.view
+    if not dial.pairs:
+        raise UserError(
+            "this dial has no pair of values for each action: train it with --heads pair"
+        )
+    names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
+    if not names or (view is None) != (names == ["flat"]):
+        raise UserError("this dial reads a gridworld: give one of the intersection")
+    return replace(
+        static,
+        view=names[0],
+        times=getattr(view, "times", 0),
+        hidden=tuple(len(bias) for bias in dial.turned.biases[:-1]),
+        activation=dial.turned.activation,
+        knots=len(dial.knots),
+        low=dial.low,
+        high=dial.high,
+        high_share=static.high_share if dial.low < static.high_from < dial.high else None,
+    )
+
+
 class Labelled(NamedTuple):
     """States with the returns of every action.
 
     Attributes:
-        observation: s.
+        observation: s, followed by the angle of its episode in degrees.
         returns: Pair (G_env, G_social) of each action, undiscounted, each (batch, actions).
     """
 
@@ -133,22 +174,15 @@ def regression_error(
     return 0.5 * ((errors - shared) ** 2).mean(axis=-1) + 0.5 * value_weight * shared[..., 0] ** 2
 
 
-class Drawn(NamedTuple):
-    """A batch of labelled states, and the share of the run that is done."""
-
-    states: Labelled
-    progress: Array
-
-
 class Carry(NamedTuple):
     """A random key and the ring of labelled states."""
 
     key: Array
-    replay: replay.Replay
+    replay: Replay
 
 
-class PolicyIteration(Learner):
-    """Direct policy iteration; the policy is the running average of the network.
+class DialIteration(Learner):
+    """Direct policy iteration at every angle of a range; the policy is a dial.
 
     Attributes:
         start: Network that every run begins with; None draws one from the run's seed.
@@ -158,18 +192,19 @@ class PolicyIteration(Learner):
     start: Any = None
     start_sha256: str = eqx.field(static=True, default="")
 
-    name: ClassVar[str] = "policy-iteration"
+    name: ClassVar[str] = "dial-policy-iteration"
 
     def record(self, hyperparameters: IterationHyperparameters) -> dict[str, Any]:
         """Return the record of one run, with the policy that it began with."""
         begun = {"start": {"sha256": self.start_sha256}} if self.start is not None else {}
         return super().record(hyperparameters) | begun
 
-    def network(self, key: PRNGKeyArray) -> Any:
-        """Draw a network, with an input for each value of the time if there is a clock."""
+    def network(self, key: PRNGKeyArray) -> DialNetwork:
+        """Draw a network with a pair of values for each action."""
         static, (n_features, n_actions) = self.static, self.sizes
+        knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
         shape = (n_features, static.hidden, n_actions, static.activation, static.view)
-        return QNetwork.initialise(key, *shape, times=static.times)
+        return DialNetwork.initialise(key, *shape, times=static.times, pairs=True, knots=knots)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed or take the first one, beside an empty ring."""
@@ -177,60 +212,56 @@ class PolicyIteration(Learner):
         if self.start is not None:
             state = self.first_state(self.start)
         column = jnp.zeros(self.sizes[1], jnp.float32)
-        row = Labelled(jnp.zeros(self.labelled_features, jnp.float32), RewardPair(column, column))
-        return state, Carry(key, replay.empty_of(self.static.replay_capacity, row))
-
-    @property
-    def labelled_features(self) -> int:
-        """Length of a labelled observation."""
-        return self.sizes[0]
+        row = Labelled(jnp.zeros(self.sizes[0] + 1, jnp.float32), RewardPair(column, column))
+        return state, Carry(key, Replay.empty(self.static.replay_capacity, row))
 
     def draw(
         self,
         hyperparameters: HyperparameterArrays,  # noqa: ARG002
         state: TrainState,
         carry: Carry,
-    ) -> tuple[Drawn, Carry]:
-        """Sample the ring."""
+    ) -> tuple[tuple[Labelled, Array], Carry]:
+        """Sample the ring; return labelled states and the share of the run that is done."""
         key, for_batch = jax.random.split(carry.key)
-        batch = replay.sample(carry.replay, for_batch, self.static.batch_size)
-        progress = state.optimiser.count / self.static.updates
-        return Drawn(batch, progress), carry._replace(key=key)
+        states = carry.replay.sample(for_batch, self.static.batch_size)
+        return (states, state.optimiser.count / self.static.updates), carry._replace(key=key)
 
     def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+        self,
+        network: Any,
+        target_network: Any,  # noqa: ARG002
+        batch: Any,
+        hyperparameters: HyperparameterArrays,
     ) -> tuple[Array, Terms]:
-        """The regression's loss, or at the end of the run the expected return's."""
-        del target_network
-        outputs = jax.vmap(network)(batch.states.observation)
-        returns = score(hyperparameters.weights, batch.states.returns)
-        error = regression_error(outputs, returns, hyperparameters.value_weight).mean()
-        gain, entropy = expected_return(outputs, returns, hyperparameters.temperature)
-        gain, entropy = gain.mean(), entropy.mean()
+        """The regression's loss of both rewards, or at the end the expected score's."""
+        (observation, returns), progress = batch
+        direction = _direction_of(observation)
+        values = jax.vmap(network.both)(observation[:, :-1], direction)
+        errors = [
+            regression_error(output, value, hyperparameters.value_weight).mean()
+            for output, value in zip(values, returns, strict=True)
+        ]
+        outputs, gains = (score(_of_rows(direction), pair) for pair in (values, returns))
+        gain, entropy = expected_return(outputs, gains, hyperparameters.temperature)
+        gain, entropy, error = gain.mean(), entropy.mean(), errors[0] + errors[1]
         ending = -gain - hyperparameters.entropy * entropy
-        loss = jnp.where(batch.progress < hyperparameters.regression, error, ending)
+        loss = jnp.where(progress < hyperparameters.regression, error, ending)
         return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
-
-    def greedy(self, network: Any) -> Act:
-        """Return the greedy actions of a network."""
-        return greedy(QPolicy.of(network, 1.0, {}))
 
     def policy(
         self,
         hyperparameters: IterationHyperparameters,
         state: TrainState,
         kept: Any = None,  # noqa: ARG002
-    ) -> Any:
-        """Return the running average of the network as a policy."""
-        record = self.record(hyperparameters)
-        return QPolicy.of(state.target_network, hyperparameters.temperature, record)
+    ) -> DialPolicy:
+        """Return the running average of the network as a dial."""
+        static, record = self.static, self.record(hyperparameters)
+        temperature = hyperparameters.temperature
+        return DialPolicy.of(state.target_network, temperature, static.low, static.high, record)
 
 
-class LabelCollector:
-    """Fills each run's ring before a chunk: the `before_chunk` of `Learner.train`.
-
-    Random numbers depend on the run's seed and the number of updates done alone, so that a resumed
-    run sees the same states as an uninterrupted one.
+class LabelCollector(BaseCollector):
+    """Fills each run's ring with states that its policy visits, labelled.
 
     Args:
         learner: Of all runs.
@@ -240,119 +271,106 @@ class LabelCollector:
 
     def __init__(
         self,
-        learner: PolicyIteration,
+        learner: DialIteration,
         hyperparameters: Sequence[IterationHyperparameters],
         labellers: Sequence[Labeller],
     ) -> None:
-        self._learner, self._static = learner, learner.static
-        self._numbers, self._labellers = hyperparameters, labellers
-        self._add = jax.jit(jax.vmap(replay.add_many))
+        super().__init__([run.seed for run in hyperparameters])
+        self._learner, self._numbers, self._labellers = learner, hyperparameters, labellers
 
-    def __call__(self, runs: Runs, done: int) -> Runs:
-        """Let every run's policy visit and label states, and store them."""
-        batches = [self._labelled(runs, run, done) for run in range(len(self._numbers))]
-        stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
-        ring = self._add(runs.carry.replay, stacked)
-        return runs._replace(carry=runs.carry._replace(replay=ring))
+    def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Labelled:
+        """Return the labelled states of a chunk."""
+        batches = [self._labelled(runs, run, done, rng) for run, rng in enumerate(streams)]
+        return jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
 
-    def _labelled(self, runs: Runs, run: int, done: int) -> Labelled:
-        numbers = self._numbers[run]
-        rng = np.random.default_rng(np.random.SeedSequence([numbers.seed, done]))
-        follow = self._learner.greedy(network_of(runs.state.target_network, run))
-        n_actions = self._learner.sizes[1]
-        share = numbers.exploring(done / self._static.updates)
+    def _labelled(self, runs: Runs, run: int, done: int, rng: np.random.Generator) -> Labelled:
+        static, n_actions = self._learner.static, self._learner.sizes[1]
+        network = network_of(runs.state.target_network, run)
+        follow = greedy(DialPolicy.of(network, 1.0, static.low, static.high, {}))
+        share = self._numbers[run].exploring(done / static.updates)
 
         def visit(observation: np.ndarray) -> np.ndarray:
             random = rng.integers(n_actions, size=len(observation))
             return np.where(rng.random(len(observation)) < share, random, follow(observation))
 
-        rounds = 1 if done else self._static.first_rounds
+        rounds = 1 if done else static.first_rounds
         labelled = [self._labellers[run](follow, visit, rng) for _ in range(rounds)]
         return jax.tree.map(
             lambda *columns: jnp.asarray(np.concatenate(columns), jnp.float32), *labelled
         )
 
 
-def greedy(policy: QPolicy) -> Act:
-    """Return a policy's greedy actions, fast."""
-    encode, layers = split(policy)
-    return lambda observation: layers.predict(encode(observation))[0]
-
-
-def split(policy: QPolicy) -> tuple[Callable[[np.ndarray], np.ndarray], QPolicy]:
-    """Return a policy's view, and its layers as a policy of what the view gives.
+def greedy(dial: DialPolicy) -> Act:
+    """Return a dial's greedy actions, of observations that end with their angle in degrees.
 
     A pooled view encodes the present vehicles alone, which is faster.
     """
-    view = policy.view
-    layers = dataclasses.replace(policy, view=None)
+    view, layers = dial.turned.view, dataclasses.replace(dial.turned, view=None)
+    encode: Any = view
     if isinstance(view, View) and view.choice.pooled:
-        return PresentRows(view), layers
-    return view or (lambda observation: observation), layers
+        encode = PresentRows(view)
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        direction, encoded = _direction_of(observation), observation[:, :-1]
+        columns = [encode(encoded) if encode else encoded, *angle_columns(direction, dial.knots)]
+        outputs = layers.q_values(np.concatenate(columns, axis=-1))
+        if dial.pairs:
+            outputs = score(_of_rows(direction), RewardPair(*np.split(outputs, 2, axis=1)))
+        return outputs.argmax(axis=1)
+
+    return act
+
+
+def _direction_of(observation: Any) -> RewardPair:
+    """Return (cos α, sin α) of observations that end with their angle in degrees."""
+    xp = observation.__array_namespace__()
+    radians = xp.deg2rad(observation[:, -1])
+    return RewardPair(xp.cos(radians), xp.sin(radians))
+
+
+def _of_rows(direction: RewardPair) -> RewardPair:
+    """Return directions with an axis for the actions."""
+    return RewardPair(direction.env[:, None], direction.social[:, None])
 
 
 def train(
-    static: IterationConfig,
+    static: DialIterationConfig,
     hyperparameters: Sequence[IterationHyperparameters],
     labellers: Sequence[Labeller],
     sizes: tuple[int, int],
     callbacks: Callbacks | None = None,
     chunk: int = 200,
-    start: QPolicy | None = None,
+    start: DialPolicy | None = None,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+    """Train one dial for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
         static: Shared by all runs.
-        hyperparameters: One entry for each run.
-        labellers: One for each run, for `chunk * static.states_per_update` states;
-            `evaluation.branching.Branching` is that of the intersection.
-        sizes: Features of an observation, and number of actions.
+        hyperparameters: One entry for each run; their angle is not used.
+        labellers: One for each run, for `chunk * static.states_per_update` states, whose
+            observations end with their angle in degrees; `evaluation.branching.Branching` is that
+            of the intersection.
+        sizes: Features of an observation without the angle, and number of actions.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks, and between two rounds of labelling.
-        start: Policy that every run improves; its network must be that of `static`.
+        start: Dial that every run improves; its network must be that of `static`.
 
     Raises:
         UserError: If there is no run, not one labeller for each, or another first network.
         Stopped: On Ctrl-C.
     """
-    learner = PolicyIteration(static, sizes)
-    if start is not None:
-        network = checked(start.network(), learner)
-        learner = PolicyIteration(static, sizes, start=network, start_sha256=start.sha256)
-    return trained(learner, hyperparameters, labellers, callbacks, chunk)
-
-
-def trained(
-    learner: PolicyIteration,
-    hyperparameters: Sequence[IterationHyperparameters],
-    labellers: Sequence[Labeller],
-    callbacks: Callbacks | None,
-    chunk: int,
-) -> Trained:
-    """Train the runs of a learner, each with its labeller.
-
-    Raises:
-        UserError: If there is no run, or not one labeller for each.
-    """
     if not hyperparameters or len(labellers) != len(hyperparameters):
         raise UserError(
             f"{len(hyperparameters)} runs and {len(labellers)} labellers: pass one for each"
         )
+    learner = DialIteration(static, sizes)
+    if start is not None:
+        network, fresh = start.network(), jax.eval_shape(learner.network, jax.random.key(0))
+        shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, fresh)]
+        if shapes[0] != shapes[1] or network.activation != static.activation:
+            raise UserError(
+                "the first policy has another network: give its view, hidden widths and activation"
+            )
+        learner = DialIteration(static, sizes, start=network, start_sha256=start.turned.sha256)
     collector = LabelCollector(learner, hyperparameters, labellers)
     return learner.train(hyperparameters, callbacks, chunk, collector, learner.start_sha256)
-
-
-def checked(network: Any, learner: PolicyIteration) -> Any:
-    """Return the network of a first policy.
-
-    Raises:
-        UserError: If it is not of the structure that the learner draws.
-    """
-    drawn_network = jax.eval_shape(learner.network, jax.random.key(0))
-    shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, drawn_network)]
-    if shapes[0] != shapes[1] or network.activation != learner.static.activation:
-        raise UserError(
-            "the first policy has another network: give its view, hidden widths and activation"
-        )
-    return network
