@@ -61,11 +61,11 @@ class Metrics(NamedTuple):
         length: float,
     ) -> Metrics:
         """Build metrics from mean totals and the share of each `Ending`."""
-        pair = (float(totals.env), float(totals.social))
+        env, social = float(totals.env), float(totals.social)
         kinds = (Ending.COLLISION, Ending.ARRIVAL, Ending.TIMEOUT)
-        shares = (float(endings[kind]) for kind in kinds)
+        collision, arrival, timeout = (float(endings[kind]) for kind in kinds)
         means = (float(mean_speed), float(stopped), float(length))
-        return Metrics(*pair, angle_of(*pair), *shares, *means)
+        return Metrics(env, social, angle_of(env, social), collision, arrival, timeout, *means)
 
     @property
     def totals(self) -> RewardPair:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
-from socialiq.learners.acting import dials, dials_together, soft
+from socialiq.learners import acting
 from socialiq.learners.collect import (
     BaseCollector,
     Collector,
@@ -37,14 +38,11 @@ from socialiq.worlds.intersection.world import Intersection
 
 CHUNK = 200  # updates between two rounds of acting
 
-
 STEPS_PER_UPDATE = 12
 """Rows of experience that a dial takes in for each update."""
 
-
 MEASURES = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
 """Measures of a check; `total` is J(α), the mean total scored at the run's own angle."""
-
 
 ITERATION = DialIterationConfig(
     batch_size=512,
@@ -53,14 +51,10 @@ ITERATION = DialIterationConfig(
     first_rounds=10,
     replay_capacity=400_000,
 )
-"""Static config that improves dials of the intersection's preset; the network is the dial's."""
-
-
 ITERATION_NUMBERS = IterationHyperparameters(
     learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
 )
-"""Hyperparameters beside it."""
-
+"""Settings that improve dials of the intersection's preset; the network is the dial's."""
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """Called with the `TrainState` after each chunk; values are each (1,)."""
@@ -68,13 +62,7 @@ Monitor = Callable[[Any], dict[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class Checks:
-    """Checks of a run, and their episodes.
-
-    Attributes:
-        times: Checks of a run, spread evenly; the last one at its end.
-        episodes: Episodes of a check.
-        first_seed: First seed of these episodes, the same ones at every check.
-    """
+    """Checks of a run: how many, spread evenly to its end, and the seeded episodes of each."""
 
     times: int = 20
     episodes: int = 300
@@ -90,16 +78,10 @@ class Checks:
         return Batch(options, min(self.episodes, 256))
 
     def measured(self, options: Options, policy: Policy, angle: float) -> dict[str, float]:
-        """Return `MEASURES` of a policy's greedy episodes.
-
-        Args:
-            options: Scenario.
-            policy: The policy.
-            angle: α of `total`, in degrees.
-        """
+        """Return `MEASURES` of greedy episodes, with the total at an angle in degrees."""
         metrics = episodes_of(self.batch(options), policy, self.seeds).metrics()
-        found = {"total": metrics.value(angle)}
-        return found | {name: getattr(metrics, name) for name in MEASURES[1:]}
+        measures = {name: getattr(metrics, name) for name in MEASURES[1:]}
+        return {"total": metrics.value(angle)} | measures
 
     def due(self, chunk: int, chunks: int) -> bool:
         """Whether a run of so many chunks is checked after this one (from 1)."""
@@ -137,22 +119,9 @@ def source_of(
 ) -> Source:
     """Return experience of intersections on the core, side by side, for a chunk of updates.
 
-    Args:
-        options: Scenario.
-        environments: Episodes side by side.
-        steps_per_update: Environment steps for each update.
-        clock: Whether observations end with the time.
+    There are so many environment steps for each update; observations may end with the time.
     """
     return from_vector_env(intersections(options, environments, clock), CHUNK * steps_per_update)
-
-
-def road_source(
-    world: Intersection | SceneWorld, environments: int, steps_per_update: int, clock: bool = False
-) -> Source:
-    """Return experience of any road, as `source_of` does of the intersection."""
-    batch = world.batch(environments)
-    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
-    return from_vector_env(env, CHUNK * steps_per_update)
 
 
 def soft_collector(
@@ -163,8 +132,8 @@ def soft_collector(
 ) -> Collector:
     """Return what collects experience of softmax policies, from intersections of each run."""
     sources = [source_of(options, environments, steps_per_update) for _ in numbers]
-    behaviour = soft([one.temperature for one in numbers])
-    return Collector(sources, [one.seed for one in numbers], behaviour)
+    behaviour = acting.soft([run.temperature for run in numbers])
+    return Collector(sources, [run.seed for run in numbers], behaviour)
 
 
 def dial_collector(
@@ -185,16 +154,14 @@ def dial_collector(
         environments: Episodes side by side, of each run.
         steps_per_update: Rows for each update.
     """
-    clock, count = structure.redraw_times > 0, len(numbers)
-    if count == 1:
-        source = road_source(world, environments, steps_per_update, clock)
-        return Collector(
-            [source], [numbers[0].seed], dials(structure, numbers), structure.driven_share > 0
-        )
+    count, steps = len(numbers), CHUNK * steps_per_update
     batch = world.batch(count * environments, min(count, available_cores()))
-    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
-    rounds = -(-CHUNK * steps_per_update // environments)
-    return VectorCollector(env, rounds, numbers, dials_together(structure, numbers))
+    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, structure.redraw_times > 0)
+    if count > 1:
+        together = acting.dials_together(structure, numbers)
+        return VectorCollector(env, -(-steps // environments), numbers, together)
+    behaviour, seeds = acting.dials(structure, numbers), [numbers[0].seed]
+    return Collector([from_vector_env(env, steps)], seeds, behaviour, structure.driven_share > 0)
 
 
 def observes_time(start: DialPolicy, options: Options) -> bool:
@@ -216,9 +183,6 @@ def dial_labeller(
     structure: DialIterationConfig, options: Options, environments: int, clock: bool
 ) -> Branching:
     """Return the labeller of one run, whose episodes have angles of their own."""
-
-    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
-        return stratified_angles(structure, count, rng)
-
     states = CHUNK * structure.states_per_update
+    angles = partial(stratified_angles, structure)
     return Branching(options, states, environments, clock, angles)

@@ -65,9 +65,8 @@ class ActorPolicy(SavedNetwork):
         actor: Actor, provenance: Mapping[str, Any], rng: np.random.Generator | None = None
     ) -> ActorPolicy:
         """Build the policy from a trained actor; its scale becomes part of the first layer."""
-        fields = fields_of_network(actor) | {"provenance": provenance}
-        rng = np.random.default_rng(0) if rng is None else rng
-        return ActorPolicy(action_size=actor.size, rng=rng, **fields)
+        rng, fields = rng or np.random.default_rng(0), fields_of_network(actor)
+        return ActorPolicy(action_size=actor.size, provenance=provenance, rng=rng, **fields)
 
     def network(self) -> Actor:
         """Return the actor, which can be trained: the inverse of `of`."""

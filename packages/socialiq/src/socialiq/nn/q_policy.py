@@ -173,9 +173,9 @@ class QPolicy(SavedNetwork, ValuePolicy):
         rng: np.random.Generator | None = None,
     ) -> QPolicy:
         """Build the policy from a trained network; its scale becomes part of the first layer."""
-        fields = fields_of_network(network) | {"provenance": provenance}
-        rng = np.random.default_rng(0) if rng is None else rng
-        return QPolicy(temperature=float(temperature), rng=rng, **fields)
+        rng, fields = rng or np.random.default_rng(0), fields_of_network(network)
+        tau = float(temperature)
+        return QPolicy(temperature=tau, provenance=provenance, rng=rng, **fields)
 
     def network(self) -> QNetwork:
         """Return the network, which can be trained: the inverse of `of`.
