@@ -63,7 +63,7 @@ def train_standardised(task: Task, steps: int, seeds: Sequence[int]) -> list[Act
     changes = [Standardisation.of(explored(task.make(), seed)) for seed in seeds]
     trained = _sac(task, steps, [_numbers(task, seed) for seed in seeds], True, changes)
     pairs = zip(changes, (trained.policy(run) for run in range(len(seeds))), strict=True)
-    return [change.dial(policy) for change, policy in pairs]
+    return [change.policy(policy) for change, policy in pairs]
 
 
 def train_experts(

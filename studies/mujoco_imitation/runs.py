@@ -252,7 +252,7 @@ def learn(
     ]
     trained = _train(task, method, standardised, seeds, callbacks, changes)
     return [
-        change.actor(policy) for change, policy in zip(changes, _policies(trained), strict=True)
+        change.policy(policy) for change, policy in zip(changes, _policies(trained), strict=True)
     ]
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.branching import Branching
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.policy_iteration import (
     DialIteration,
@@ -81,23 +80,6 @@ def test_fast_greedy_actions_are_those_of_the_dial_at_each_angle():
     ]
     assert acted.tolist() == [int(one) for one in wanted]
     assert len(set(acted.tolist())) > 1
-
-
-def test_copies_are_driven_at_the_angle_of_their_episode():
-    seen = []
-
-    def follow(observation):
-        seen.append(observation)
-        return np.zeros(len(observation), int)
-
-    def angles(count, _rng):
-        return np.linspace(0.0, 90.0, count)
-
-    labelled = Branching(Options(), 8, 4, True, angles)(follow, follow, np.random.default_rng(0))
-    np.testing.assert_allclose(labelled.observation[:, -1], np.tile([0.0, 30.0, 60.0, 90.0], 2))
-    np.testing.assert_array_equal(labelled.observation[:, -2], np.repeat([0.0, 1.0], 4))
-    ahead = [rows for rows in seen if len(rows) > 4]
-    assert ahead and all(set(rows[:, -1]) <= {0.0, 30.0, 60.0, 90.0} for rows in ahead)
 
 
 def test_a_run_begins_with_the_dial_that_it_improves():

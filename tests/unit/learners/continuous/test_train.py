@@ -10,6 +10,7 @@ from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
 from socialiq.learners.continuous.train import train
+from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.iq_learn.config import IQLearnConfig as DiscreteStaticConfig
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters as DiscreteHyperparameters
@@ -23,6 +24,11 @@ OFFLINE = dataclasses.replace(IQ, online=False, value_term="value_expert")
 TD3 = config.TD3BCConfig(**TINY)
 NUMBERS = config.SACHyperparameters(seed=3)
 IQ_NUMBERS = config.ActorIQLearnHyperparameters(45.0, seed=3)
+
+
+def learner_of(static, drives, line=None):
+    table = ExpertTable.of([drives], "instantaneous", 1.0, continuous=True)
+    return ContinuousIQLearn(static, (drives.observation.shape[1], 1), table, line)
 
 
 def sound(static, numbers, *given, **named):
@@ -94,7 +100,7 @@ def test_a_dial_without_demonstrations_is_soft_actor_critic_at_all_angles(line) 
 
 
 def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_same) -> None:
-    learner = ContinuousIQLearn.of(IQ, [drives], line)
+    learner = learner_of(IQ, drives, line)
 
     def step(**numbers):
         one = stack([dataclasses.replace(IQ_NUMBERS, **numbers)])[0]
@@ -128,7 +134,7 @@ def test_a_prior_and_the_quadratic_term_are_one_shifted_quadratic(drives) -> Non
 
     def gradient(prior, run):
         static = dataclasses.replace(OFFLINE, prior=prior)
-        learner = ContinuousIQLearn.of(static, [drives])
+        learner = learner_of(static, drives)
         one = stack([run])[0]
 
         @jax.jit

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
-from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Act, Ending, Policy, RewardPair
@@ -21,13 +20,6 @@ from socialiq.worlds.highway.episodes import RoadBatch, State
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
-
-Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
-"""Given the number of episodes and random numbers, returns an angle for each, in degrees."""
-
-Worth = Callable[[Float32[np.ndarray, "row feature"]], RewardPair]
-"""Given what the policy observes, returns a further reward pair of each action, each
-(row, action)."""
 
 
 def rollouts(
@@ -62,7 +54,6 @@ def branched_returns(
     follow: Act,
     clock: bool = False,
     angles: Float[np.ndarray, " batch"] | None = None,
-    worth: Worth | None = None,
 ) -> RewardPair:
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
@@ -74,7 +65,6 @@ def branched_returns(
         follow: Policy after the first action.
         clock: Whether it observes the time.
         angles: Of each episode in degrees, if the policy observes it.
-        worth: Further rewards of actions, the first one's own among them; None for none.
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
@@ -85,18 +75,11 @@ def branched_returns(
     turned = None if angles is None else np.repeat(angles, count)
 
     def act(rows: np.ndarray) -> np.ndarray:
-        observation = observed(copies, clock, turned)[rows]
-        action = follow(observation)
-        if worth:
-            total[rows] += np.stack(worth(observation), axis=-1)[np.arange(len(rows)), action]
-        return action
+        return follow(observed(copies, clock, turned)[rows])
 
     for decided, decisions in rollouts(copies, np.tile(np.arange(count), size), running, act):
         total[decided] += np.column_stack(decisions.rewards)[decided]
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
-    if worth:
-        first = np.stack(worth(observed(batch, clock, angles)), axis=-1)
-        shared += np.where(now.waiting[:, None, None], 0.0, first)
     return RewardPair(shared[..., 0], shared[..., 1])
 
 
@@ -128,69 +111,13 @@ def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "bat
     return (target[:, :, None] == target[:, None, :]).argmax(axis=2)
 
 
-class Branching:
-    """Labeller of `learners.policy_iteration`: intersections side by side on the core.
-
-    Each call begins with new episodes.
-
-    Args:
-        options: Scenario.
-        states: Number of states labelled in a call.
-        episodes: Number of episodes side by side.
-        clock: Whether observations end with the time.
-        angles: Draws the angle at which each episode is driven and its copies too; observations
-            then end with it, after the time. None for a policy of one angle.
-        worth: Further rewards of actions; None for none.
-
-    Raises:
-        UserError: If a number is not positive.
-    """
-
-    def __init__(
-        self,
-        options: Options,
-        states: int,
-        episodes: int = 256,
-        clock: bool = False,
-        angles: Angles | None = None,
-        worth: Worth | None = None,
-    ) -> None:
-        for name, value in (("states", states), ("episodes", episodes)):
-            if value < 1:
-                raise UserError(f"{name} must be at least 1, got {value}")
-        self._states, self._clock, self._angles, self._worth = states, clock, angles, worth
-        self._batch = Batch(options, min(episodes, states))
-
-    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Any:
-        """Drive with `visit`, and label the states by rollouts of `follow`."""
-        batch, labelled = self._batch, []
-        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
-        angles = self._angles(batch.size, rng) if self._angles else None
-        for _ in range(-(-self._states // batch.size)):
-            observation = observed(batch, self._clock, angles)
-            returns = branched_returns(batch, follow, self._clock, angles, self._worth)
-            labelled.append((observation, *returns))
-            batch.step(visit(observation))
-        states, env, social = (
-            np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
-        )
-        from socialiq.learners.policy_iteration import Labelled  # learning needs JAX
-
-        return Labelled(states, RewardPair(env, social))
-
-
 class OracleLookahead:
     """Policy with oracle lookahead in the batch that it drives.
 
     It decides by `branched_returns` of another policy. The copies draw the same random numbers as
     the episode itself will, so the best action is known in advance. This is one step of policy
-    improvement, not a bound: a better base policy would give more.
-
-    Args:
-        policy: Policy that drives the copies; one with `n_features` one more than the
-            observation's observes the time.
-        batch: Batch that it drives, on the core.
-        angle: At which totals are scored, in degrees.
+    improvement, not a bound: a better base policy would give more. A policy with one feature more
+    than the observation observes the time; totals are scored at the angle in degrees.
     """
 
     def __init__(self, policy: Policy, batch: Batch, angle: float) -> None:

@@ -312,10 +312,10 @@ class Evaluator:
         ratio = ratios(episodes, chances, self._behaviour, self._shares)
         rewards = episodes.by_step(episodes.rewards, 0.0)
         weighed = np.einsum("re,et,ets->rts", counts, ratio, rewards, optimize=True)
-        whole = counts * ratio[:, -1]
+        weight = counts * ratio[:, -1]
         with np.errstate(invalid="ignore"):  # NaN without any weight
             step_by_step = (weighed / (counts @ ratio)[:, :, None]).sum(axis=1)
-            by_episodes = whole @ rewards.sum(axis=1) / whole.sum(axis=1, keepdims=True)
+            by_episodes = weight @ rewards.sum(axis=1) / weight.sum(axis=1, keepdims=True)
         if episodes.tabular:
             fitted, leaves = fitted_q.tabular(episodes, chances, counts)
             left = float(leaves[0])

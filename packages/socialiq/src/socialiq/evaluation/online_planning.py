@@ -96,8 +96,8 @@ class RolloutPolicy:
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
         entropy = np.repeat(entropy.ravel(), len(ACTIONS))
         timed = self.n_features == Intersection(self._options).n_features + 1
-        seen = np.ascontiguousarray(repeated[:, :-1]) if timed else repeated
-        state = imagined(self._options, seen, entropy)
+        observed = np.ascontiguousarray(repeated[:, :-1]) if timed else repeated
+        state = imagined(self._options, observed, entropy)
         if timed:
             state.episodes["time"] = repeated[:, -1] / self._options.policy_frequency
         if self._batch is None or self._batch.size != len(repeated):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
-from socialiq.evaluation.branching import Branching
+from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
 from socialiq.learners import acting
@@ -26,9 +25,14 @@ from socialiq.learners.collect import (
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
-from socialiq.learners.policy_iteration import DialIterationConfig, IterationHyperparameters
+from socialiq.learners.policy_iteration import (
+    DialIterationConfig,
+    IterationHyperparameters,
+    Labelled,
+    Labeller,
+)
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.types import Policy
+from socialiq.types import Act, Policy, RewardPair
 from socialiq.worlds.highway.gym import RoadVectorEnv
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.batch import Batch
@@ -181,8 +185,24 @@ def observes_time(start: DialPolicy, options: Options) -> bool:
 
 def dial_labeller(
     structure: DialIterationConfig, options: Options, environments: int, clock: bool
-) -> Branching:
-    """Return the labeller of one run, whose episodes have angles of their own."""
+) -> Labeller:
+    """Return the labeller of one run on the core, whose episodes have angles of their own.
+
+    Each call begins with new episodes; copies are driven at the angle of their episode.
+    """
     states = CHUNK * structure.states_per_update
-    angles = partial(stratified_angles, structure)
-    return Branching(options, states, environments, clock, angles)
+    batch = Batch(options, min(environments, states))
+
+    def label(follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
+        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
+        angles, labelled = stratified_angles(structure, batch.size, rng), []
+        for _ in range(-(-states // batch.size)):
+            observation = observed(batch, clock, angles)
+            labelled.append((observation, *branched_returns(batch, follow, clock, angles)))
+            batch.step(visit(observation))
+        observations, env, social = (
+            np.concatenate(column)[:states] for column in zip(*labelled, strict=True)
+        )
+        return Labelled(observations, RewardPair(env, social))
+
+    return label

@@ -125,14 +125,14 @@ def dials_together(static: DialConfig, hyperparameters: Sequence[DialHyperparame
     """Return how dials act in one vector environment: as each by `dials`."""
 
     def behaviour(
-        networks: Any, _done: int, streams: Sequence[np.random.Generator], each: int
+        networks: Any, _done: int, streams: Sequence[np.random.Generator], per_run: int
     ) -> tuple[Act, RewardPair | None]:
         pairs = zip(hyperparameters, streams, strict=True)
         drivers = [Driver(static, numbers, None, rng) for numbers, rng in pairs]
-        direction = _stacked([driver.turned(each) for driver in drivers])
+        direction = _stacked([driver.turned(per_run) for driver in drivers])
 
         def act(observation: np.ndarray) -> np.ndarray:
-            by_run = _on_device(observation.reshape(len(drivers), each, -1))
+            by_run = _on_device(observation.reshape(len(drivers), per_run, -1))
             q = np.asarray(_values_of_runs(networks.values, by_run, direction))
             chosen = [driver.chosen(values) for driver, values in zip(drivers, q, strict=True)]
             return np.concatenate(chosen)
@@ -185,16 +185,16 @@ def actors_together(static: Any, hyperparameters: Sequence[Any]) -> Together:
     """
 
     def behaviour(
-        networks: Any, done: int, streams: Sequence[np.random.Generator], each: int
+        networks: Any, done: int, streams: Sequence[np.random.Generator], per_run: int
     ) -> tuple[Act, None]:
         actors, taken = networks.actor, done * static.env_steps_per_update
-        shape = (each, actors.size)
+        shape = (per_run, actors.size)
 
         def direction(numbers: Any, rng: np.random.Generator) -> RewardPair:
             if static.dial:
-                return stratified(static, each, rng)
+                return stratified(static, per_run, rng)
             pair = exact_weights(numbers.angle)
-            return RewardPair(*(np.full(each, weight, np.float32) for weight in pair))
+            return RewardPair(*(np.full(per_run, weight, np.float32) for weight in pair))
 
         pairs = zip(hyperparameters, streams, strict=True)
         directions = _stacked([direction(numbers, rng) for numbers, rng in pairs])
@@ -202,12 +202,12 @@ def actors_together(static: Any, hyperparameters: Sequence[Any]) -> Together:
         def act(observation: np.ndarray) -> np.ndarray:
             nonlocal taken
             uniform = taken < static.random_steps
-            taken += each
+            taken += per_run
             if uniform:
                 actions = np.stack([rng.uniform(-1.0, 1.0, shape) for rng in streams])
                 return actions.astype(np.float32).reshape(-1, actors.size)
             noise = np.stack([rng.standard_normal(shape, np.float32) for rng in streams])
-            inputs = _on_device(observation.reshape(len(streams), each, -1))
+            inputs = _on_device(observation.reshape(len(streams), per_run, -1))
             chosen = _drawn(actors, inputs, directions if static.dial else None, noise)
             return np.asarray(chosen).reshape(-1, actors.size)
 

@@ -124,17 +124,17 @@ class VectorCollector(BaseCollector):
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
         """Return the rows of a chunk, (run, row), each run's in the order of the steps."""
         count = len(streams)
-        each = self._env.num_envs // count
+        per_run = self._env.num_envs // count
         firsts = [int(rng.integers(2**31)) for rng in streams]
         # A list, which the type of the base class does not name.
-        seeds: Any = [first + row for first in firsts for row in range(each)]
+        seeds: Any = [first + row for first in firsts for row in range(per_run)]
         observation, _ = self._env.reset(seed=seeds)
-        act, direction = self._together(runs.state.network, done, streams, each)
+        act, direction = self._together(runs.state.network, done, streams, per_run)
         rows = list(_stepped(self._env, observation, act, self._rounds))
 
         def by_run(column: Sequence[np.ndarray]) -> np.ndarray:
             values = np.stack(column)
-            values = values.reshape(len(rows), count, each, *values.shape[2:]).swapaxes(0, 1)
+            values = values.reshape(len(rows), count, per_run, *values.shape[2:]).swapaxes(0, 1)
             return values.reshape(count, -1, *values.shape[3:])
 
         batch = _batch(by_run(column) for column in zip(*rows, strict=True))

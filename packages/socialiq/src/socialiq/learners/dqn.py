@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, Source
-from socialiq.learners.expert_table import Batch, Replay
+from socialiq.learners.expert_table import Batch, Carry, Replay
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count
 from socialiq.learners.state import HyperparameterArrays, TrainState
@@ -109,13 +109,6 @@ def td_loss(
     taken = jnp.take_along_axis(q, action[:, None], axis=-1)[:, 0]
     of_error = optax.huber_loss if loss == "huber" else optax.l2_loss
     return jnp.mean(of_error(taken, target))
-
-
-class Carry(NamedTuple):
-    """A random key and the replay."""
-
-    key: Array
-    replay: Replay
 
 
 class DQN(Learner):

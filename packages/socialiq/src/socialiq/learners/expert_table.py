@@ -199,6 +199,13 @@ class Replay(NamedTuple):
         return jax.tree.map(lambda column: column[rows], self.columns)
 
 
+class Carry(NamedTuple):
+    """A random key and a ring: the loop carry of learners whose rows come from outside JAX."""
+
+    key: Array
+    replay: Replay
+
+
 def _length(columns: Any) -> int:
     return jax.tree.leaves(columns)[0].shape[0]
 

@@ -31,7 +31,7 @@ from socialiq.errors import UserError
 from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import BaseCollector
-from socialiq.learners.expert_table import Replay
+from socialiq.learners.expert_table import Carry, Replay
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count, Natural, Positive, Share
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
@@ -172,13 +172,6 @@ def regression_error(
     errors = outputs - returns
     shared = errors.mean(axis=-1, keepdims=True)
     return 0.5 * ((errors - shared) ** 2).mean(axis=-1) + 0.5 * value_weight * shared[..., 0] ** 2
-
-
-class Carry(NamedTuple):
-    """A random key and the ring of labelled states."""
-
-    key: Array
-    replay: Replay
 
 
 class DialIteration(Learner):
@@ -348,8 +341,8 @@ def train(
         static: Shared by all runs.
         hyperparameters: One entry for each run; their angle is not used.
         labellers: One for each run, for `chunk * static.states_per_update` states, whose
-            observations end with their angle in degrees; `evaluation.branching.Branching` is that
-            of the intersection.
+            observations end with their angle in degrees; `evaluation.road_training.dial_labeller`
+            makes those of the intersection.
         sizes: Features of an observation without the angle, and number of actions.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks, and between two rounds of labelling.

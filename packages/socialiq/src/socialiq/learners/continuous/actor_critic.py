@@ -6,7 +6,6 @@ twin critics Q_1, Q_2; the score R(α) is the reward.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -14,14 +13,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners.dial.rows import draw_directions
-from socialiq.learners.expert_table import Batch, ExpertTable, Replay
+from socialiq.learners.dial.rows import Acting, draw_directions
+from socialiq.learners.expert_table import Batch, Replay
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.actor import Actor, TwinCritics, draw, frozen
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import angle_columns
-from socialiq.types import ContinuousSimulator, Ending, RewardPair, Transitions
+from socialiq.types import ContinuousSimulator, Ending, RewardPair
 
 Scalar = Float[Array, ""]
 
@@ -38,20 +37,6 @@ class Networks(NamedTuple):
     actor: Actor
     critics: TwinCritics
     log_temperature: Scalar
-
-
-class Acting(NamedTuple):
-    """Place of a learner in a compiled world.
-
-    Attributes:
-        episode: State of the world.
-        observation: Of that state.
-        direction: (cos α, sin α) at which it acts in this episode.
-    """
-
-    episode: Any
-    observation: Float[Array, " feature"]
-    direction: RewardPair
 
 
 class Carry(NamedTuple):
@@ -107,23 +92,6 @@ class ActorCritic(Learner):
     """Whether the learner keeps a replay."""
     shown: ClassVar[bool] = False
     """Whether the learner sees demonstrations."""
-
-    @classmethod
-    def of(
-        cls,
-        static: Any,
-        datasets: Sequence[Transitions],
-        simulator: ContinuousSimulator | None = None,
-    ) -> Any:
-        """Make the learner of sets of demonstrations and the world to act in.
-
-        Raises:
-            UserError: If there is none, or they differ in features or actions, or these are
-                discrete.
-        """
-        table = ExpertTable.of(datasets, cls.target_kind, 1.0, continuous=True)
-        sizes = (int(datasets[0].observation.shape[1]), int(datasets[0].action.shape[1]))
-        return cls(static, sizes, table, simulator)
 
     @property
     def volume(self) -> int:

@@ -190,10 +190,10 @@ def check_fit(
     collects: bool,
 ) -> tuple[int, int]:
     """Return (features, actions) of runs that fit data and world, as `settings.check_fit`."""
-    each = max(len(static.demonstrators), 1)
-    if 0 < len(datasets) < each and static.demonstrations:
+    of_run = max(len(static.demonstrators), 1)
+    if 0 < len(datasets) < of_run and static.demonstrations:
         raise UserError("a run names a set of demonstrations beyond the 0 given")
-    sets = len(datasets) // each if static.demonstrations else None
+    sets = len(datasets) // of_run if static.demonstrations else None
     shapes = [(data.observation.shape[1], data.n_actions) for data in datasets]
     shapes += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
     acts = simulator is not None or collects

@@ -32,6 +32,20 @@ class Rows(NamedTuple):
     own: RewardPair | None = None
 
 
+class Acting(NamedTuple):
+    """Running episodes in a compiled world; one, or as many as its arrays lead with.
+
+    Attributes:
+        episode: State of the world.
+        observation: Of that state.
+        direction: (cos α, sin α) at which the learner acts in the episode.
+    """
+
+    episode: Any
+    observation: Array
+    direction: RewardPair
+
+
 def draw_rows(
     static: DialConfig,
     table: ExpertTable | None,
@@ -44,7 +58,7 @@ def draw_rows(
     Of several demonstrators there are as many rows of each, in their order.
     """
     for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
-    batches, driven, own = list[Batch](), None, None
+    batches, driven, demonstrators = list[Batch](), None, None
     count = len(static.demonstrators)
     if static.demonstrations and table is not None:
         if not count:
@@ -72,8 +86,9 @@ def draw_rows(
     if count:
         pairs = jnp.array([exact_weights(angle) for angle in static.demonstrators])
         pairs = jnp.repeat(pairs, static.expert_batch // count, axis=0)
-        own = RewardPair(pairs[:, 0], pairs[:, 1])
-    return Rows(batch, direction, static.expert_batch if static.demonstrations else 0, own)
+        demonstrators = RewardPair(pairs[:, 0], pairs[:, 1])
+    n_expert = static.expert_batch if static.demonstrations else 0
+    return Rows(batch, direction, n_expert, demonstrators)
 
 
 def draw_directions(key: PRNGKeyArray, size: int, static: DrawnAngles) -> RewardPair:

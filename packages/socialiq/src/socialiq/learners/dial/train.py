@@ -17,7 +17,7 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters, check_fit
 from socialiq.learners.dial.objective import Networks, objective
-from socialiq.learners.dial.rows import Rows, draw_directions, draw_rows
+from socialiq.learners.dial.rows import Acting, Rows, draw_directions, draw_rows
 from socialiq.learners.expert_table import Batch, ExpertTable, Replay
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
@@ -26,14 +26,6 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.types import Ending, RewardPair, Simulator, Transitions
-
-
-class Acting(NamedTuple):
-    """Running episodes, each driven at an angle of its own; arrays lead with the environments."""
-
-    episode: Any
-    observation: Array
-    direction: RewardPair
 
 
 class Carry(NamedTuple):
