@@ -145,7 +145,7 @@ def record(
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
         actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
-        columns = columns_of(simulate(world.batch(episodes), actor, seeds)).transitions
+        columns, _ = columns_of(simulate(world.batch(episodes), actor, seeds))
         tables.append(
             Demonstrations.of(
                 **columns,

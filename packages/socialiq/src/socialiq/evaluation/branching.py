@@ -28,16 +28,10 @@ def rollouts(
     running: Bool[np.ndarray, " copy"],
     follow: Callable[[Int64[np.ndarray, " row"]], np.ndarray],
 ) -> Iterator[tuple[Bool[np.ndarray, " copy"], Any]]:
-    """Take a first action in each copy, then follow a policy to the end of each episode.
+    """Take a first action in each running copy, then follow a policy to the end of its episode.
 
-    Args:
-        copies: Copies of episodes.
-        first: First action of each.
-        running: Copies that run.
-        follow: From numbers of copies to their next actions.
-
-    Yields:
-        Of each decision the copies that took it, and its results.
+    `follow` returns the next actions of the copies with given numbers. Yields the copies that took
+    each decision, and its results.
     """
     action, deciding = first.copy(), running.copy()
     while deciding.any():

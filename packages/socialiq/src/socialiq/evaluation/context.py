@@ -226,16 +226,9 @@ def losses_of(
     candidates: tuple[float, ...] = (),
     deterministic: bool = True,
 ) -> tuple[Episodes, ContextLosses]:
-    """Run one episode of a policy for each seed, and measure its decision losses.
+    """Run one episode of a policy for each seed, and measure its decision losses on the core.
 
-    Args:
-        batch: Batch of episodes to drive, on the core.
-        policy: The policy.
-        seeds: Seed of each episode, each once.
-        reference: Dial that the policy is compared with.
-        rule: The rule.
-        candidates: Further angles at which the losses are measured, in degrees.
-        deterministic: Whether the policy takes its best action.
+    They are by a reference dial, at the rule's angle and at further candidates, in degrees.
     """
     inner = actor_of(batch, policy, deterministic)
     actor = LossActor(batch, inner, seeds, reference, rule, candidates)
@@ -244,11 +237,7 @@ def losses_of(
 
 
 class LossActor:
-    """Actor that measures the loss of each decision of another one before it is taken.
-
-    Attributes:
-        losses: The losses so far.
-    """
+    """Actor that measures the loss of each decision of another one before it is taken."""
 
     def __init__(
         self,
@@ -279,32 +268,25 @@ class LossActor:
         rows = np.flatnonzero(running)
         degrees, context = angles_of(self._rule, observation[rows], self._batch.time[rows])
         angles = np.column_stack([degrees, np.tile(self._candidates, (len(rows), 1))])
-        lost = self._lost(rows, angles, action[rows])
-        cell = (self._episode[rows], context)
-        np.add.at(self.losses.declared, cell, lost[:, 0])
-        np.add.at(self.losses.by_angle, cell, lost[:, 1:])
-        np.add.at(self.losses.decisions, cell, 1)
-        return action
-
-    def _lost(
-        self, rows: np.ndarray, angles: Float64[np.ndarray, "row angle"], action: np.ndarray
-    ) -> Float64[np.ndarray, "row angle"]:
-        """Return the loss of each row's action at each of its angles."""
-        count, columns = len(rows), angles.shape[1]
-        observation = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
-        best = self._reference.q_values_at(observation, angles.ravel()).argmax(axis=1)
+        count, columns = angles.shape
+        inputs = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
+        best = self._reference.q_values_at(inputs, angles.ravel()).argmax(axis=1)
         state, origin = self._batch.save().rows(rows), np.repeat(np.arange(count), columns)
         same = equivalent_actions(state, self._batch.options)[origin]
-        taken, cells = action[origin], np.arange(len(origin))
-        losses = np.zeros(len(origin))
+        taken, cells = action[rows][origin], np.arange(len(origin))
+        lost = np.zeros(len(origin))
         differing = np.flatnonzero(same[cells, taken] != same[cells, best])
         for first in range(0, len(differing), _COPIES // 2):
             chosen = differing[first : first + _COPIES // 2]
             pairs = np.concatenate([best[chosen], taken[chosen]])
             turned = np.tile(angles.ravel()[chosen], 2)
             values = self._played(state.rows(np.tile(origin[chosen], 2)), pairs, turned)
-            losses[chosen] = values[: len(chosen)] - values[len(chosen) :]
-        return losses.reshape(count, columns)
+            lost[chosen] = values[: len(chosen)] - values[len(chosen) :]
+        lost, cell = lost.reshape(count, columns), (self._episode[rows], context)
+        np.add.at(self.losses.declared, cell, lost[:, 0])
+        np.add.at(self.losses.by_angle, cell, lost[:, 1:])
+        np.add.at(self.losses.decisions, cell, 1)
+        return action
 
     def _played(
         self, state: State, action: np.ndarray, angles: Float64[np.ndarray, " copy"]

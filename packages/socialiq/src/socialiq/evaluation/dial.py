@@ -79,10 +79,6 @@ def calibrated(dial: DialPolicy, found: Sweep) -> DialPolicy:
     corner to the next, R_social rises and R_env falls, so the effect of the angle is monotone where
     the points are exact, and with no value below that of the dial at its own angles.
 
-    Args:
-        dial: A dial without settings.
-        found: Its evaluation at several angles.
-
     Raises:
         UserError: If it has settings already.
     """

@@ -273,14 +273,7 @@ def _share(name: str, count: int, trials: int, confidence: float) -> dict[str, f
 
 
 def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = False) -> Row:
-    """Return every metric of thesis 5.4 of one policy, and its collisions by exposure.
-
-    Args:
-        policy: Its name.
-        readout: How it chooses, greedy or soft.
-        episodes: Results of its episodes.
-        off_road: As of `outcome_row`.
-    """
+    """Return every metric of thesis 5.4 of a named policy, and its collisions by exposure."""
     outcome, reward = outcome_row(episodes, off_road), reward_row(episodes)
     angle = estimate_angle(*episodes.totals, seed=_BOOTSTRAP_SEED)
     row = {"policy": policy, "readout": readout} | outcome

@@ -87,12 +87,7 @@ def evaluate_exactly(
     table: Table,
     policy: Float[np.ndarray, "state action"] | Float[np.ndarray, "time state action"],
 ) -> Metrics:
-    """Propagate the state distribution over one episode of the world's horizon.
-
-    Args:
-        table: The world, or its reachable part.
-        policy: Action probabilities in the table's states, stationary or by time.
-    """
+    """Propagate the state distribution of action probabilities over one episode of the horizon."""
     result = horizon_evaluation(table.mdp, policy, table.world.horizon)
     share = result.visits / result.length
     speed, stopped = float((share * table.speed).sum()), float(share[table.speed == 0].sum())
@@ -166,12 +161,9 @@ def exact_regret(
 def action_table(
     policy: ValuePolicy, table: Table, readout: Readout
 ) -> Float[np.ndarray, "*time state action"]:
-    """Return a network's action probabilities in every state, or time and state, of a table.
+    """Return a network's action probabilities in every state, with a clock at every time.
 
-    Args:
-        policy: The network.
-        table: The world, or its reachable part; with a clock there are probabilities for each time.
-        readout: "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
+    The readout "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
     """
     one_of("readout", readout, READOUTS)
     times = np.arange(table.world.horizon if table.world.clock else 1)
@@ -190,9 +182,7 @@ def exact_monitor(
 ) -> Callable[[Any], dict[str, np.ndarray]]:
     """Return a monitor for `learners.callbacks.Callbacks`: metrics of each run, greedy and soft.
 
-    Args:
-        table: The world, or (faster) its reachable part.
-        temperatures: τ of each run.
+    The table may be (faster) of the world's reachable part; each run has its own τ.
     """
     from socialiq.nn.q_network import network_of  # learning needs JAX
 

@@ -11,7 +11,8 @@ observed. So a reward that is paid for running out of time counts as one of its 
 Where observations hardly recur, one network has Q_k of both signals and all actions for every k:
 the steps to go are an input, drawn again for each row and update, and Q_{k-1} is that of a target
 network. Each run learns from episodes drawn with replacement, so the runs of one program are a
-bootstrap.
+bootstrap: `counts` are how often each episode is in each resample, and `chances` the policy's
+probabilities at each distinct observation.
 """
 
 from __future__ import annotations
@@ -45,15 +46,9 @@ def tabular(
 ) -> tuple[Float[np.ndarray, "resample 2"], Float[np.ndarray, " resample"]]:
     """Evaluate by means over equal observations and actions.
 
-    Args:
-        logged: The episodes.
-        chances: The policy's probabilities at each distinct observation.
-        counts: How often each episode is in each resample.
-
-    Returns:
-        For each resample the sums of r_env and r_social of an episode, and the share of episodes in
-        which the policy comes to an action that the data do not show in that observation; there the
-        mean of the actions that they show stands for it.
+    Returns for each resample the sums of r_env and r_social of an episode, and the share of
+    episodes in which the policy comes to an action that the data do not show in that observation;
+    there the mean of the actions that they show stands for it.
     """
     data, (n_states, n_actions) = logged.data, chances.shape
     columns = (logged.state * n_actions + data.action, logged.next_state, ~data.terminated)
@@ -133,10 +128,9 @@ class LoggedRows(NamedTuple):
 
 
 class FittedQ(Learner):
-    """Q of a fixed policy with k steps to go.
+    """Q of a fixed policy with k steps to go, from all logged transitions.
 
     Attributes:
-        logged: All transitions.
         resampled: Row numbers of each resample, (resample, row).
         scale: Standard deviation of each signal's sums over episodes.
     """
@@ -207,14 +201,9 @@ def by_network(
     static: StaticConfig | None = None,
     hyperparameters: Hyperparameters | None = None,
 ) -> Float[np.ndarray, "resample 2"]:
-    """Return the sums of r_env and r_social of an episode, for each resample of the episodes.
+    """Return the sums of r_env and r_social of an episode by networks, for each resample.
 
-    Args:
-        logged: The episodes.
-        chances: The policy's probabilities at each distinct observation.
-        counts: How often each episode is in each resample.
-        static: Network and training; the horizon is the data's.
-        hyperparameters: Rates; each resample has its own seed.
+    The horizon is the data's, and each resample has its own seed.
     """
     data, numbers = logged.data, hyperparameters or Hyperparameters()
     spread = np.maximum(np.std(np.stack(data.totals(), axis=1), axis=0), 1e-6)

@@ -138,11 +138,7 @@ def by_clones(
 ) -> Float[np.ndarray, "mode state action"]:
     """Return each action's probability under a clone of each mode, at each distinct observation.
 
-    Args:
-        episodes: The episodes.
-        updates: Updates of each clone, all in one program.
-        seed: Seed of the first clone.
-        view: Network's view of the observation; a name of `nn.view.CHOICES`.
+    All are trained in one program, with their own seeds and one view of `nn.view.CHOICES`.
     """
     data = episodes.data
     sets = [data.select(np.flatnonzero(data.episode_modes == mode)) for mode in episodes.modes]
@@ -164,11 +160,8 @@ def ratios(
 ) -> Float[np.ndarray, "episode step"]:
     """Return ρ of each episode up to each step; beyond its end the last one.
 
-    Args:
-        episodes: The episodes.
-        chances: The policy's probabilities at each distinct observation.
-        behaviour: Each demonstrator's probabilities at each distinct observation.
-        shares: p_m, which sum to 1.
+    Probabilities of the policy and of each demonstrator are at each distinct observation; the
+    shares p_m sum to 1.
     """
     state, action = episodes.state, episodes.data.action
     taken = chances[state, action]

@@ -80,29 +80,20 @@ def record(
     Raises:
         UserError: If there is no seed.
     """
-    columns = columns_of(
-        play(batch, policy, seeds), lambda made: (made.classical.env, made.classical.social)
-    )
+    columns, classical = columns_of(play(batch, policy, seeds), lambda made: tuple(made.classical))
     transitions = Demonstrations.of(
-        **columns.transitions,
+        **columns,
         mode_names=(mode,),
         n_actions=0 if batch.options.continuous else batch.n_actions,
         source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
     )
-    return Recorded(transitions, RewardPair(*columns.more))
-
-
-class Columns(NamedTuple):
-    """Decisions, episode by episode: arguments of `Demonstrations.of`, and further columns."""
-
-    transitions: dict[str, Any]
-    more: tuple[np.ndarray, ...]
+    return Recorded(transitions, RewardPair(*classical))
 
 
 def columns_of(
     steps: Iterator[Step], more: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
-) -> Columns:
-    """Return the decisions of `simulate` as columns, with further ones of each result."""
+) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """Return decisions by episode as arguments of `Demonstrations.of`, and further columns."""
     columns_of_steps = []
     for step in steps:
         result, running = step.made, step.running
@@ -122,7 +113,7 @@ def columns_of(
         "rewards": RewardPair(env, social),
         "episode": episode,
     }
-    return Columns(transitions, tuple(further))
+    return transitions, further
 
 
 def rollout_table(

@@ -107,13 +107,9 @@ class _Stateless:
 class PolicyActor(_Stateless):
     """A policy that acts for all rows at once; a stochastic one has its own random numbers.
 
-    Args:
-        policy: The policy.
-        simulator: What it drives.
-        deterministic: Passed to `predict`.
-        remembers: Whether it keeps a memory for each row. All episodes must then begin at once;
-            rows whose episode has ended stay in its input.
-        checked: From an answer and the number of rows to actions; by default numbers become int64.
+    If it `remembers`, it keeps a memory for each row: all episodes must then begin at once, and
+    rows whose episode has ended stay in its input. `checked` makes actions of an answer and the
+    number of rows; by default numbers become int64.
     """
 
     def __init__(

@@ -70,17 +70,9 @@ def soft(temperatures: Sequence[float]) -> Behaviour:
 class Driver:
     """Action selection of a dial: softmax(Q/τ) at the environment's angle, or a random action.
 
-    An environment keeps its angle for a chunk. Together the environments' angles are stratified:
-    one in each of as many equal parts of the drawn angles, so every chunk sees all of them.
-
-    Args:
-        static: Of the runs.
-        numbers: Of the run.
-        network: Whose values it follows; None if `chosen` is given them.
-        rng: Random numbers of the chunk.
-
-    Attributes:
-        direction: Of each environment; None before the first decision.
+    An environment keeps its angle, `direction`, for a chunk. Together the angles are stratified:
+    one in each of as many equal parts of the drawn angles, so every chunk sees all of them. Without
+    a network `chosen` is given the values.
     """
 
     def __init__(
@@ -146,10 +138,6 @@ def drawing(static: ActorConfig, steps_per_update: int) -> Behaviour:
     """Return how actors act: uniformly at first, then with drawn actions.
 
     A dial takes `STEPS_PER_ANGLE` steps at each drawn angle.
-
-    Args:
-        static: Of the runs.
-        steps_per_update: Steps in the environment for each update.
     """
 
     def behaviour(network: Any, _run: int, done: int, rng: np.random.Generator) -> Act:
@@ -177,11 +165,8 @@ def drawing(static: ActorConfig, steps_per_update: int) -> Behaviour:
 def actors_together(static: Any, hyperparameters: Sequence[Any]) -> Together:
     """Return how actors act in one vector environment, each run's with noise of its own.
 
-    A dial's environments keep an angle for a chunk; together they are stratified.
-
-    Args:
-        static: Of the runs; `updates_per_round` has to be the `chunk` of `train`.
-        hyperparameters: Of each run.
+    A dial's environments keep an angle for a chunk; together they are stratified. The config's
+    `updates_per_round` has to be the `chunk` of `train`.
     """
 
     def behaviour(

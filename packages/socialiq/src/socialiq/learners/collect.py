@@ -35,9 +35,6 @@ class BaseCollector:
 
     Random numbers of a chunk depend on the run's seed and the number of updates done alone, so a
     resumed run sees the same experience as an uninterrupted one.
-
-    Args:
-        seeds: One for each run.
     """
 
     def __init__(self, seeds: Sequence[int]) -> None:
@@ -58,13 +55,9 @@ class BaseCollector:
 
 
 class Collector(BaseCollector):
-    """Fills each run's replay from a source of its own.
+    """Fills each run's replay from a source of its own, in which it acts by a behaviour.
 
-    Args:
-        sources: One for each run.
-        seeds: One for each run.
-        behaviour: How runs act.
-        driven: Whether replays have the directions of a dial's `acting.Driver`.
+    Where `driven`, replays have the directions of a dial's `acting.Driver`.
     """
 
     def __init__(

@@ -24,13 +24,8 @@ from socialiq.nn.view import Encoding
 class Actor(eqx.Module):
     """Mean and log-deviation of a squashed Gaussian, or a mean alone.
 
-    Attributes:
-        layers: Affine layers, with the activation between them; the last gives the means, then the
-            log-deviations if there are any.
-        activation: Name in `q_network.ACTIVATIONS`.
-        size: Length of an action.
-        scale: Common factor of the features.
-        view: Encoding of the observation that the first layer reads; None for none.
+    Attributes are as of `QNetwork`, and the length of an action. The last layer gives the means,
+    then the log-deviations if there are any.
     """
 
     layers: tuple[eqx.nn.Linear, ...]

@@ -11,7 +11,7 @@ from jaxtyping import Float, Float32
 
 from socialiq.nn.dial_policy import Dial
 from socialiq.nn.q_policy import checked_batch, fields_of_network, numbers_of
-from socialiq.nn.saved import Arrays, Header, SavedNetwork, layers_of_content
+from socialiq.nn.saved import SavedNetwork
 from socialiq.nn.view import Encoding
 
 if TYPE_CHECKING:
@@ -36,19 +36,13 @@ class ActorPolicy(SavedNetwork):
     deviations.
 
     Attributes:
-        weights: Weight matrix of each layer, (outputs, inputs).
-        biases: Bias of each layer.
-        activation: One of `nn.saved.ACTIVATIONS`, applied between layers.
         action_size: Length of an action; the last layer has as many means, and no or as many
             log-deviations.
-        provenance: JSON-compatible record of how the policy was made.
         rng: Generator of the stochastic policy's draws.
-        sha256: SHA-256 of the file's content, for a policy that was loaded.
         squash: One of `SQUASHES`; "tanh" but for some imported policies.
-        view: Encoding of the observation that the first layer reads, with NumPy weights.
     """
 
-    KIND = "actor"
+    KIND, SETTINGS = "actor", ("action_size", "squash")
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -124,21 +118,11 @@ class ActorPolicy(SavedNetwork):
         actions = SQUASHES[self.squash](mean)
         return (actions if numbers.ndim == 2 else actions[0]), state
 
-    def settings(self) -> dict[str, Any]:
-        """Return the action's size and squashing function, by name."""
-        return {"action_size": self.action_size, "squash": self.squash}
-
     def has_sound_settings(self) -> bool:
         """Whether there are such actions, with a mean and no or a deviation for each number."""
         size = self.action_size
         possible = type(size) is int and size > 0 and self.squash in SQUASHES
         return possible and len(self.biases[-1]) in (size, 2 * size)
-
-    @classmethod
-    def of_content(cls, arrays: Arrays, header: Header) -> ActorPolicy:
-        """Build a policy from a file's content, the inverse of `content`."""
-        settings = {name: header[name] for name in ("action_size", "squash")}
-        return cls(**settings, **layers_of_content(arrays, {"view": None, **header}))
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ class DialNetwork(eqx.Module):
     rewards under the policy of the angle. The value is then their score at the angle.
 
     Attributes:
-        layers: Affine layers; the first one's last inputs are those of the angle: cos α, sin α,
-            and its hat functions.
+        layers: The first one's last inputs are those of the angle: cos α, sin α, and its hats.
         activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
         view: Encoding of the observation that the first layer reads; None for none.
         pairs: Whether the outputs are Q_env of all actions, then Q_social of all actions.

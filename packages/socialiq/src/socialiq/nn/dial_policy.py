@@ -58,10 +58,7 @@ class Dial(Saved, Generic[Network]):
         return np.array(exact_weights(angle), self.turned.weights[0].dtype)
 
     def at(self, angle: float) -> Network:
-        """Return the policy of one angle, an ordinary policy.
-
-        Args:
-            angle: Social angle in degrees.
+        """Return the policy of one angle in degrees, an ordinary policy.
 
         Raises:
             UserError: If the angle is outside the trained range.
@@ -235,7 +232,7 @@ class DialPolicy(Dial[QPolicy]):
 
 
 def knots_between(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Return as many angles at equal distances from one to another, in degrees; none for 0."""
+    """Return as many angles at equal distances from low to high, in degrees; none for 0."""
     return tuple(np.linspace(low, high, count).tolist())
 
 
@@ -246,12 +243,8 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
     an angle's best actions have kinks where the policy changes: linear pieces follow these, while
     (cos α, sin α) alone rounds them off and so favours the action whose value has the kink.
 
-    Args:
-        degrees: The angle, a NumPy or JAX array of any shape; whole turns don't matter.
-        knots: Angles at equal distances, at least two.
-
-    Returns:
-        (..., knot).
+    The angle is a NumPy or JAX array, and whole turns don't matter; the knots, at least two, are at
+    equal distances. The result has one more axis, of the knots.
     """
     middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
     offset = (degrees - middle + 180.0) % 360.0 - 180.0  # of the angle from the middle knot
@@ -261,14 +254,9 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
 
 
 def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
-    """Return the inputs of the first layer for directions: (cos α, sin α), and the hats of α.
+    """Return the first layer's inputs of directions, NumPy or JAX arrays: the pair, then the hats.
 
-    Args:
-        direction: NumPy or JAX arrays of any shape.
-        knots: Centres of the hat functions, in degrees.
-
-    Returns:
-        Arrays with one more axis, of the inputs.
+    They have one more axis, of the inputs.
     """
     xp = direction.env.__array_namespace__()
     pair = xp.stack([direction.env, direction.social], axis=-1)

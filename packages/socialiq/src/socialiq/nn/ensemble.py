@@ -2,8 +2,7 @@
 
 The values are averaged, not the action probabilities. Errors of values that differ between training
 seeds cancel in the mean, and an offset that a member adds to all actions of a state changes neither
-the best action nor softmax(Q/τ) of the mean. A mean of probabilities would be a policy that draws
-a member at each decision: it keeps the errors of each, and has no values for online planning.
+the best action nor softmax(Q/τ) of the mean.
 """
 
 from __future__ import annotations
@@ -27,14 +26,9 @@ MOST_MEMBERS = 32
 
 @dataclass(frozen=True)
 class EnsemblePolicy(ValuePolicy):
-    """Policy that selects actions by the mean of its members' values.
+    """Policy that selects actions by the mean of its members' values, with a record of its own.
 
-    Attributes:
-        members: Networks of any structure, for one kind of observation and one set of actions.
-        temperature: τ of softmax(mean Q/τ).
-        provenance: JSON-compatible record of how the ensemble was made; members have their own.
-        rng: Generator of the stochastic policy's draws.
-        sha256: SHA-256 of the file's content, for an ensemble that was loaded.
+    Members are networks of any structure, for one kind of observation and one set of actions.
     """
 
     KIND = "ensemble"

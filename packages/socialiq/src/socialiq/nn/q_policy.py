@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError, one_of
-from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, layers_of_content
+from socialiq.nn.saved import Saved, SavedNetwork
 from socialiq.nn.view import Encoding, View
 
 if TYPE_CHECKING:
@@ -143,18 +143,10 @@ def fields_of_network(network: Any) -> dict[str, Any]:
 class QPolicy(SavedNetwork, ValuePolicy):
     """Policy that selects actions from a Q-network: greedy, or from softmax(Q/τ).
 
-    Attributes:
-        weights: Weight matrix of each layer, (outputs, inputs).
-        biases: Bias of each layer.
-        activation: One of `nn.saved.ACTIVATIONS`, applied between layers.
-        temperature: τ of the stochastic policy softmax(Q/τ).
-        provenance: JSON-compatible record of how the policy was made.
-        rng: Generator of the stochastic policy's draws.
-        view: Encoding of the observation that the first layer reads, with NumPy weights.
-        sha256: SHA-256 of the file's content, for a policy that was loaded.
+    Attributes are those of `SavedNetwork` and `ValuePolicy`.
     """
 
-    KIND, VERSIONS, _empty_view = "policy", (2,), {"view": None}
+    KIND, VERSIONS, SETTINGS, NO_VIEW = "policy", (2,), ("temperature",), {"view": None}
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -192,10 +184,7 @@ class QPolicy(SavedNetwork, ValuePolicy):
     def with_clock(self, times: int) -> QPolicy:
         """Return the same policy for observations that end with the time, which it ignores.
 
-        A run that begins with it can learn to use the time.
-
-        Args:
-            times: Number of values of the time, 0, 1, ..., times - 1.
+        The time has the values 0, 1, ..., times - 1. A run that begins with it can learn to use it.
 
         Raises:
             UserError: If its view isn't of vehicles, or has a clock.
@@ -219,15 +208,6 @@ class QPolicy(SavedNetwork, ValuePolicy):
         """Return Q of each observation and action, shape (batch, actions)."""
         return self.forward(checked_batch(observations, self.n_features))
 
-    def settings(self) -> dict[str, Any]:
-        """Return the temperature, by name."""
-        return {"temperature": self.temperature}
-
     def has_sound_settings(self) -> bool:
         """Whether the temperature is a positive, finite float."""
         return isinstance(self.temperature, float) and 0.0 < self.temperature < float("inf")
-
-    @classmethod
-    def of_content(cls, arrays: Arrays, header: Header) -> QPolicy:
-        """Build a policy from a file's content, the inverse of `content`."""
-        return cls(temperature=header["temperature"], **layers_of_content(arrays, header))

@@ -44,9 +44,6 @@ def cross_fitted(
         seed: Seed of the folds, the networks and the batches.
         steps: Gradient steps of each network.
 
-    Returns:
-        Prediction for each row, in the targets' unit.
-
     Raises:
         UserError: If there is one group only.
     """

@@ -109,6 +109,11 @@ class SavedNetwork(Saved):
         sha256: SHA-256 of the file's content, for a policy that was loaded.
     """
 
+    SETTINGS: ClassVar[tuple[str, ...]]
+    """Fields beside layers, view and provenance, which the header has."""
+    NO_VIEW: ClassVar[dict[str, None]] = {}
+    """Text of the header where a policy has no view."""
+
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
     activation: str
@@ -133,21 +138,17 @@ class SavedNetwork(Saved):
         return value
 
     @abstractmethod
-    def settings(self) -> dict[str, Any]:
-        """Return the fields beside layers, view and provenance, as the header has them."""
-
-    @abstractmethod
     def has_sound_settings(self) -> bool:
-        """Whether these fields are of their types and ranges, and fit the last layer."""
+        """Whether `SETTINGS` are of their types and ranges, and fit the last layer."""
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the named arrays and the header of the policy's file."""
         arrays = _named_layers("", self.weights, self.biases)
         header = {
             "activation": self.activation,
-            **self.settings(),
+            **{name: getattr(self, name) for name in self.SETTINGS},
             "layers": len(self.weights),
-            **self._empty_view,
+            **self.NO_VIEW,
             "provenance": dict(self.provenance),
         }
         if isinstance(self.view, OneHot):
@@ -158,9 +159,6 @@ class SavedNetwork(Saved):
             header["view"] = view | ({"times": self.view.times} if self.view.times else {})
             arrays |= _named_layers("view_", self.view.weights, self.view.biases)
         return arrays, header
-
-    _empty_view: ClassVar[dict[str, None]] = {}
-    """Text of the header where a policy has no view."""
 
     @classmethod
     def checked(
@@ -174,31 +172,23 @@ class SavedNetwork(Saved):
             if array.dtype.kind != "f" or not np.isfinite(array).all():
                 raise refusal(path, "has a weight that is not a finite number")
         try:
-            policy = cls.of_content(arrays, header)
-            consistent = policy._agrees(extra)
+            policy = cls(**_fields_of(cls, arrays, header))
+            plain = policy.activation in ACTIVATIONS and isinstance(policy.provenance, dict)
+            sound = plain and policy.has_sound_settings() and _is_possible(policy.view)
+            if sound:  # before anything is computed: a header may claim widths of any size
+                width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
+                sound = width > 0 and _chained(policy.weights, policy.biases, width + extra)
         except _FAULTS as error:
             raise refusal(path, "has a header that doesn't fit its arrays") from error
-        if not consistent:
+        if not sound:
             raise refusal(path, "has layers that don't follow one another")
         return policy
 
-    @classmethod
-    @abstractmethod
-    def of_content(cls, arrays: Arrays, header: Header) -> Any:
-        """Build the policy from a file's content, the inverse of `content`, without checks."""
 
-    def _agrees(self, extra: int) -> bool:
-        plain = self.activation in ACTIVATIONS and isinstance(self.provenance, dict)
-        if not (plain and self.has_sound_settings() and _is_possible(self.view)):
-            return False
-        # Before anything is computed with them: widths that a header claims could be of any size.
-        width = self.view.width if self.view else self.weights[0].shape[1] - extra
-        return width > 0 and _chained(self.weights, self.biases, width + extra)
-
-
-def layers_of_content(arrays: Arrays, header: Header) -> dict[str, Any]:
-    """Return the fields of a `SavedNetwork` in a file's content."""
+def _fields_of(kind: type[SavedNetwork], arrays: Arrays, header: Header) -> dict[str, Any]:
+    """Return the fields of a policy in a file's content, the inverse of `content`."""
     view: Encoding | None = None
+    header = header if kind.NO_VIEW else {"view": None, **header}
     if places := header.get("one_hot"):
         view = OneHot(tuple(places["lows"]), tuple(places["sizes"]))
     elif described := header["view"]:
@@ -206,7 +196,7 @@ def layers_of_content(arrays: Arrays, header: Header) -> dict[str, Any]:
         times, choice = described.get("times", 0), Choice.of_described(described)
         view = View(weights, biases, choice, described["n_features"], times)
     weights, biases = _layers_named("", header["layers"], arrays)
-    return {
+    return {name: header[name] for name in kind.SETTINGS} | {
         "weights": weights,
         "biases": biases,
         "activation": header["activation"],

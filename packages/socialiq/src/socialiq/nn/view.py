@@ -22,11 +22,7 @@ from socialiq.errors import UserError
 class OneHot:
     """Encoder from integer features to zeros and ones, for JAX and NumPy arrays.
 
-    A value outside its feature's range is encoded as all zeros.
-
-    Attributes:
-        lows: Smallest value of each feature.
-        sizes: Number of values of each feature.
+    Each feature has a smallest and a number of values; one outside is encoded as all zeros.
     """
 
     lows: tuple[int, ...]
@@ -134,13 +130,12 @@ class View:
     """Encoder from an observation to a first layer's inputs, of JAX or NumPy arrays.
 
     Attributes:
-        weights: Weights of the layers shared by all vehicles, each (outputs, inputs); empty if
-            rows are concatenated.
+        weights: Of the layers shared by all vehicles, each (outputs, inputs); empty if rows are
+            concatenated.
         biases: Biases of the same layers.
         choice: Properties of the view.
         n_features: Length of an observation.
-        times: Number of values of the time, the last feature, which are encoded one-hot: 0, 1,
-            ..., times - 1. 0: there is no time.
+        times: Number of values of the time, the last feature, encoded one-hot; 0 without.
     """
 
     weights: tuple[Any, ...]

@@ -26,13 +26,7 @@ Scalar = Float[Array, ""]
 
 
 class Networks(NamedTuple):
-    """Networks that an optimiser step changes.
-
-    Attributes:
-        actor: The policy.
-        critics: Its values.
-        log_temperature: log τ, which only a tuned temperature changes.
-    """
+    """Networks that an optimiser step changes, and log τ, which only a tuned temperature does."""
 
     actor: Actor
     critics: TwinCritics
@@ -250,12 +244,7 @@ class ActorCritic(Learner):
 
 
 class Drawn(NamedTuple):
-    """Actions that a policy draws in each state.
-
-    Attributes:
-        action: Several for each state.
-        log_density: log π of each.
-    """
+    """Actions that a policy draws in each state, and log π of each."""
 
     action: Float[Array, "draw batch size"]
     log_density: Float[Array, "draw batch"]

@@ -1,7 +1,6 @@
 """Standardised observations: each feature with mean 0 and deviation 1.
 
 Mean and deviation are over the demonstrations, or, without any, over steps at random in the world.
-
 Features of different units, a velocity of 10 m/s beside an angle of 0.1 rad, reach small networks
 alike. The learner sees standardised observations only; its policy takes them as they are.
 """
