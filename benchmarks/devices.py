@@ -24,8 +24,8 @@ from socialiq.learners.iq_learn.train import train
 from socialiq.types import Simulator
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import make_grid
 
 RUNS = {"crossing7": (1, 32, 512), "intersection_offline": (1, 8)}

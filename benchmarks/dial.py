@@ -29,8 +29,8 @@ from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison_runs import Run
 from studies.compare_priors.study import dial_settings

@@ -120,10 +120,10 @@ def train_(steps: int, marks: list[tuple[int, float]]) -> None:
     from socialiq.learners.callbacks import Callbacks
     from socialiq.learners.collect import from_vector_env
     from socialiq.learners.dqn import DQNConfig, DQNHyperparameters, train
-    from socialiq.worlds.intersection.gym import IntersectionVectorEnv
+    from socialiq.worlds.gym import RoadVectorEnv
 
     static = DQNConfig(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)
-    env = IntersectionVectorEnv(ENVIRONMENTS, autoreset_mode=AutoresetMode.SAME_STEP)
+    env = RoadVectorEnv(num_envs=ENVIRONMENTS, autoreset_mode=AutoresetMode.SAME_STEP)
     callbacks = Callbacks(lambda report: marks.append((report.done, time.perf_counter())))
     source = from_vector_env(env, 200 * static.steps_per_update)
     train(static, [DQNHyperparameters()], [source], (70, 3), callbacks, 200)

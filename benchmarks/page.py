@@ -20,8 +20,8 @@ import numpy as np
 from socialiq.page.webassembly.layout import layout
 from socialiq.page.webassembly.replay import CORE, run_node
 from socialiq.page.write import write_page
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 MEASURED = {

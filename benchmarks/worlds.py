@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from socialiq.worlds.highway.scene import ACTIONS as SCENE_ACTIONS
+from socialiq.worlds.highway.scenes import ACTIONS as SCENE_ACTIONS
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import Batch as SceneBatch
 from socialiq.worlds.highway.world import world_of
-from socialiq.worlds.intersection.batch import Batch, space_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 HIGHWAY_STEPS = 150
 CORE_STEPS = 30_000
@@ -34,7 +34,7 @@ DENSITIES = (0.0, 0.3, 0.6, 1.0)  # spawn probabilities
 _START = """
 import time
 import numba
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.intersection.options import Options
 begin = time.perf_counter()
 Batch(Options(), 1).reset(0)
@@ -83,7 +83,7 @@ def run(repeats: int) -> dict[str, Any]:
 
 def other_roads(repeats: int) -> dict[str, float]:
     """Steps per second of the other roads on both sides, and the median ratio."""
-    from socialiq.worlds.highway.reference import RealScene
+    from socialiq.worlds.conformance import RealScene
 
     found = {}
     for name in SCENES:
@@ -147,7 +147,7 @@ def real_steps_per_second(environment: Any) -> float:
 def steps_per_second(batch: Batch, steps: int) -> float:
     """Policy steps per second of a batch under random actions, resets included."""
     rounds = -(-steps // batch.size)
-    actions = drawn(space_of(batch.options), rounds, batch.size)
+    actions = drawn(Intersection(batch.options).action_space, rounds, batch.size)
     batch.reset(0)
     begin = time.perf_counter()
     for row in actions:

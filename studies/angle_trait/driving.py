@@ -15,9 +15,8 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import ACTIONS
+from socialiq.worlds.intersection.options import ACTIONS, Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_recordings.prediction.choices import ChoiceTable
 from socialiq_recordings.trait.planted import before
 

@@ -20,8 +20,8 @@ from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 from socialiq.worlds.registry import make
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 from socialiq_lab.gridworld_runs import grid_of, train_runs
 from socialiq_lab.study import StageCallback
 

@@ -24,8 +24,8 @@ from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.comparison_runs import (
     Arena,
     Method,

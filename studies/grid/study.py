@@ -13,7 +13,7 @@ from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.tabular_policy import expert_policy
+from socialiq.worlds.enumerate import expert_policy
 from socialiq_lab.declared import State
 from socialiq_lab.study import View
 

@@ -23,10 +23,9 @@ from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.worlds.intersection.batch import Batch, width
-from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq_lab.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     Recording,
@@ -182,9 +181,10 @@ def _fit_actors(
 ) -> None:
     """Train all runs on the core, acting together, and write their policies."""
     structure, numbers = config.structure, config.numbers
-    env = intersections(config.options, len(numbers) * config.environments, structure.times > 0)
+    count = len(numbers) * config.environments
+    env = learning_env(Intersection(config.options), count, structure.times > 0)
     rounds = -(-CHUNK * structure.env_steps_per_update // config.environments)
-    sizes = (Intersection(config.options).n_features + (structure.times > 0), width(config.options))
+    sizes = (Intersection(config.options).n_features + (structure.times > 0), config.options.width)
     collector = VectorCollector(env, rounds, numbers, actors_together(structure, numbers))
     options = {"sizes": sizes, "before_chunk": collector}
     program = partial(train, structure, numbers, datasets, **options)

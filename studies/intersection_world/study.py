@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.episodes import Episodes, episodes_of, outcome_row, reward_row
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import episode_scenes, filmstrip
-from socialiq.worlds.highway.pictures.sheet import picture
-from socialiq.worlds.intersection.batch import BackEnd
+from socialiq.worlds.highway.render import episode_scenes, filmstrip
+from socialiq.worlds.highway.sheet import picture
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import make
+from socialiq.worlds.intersection.world import BackEnd, Intersection
 from socialiq_lab.study import Context, Findings, StageCallback, counter
 from socialiq_lab.tables import nested
 
@@ -88,8 +87,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "outcomes": nested(outcomes, "population", "driver"),
         "default_reading": nested(readings, "reading", "driver")["default"],
         "options": dataclasses.asdict(Options()),
-        "features": make(Options()).n_features,
-        "actions": make(Options()).n_actions,
+        "features": Intersection(Options()).n_features,
+        "actions": Intersection(Options()).n_actions,
         "start": start_row(config),
     }
     return Findings({"outcomes": outcomes, "readings": readings}, summary)
@@ -132,14 +131,14 @@ def drive(
         back_end: "core" or "highway_env".
     """
     size = min(BATCH[back_end], len(seeds))
-    batch = make(Options(**options)).batch(size, threads, back_end)
+    batch = Intersection(Options(**options)).batch(size, threads, back_end)
     return episodes_of(batch, policy(driver, seeds[0]), seeds)
 
 
 def start_row(config: Config) -> Row:
     """Return the number of vehicles at the start, the ego included, and the ego's progress."""
     count, first = config.reading_episodes, config.seeds[0]
-    batch = make(Options()).batch(count, config.threads)
+    batch = Intersection(Options()).batch(count, config.threads)
     batch.reset(np.arange(first, first + count))
     present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
     return {
@@ -155,7 +154,7 @@ def start_row(config: Config) -> Row:
 
 def pictures(_results: Results) -> dict[str, Figure]:
     """Draw the intersection (thesis Fig 5.3) and an episode."""
-    world = make(Options())
+    world = Intersection(Options())
     scenes = episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
     decisions = scenes[:: world.options.frames]
     return {

@@ -24,8 +24,7 @@ from socialiq.plotting.style import COLORS, figure
 from socialiq.results_folder import Results
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table
-from socialiq.worlds.tabular_policy import expert_policy
+from socialiq.worlds.enumerate import Table, expert_policy
 from socialiq_lab.gridworld_runs import Monitor, sequence, train_runs
 from socialiq_lab.study import Context, Findings, StageCallback
 from socialiq_lab.tables import groups

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 _BRAKES = -2.0  # m/s²

@@ -21,8 +21,7 @@ from socialiq.theory.closed_form import (
 )
 from socialiq.theory.demonstrators import mean_target, occupancies
 from socialiq.theory.minimise import minimise
-from socialiq.theory.objective import Problem
-from socialiq.theory.shaping import shaped
+from socialiq.theory.objective import Problem, shaped
 from socialiq.types import Ending, RewardPair, Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import GRIDWORLDS, make_grid

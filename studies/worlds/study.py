@@ -17,10 +17,9 @@ from socialiq.results_folder import Results
 from socialiq.social.angle import angle_of, exact_weights, score, weights
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.enumerate import Table, expert_policy, tabulate
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
-from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence
 from socialiq_lab.study import Context, Findings
 

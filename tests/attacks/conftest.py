@@ -10,9 +10,8 @@ import pytest
 
 from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
 from socialiq.cli.main import main
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 @pytest.fixture(autouse=True)

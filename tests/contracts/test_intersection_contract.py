@@ -9,8 +9,8 @@ from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
 from socialiq.worlds import IDS, registry
+from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.intersection.gym import IntersectionEnv
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Intersection
 
@@ -121,7 +121,7 @@ def test_an_episode_that_ended_must_be_reset(env):
 
 @pytest.mark.parametrize("action", [3, -1])
 def test_unknown_actions_are_refused(action):
-    env = IntersectionEnv()
+    env = RoadEnv()
     env.reset(seed=0)
     with pytest.raises(UserError, match=r"actions must be 0 to 2"):
         env.step(action)
@@ -139,7 +139,7 @@ def test_it_renders_an_image():
 
 
 def test_without_a_render_mode_it_renders_nothing():
-    env = IntersectionEnv()
+    env = RoadEnv()
     env.reset(seed=0)
     assert env.render() is None
 
@@ -165,7 +165,7 @@ def test_unknown_options_and_values_are_refused(make):
 def test_names_and_sizes_agree():
     world = registry.make("intersection", observed_vehicles=6)
     assert isinstance(world, Intersection)
-    assert world.n_actions == len(world.actions) == 3
+    assert world.n_actions == 3
     assert world.n_features == 42 == world.batch(2).reset(0).shape[1]
     assert len(set(world.signal_names)) == len(world.signal_names) == 9
     assert "observed_vehicles=6" in world.description

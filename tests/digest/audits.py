@@ -81,9 +81,8 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
 
 def audited_expert(world: str, folder: Path) -> Hashes:
     """Audit a table of actions, which is an expert of a gridworld."""
-    from socialiq.worlds.enumerate import tabulate
+    from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
     from socialiq.worlds.registry import make_grid
-    from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
     table = tabulate(make_grid(world))
     path = folder / "expert.safetensors"

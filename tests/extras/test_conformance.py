@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
-from socialiq.worlds.intersection import conformance as conformance_module
+from socialiq.worlds import conformance as conformance_module
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 EPISODES = 30  # of each population and lane mode
@@ -86,7 +86,7 @@ def changed_in_core(monkeypatch, options, **change):
         return real(options, size, back_end=back_end)
 
     monkeypatch.setattr(conformance_module, "Batch", batch)
-    return list(conformance_module.compare(options, 4, 0))
+    return list(conformance_module.compare_intersection(options, 4, 0))
 
 
 @pytest.mark.parametrize(

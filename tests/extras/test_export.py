@@ -29,8 +29,8 @@ from socialiq.nn.view import CHOICES
 from socialiq.policies.export import as_torch_module, state_dict, to_onnx, to_safetensors
 from socialiq.policies.load import load_policy
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 DECISIONS = 10_000
 

@@ -11,10 +11,10 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import traffic as ego_kernels
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Batch
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
@@ -42,10 +42,14 @@ def crashed(world):
     return bool(world.after["crashed"][world.ego_after])
 
 
+def touched_by(world):
+    return world.environment.road.contact, world.environment.road.touched
+
+
 def ended(world):
     """Whether it is terminated, and truncated, by all that an engine reads of it."""
-    terminated = crashed(world) or arrived(world.after[world.ego_after])
-    return terminated, world.time >= world.environment.config["duration"]
+    terminated = crashed(world) or arrived(world.after[world.ego_after], 0)
+    return terminated, world.environment.time >= world.environment.config["duration"]
 
 
 def random_decisions(world, seed):
@@ -64,8 +68,8 @@ def assert_same_episode(world, plain, seed):
         assert found.dtype == np.float32
         np.testing.assert_array_equal(found, observation.ravel())
         assert ended(world) == (terminated, truncated)
-        assert (crashed(world), world.time) == (info["crashed"], plain.time)
-        assert arrived(world.after[world.ego_after]) == plain.has_arrived(plain.vehicle)
+        assert (crashed(world), world.environment.time) == (info["crashed"], plain.time)
+        assert arrived(world.after[world.ego_after], 0) == plain.has_arrived(plain.vehicle)
 
 
 @pytest.mark.parametrize("connected_lanes", [False, True])
@@ -95,7 +99,7 @@ def test_options_reach_the_environment():
     assert arms == {1, 2, 3}
     while not any(ended(world)):
         world.step(0)
-    assert ended(world)[1] and world.time == 3.0
+    assert ended(world)[1] and world.environment.time == 3.0
     assert world.environment.steps == 60
 
 
@@ -254,16 +258,16 @@ def calls(monkeypatch):
 def test_contacts_are_watched_in_the_sub_steps_of_decisions(calls):
     world = HighwayIntersection(Options())
     world.reset(0)
-    assert calls == [] and world.contact == Contact.NONE
+    assert calls == [] and world.environment.road.contact == Contact.NONE
     world.step(1)
     assert len(calls) == 10
     assert [told for *_, told in calls] == [(0, -1)] * 2 + [(Contact.EGO_STRUCK, 3)] * 8
-    assert (world.contact, world.touched) == (Contact.EGO_STRUCK, 3)
+    assert touched_by(world) == (Contact.EGO_STRUCK, 3)
     for vehicles, ego, dt, _ in calls:
         assert dt == 0.1 and vehicles["origin"][ego] == 0 and vehicles["exponent"][ego] == 0
     assert np.array_equal(calls[-1][0], world.after)
     world.reset(0)
-    assert (world.contact, world.touched) == (Contact.NONE, -1)
+    assert touched_by(world) == (Contact.NONE, -1)
 
 
 def test_contacts_are_not_watched_once_the_ego_is_struck(calls):
@@ -280,7 +284,7 @@ def test_contact_of_a_crash_is_known(varied):
     crashes = 0
     for seed in SEEDS:
         for _ in random_decisions(varied, seed):
-            assert varied.contact != Contact.NONE or not crashed(varied)
+            assert varied.environment.road.contact != Contact.NONE or not crashed(varied)
         crashes += crashed(varied)
     assert crashes > 0
 
@@ -322,13 +326,13 @@ def test_an_ending_is_read_from_highway_env():
     options = ContinuousOptions(actions="continuous_steering", offroad_terminal=True)
     real = Batch(options, 1, back_end="highway_env")
     real.reset([0])
-    (row,) = real._engine._rows
+    (row,) = real._real.rows
     row.environment.config["offroad_terminal"] = False
     made = real.step(np.array([[0.0, 1.0]]), auto_reset=False)
     assert made.off_road[0] and made.ending[0] == Ending.NONE
     real = Batch(ContinuousOptions(actions="continuous_steering"), 1, back_end="highway_env")
     real.reset([0])
-    (row,) = real._engine._rows
+    (row,) = real._real.rows
     row.environment.config["offroad_terminal"] = True
     assert real.step(np.array([[0.0, 1.0]]), auto_reset=False).ending[0] == Ending.OTHER
 

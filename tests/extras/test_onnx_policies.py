@@ -18,8 +18,8 @@ from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.policies.load import load_policy
 from socialiq.policies.onnx_load import ROWS
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
 RANDOM = np.random.default_rng(0)

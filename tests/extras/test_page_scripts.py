@@ -18,8 +18,8 @@ from socialiq.page.webassembly.layout import layout
 from socialiq.page.webassembly.replay import CORE, native
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 

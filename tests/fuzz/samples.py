@@ -32,10 +32,9 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import packaged_results
-from socialiq.worlds.context_policy import ContextPolicy
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+from socialiq.worlds.situation import ContextPolicy
 from socialiq_recordings import files as recording_files
 from socialiq_recordings.export import write_commonroad, write_csv
 from socialiq_recordings.recording import Recording

@@ -20,9 +20,8 @@ from socialiq.theory.closed_form import (
 )
 from socialiq.theory.demonstrators import mean_target, occupancies
 from socialiq.theory.minimise import minimise
-from socialiq.theory.objective import Problem
+from socialiq.theory.objective import Problem, shaped
 from socialiq.theory.semi_gradient import fixed_point
-from socialiq.theory.shaping import shaped
 from socialiq.types import Ending, RewardPair
 
 N_STATES, N_ACTIONS, DISCOUNT = 5, 3, 0.9

@@ -19,8 +19,8 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.intersection.demonstration_sets import (
     Recording,
 )

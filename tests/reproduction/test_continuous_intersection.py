@@ -7,8 +7,8 @@ from socialiq import results_folder as store
 from socialiq.evaluation.episodes import episodes_of, outcome_row, reward_row
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import ContinuousOptions
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.tables import matching
 

@@ -24,8 +24,8 @@ from socialiq.demonstrations import files
 from socialiq.evaluation.rollout import record
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 pytestmark = needs_browser
 

@@ -18,7 +18,7 @@ from socialiq.evaluation.context import ContextLosses
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import packaged_results
-from socialiq.worlds.context_policy import ContextPolicy
+from socialiq.worlds.situation import ContextPolicy
 
 WHEN = {"angle": 75, "approaching": {"at_least": 1}}
 RULE = AngleRule.of({"format": 1, "world": "crossing7", "default": 0, "when": [WHEN]})

@@ -245,8 +245,8 @@ def test_missing_extras_of_doors(capsys, monkeypatch, tmp_path, data):
 def test_a_missing_simulator(capsys, monkeypatch, tmp_path, command):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "highway_env", None)
-    ours = "socialiq.worlds.intersection.reference"
-    for name in [one for one in sys.modules if one.startswith(("highway_env.", ours))]:
+    ours = "socialiq.worlds.intersection.reference", "socialiq.worlds.conformance"
+    for name in [one for one in sys.modules if one.startswith(("highway_env.", *ours))]:
         monkeypatch.delitem(sys.modules, name)  # another test may have imported them
     assert main(command) == 2
     captured = capsys.readouterr()

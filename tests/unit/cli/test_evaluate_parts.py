@@ -9,8 +9,8 @@ from socialiq.cli.drivers import driver_of
 from socialiq.cli.main import main
 from socialiq.evaluation import parts
 from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 
 def as_text(episodes):

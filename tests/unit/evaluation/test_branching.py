@@ -8,10 +8,9 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.road_training import CHUNK, dial_labeller
 from socialiq.learners.policy_iteration import DialIterationConfig
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
+from socialiq.worlds.intersection.world import Batch
 
 GO = policy("go")
 

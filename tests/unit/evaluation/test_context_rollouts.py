@@ -7,10 +7,10 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.context_policy import ContextPolicy
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy as rule_based
+from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.situation import ContextPolicy
 
 SEEDS = np.arange(50_400_000, 50_400_012)
 CONSTANT = AngleRule.of({"format": 1, "world": "intersection", "default": 50})

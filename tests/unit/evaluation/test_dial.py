@@ -25,8 +25,8 @@ from socialiq.social.dial import mixture, setting
 from socialiq.types import RewardPair
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 
 @pytest.fixture(scope="module", name="part")

@@ -8,8 +8,8 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.types import Ending
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 
 class Indifferent:

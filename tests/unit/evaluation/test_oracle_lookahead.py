@@ -5,10 +5,9 @@ import pytest
 
 from socialiq.evaluation.branching import OracleLookahead, with_oracle_lookahead
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import FASTER, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import FASTER, SLOWER
+from socialiq.worlds.intersection.world import Batch
 
 SEEDS = np.arange(600, 640)
 

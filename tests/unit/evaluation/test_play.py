@@ -13,10 +13,9 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import FASTER, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import FASTER, SLOWER
+from socialiq.worlds.intersection.world import Batch
 
 SEEDS = [5, 900, 17, 17, 2**40, 3, 0, 88, 61, 12, 13, 14, 15, 16, 40, 41, 42, 43, 44, 45]
 

@@ -9,9 +9,8 @@ from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.rollout import rollout_env, rollout_table
 from socialiq.types import Ending
 from socialiq.worlds import IDS
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import GRIDWORLDS
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 WAIT, GO = 0, 1
 EPISODES = 8_000

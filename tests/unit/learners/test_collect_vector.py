@@ -12,17 +12,15 @@ from socialiq.errors import UserError
 from socialiq.learners.collect import from_vector_env
 from socialiq.learners.expert_table import Batch
 from socialiq.types import Ending
-from socialiq.worlds.intersection.gym import IntersectionVectorEnv
-from socialiq.worlds.intersection.state import FASTER
+from socialiq.worlds.gym import RoadVectorEnv
+from socialiq.worlds.intersection.options import FASTER
 
 ENVS, STEPS = 3, 120
 OPTIONS = {"duration": 6.0, "observed_vehicles": 3}  # short episodes: many ends
 
 
-def vector(
-    mode: AutoresetMode = AutoresetMode.SAME_STEP, envs: int = ENVS
-) -> IntersectionVectorEnv:
-    return IntersectionVectorEnv(envs, autoreset_mode=mode, **OPTIONS)
+def vector(mode: AutoresetMode = AutoresetMode.SAME_STEP, envs: int = ENVS) -> RoadVectorEnv:
+    return RoadVectorEnv(num_envs=envs, autoreset_mode=mode, **OPTIONS)
 
 
 def faster(observation: np.ndarray) -> np.ndarray:

@@ -21,8 +21,8 @@ from socialiq.learners.policy_iteration import (
 )
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 SMALL = DialIterationConfig(
     hidden=(32,), batch_size=64, updates=600, states_per_update=4, replay_capacity=2_000, knots=5

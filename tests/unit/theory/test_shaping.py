@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.theory.shaping import orthogonal, shaped
+from socialiq.theory.objective import orthogonal, shaped
 
 
 def test_shaping_by_hand(bandit):

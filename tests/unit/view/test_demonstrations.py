@@ -11,8 +11,8 @@ from socialiq.errors import UserError
 from socialiq.evaluation.rollout import record
 from socialiq.view.demonstrations import demonstrations_view, seeds_of
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 
 @pytest.fixture(scope="module")

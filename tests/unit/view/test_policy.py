@@ -12,8 +12,8 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 from socialiq.view.open import opened
 from socialiq.view.policy import PolicyDecider
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 DIAL = str(packaged_results() / "intersection-dial" / "dial.safetensors")
 TIMED = str(packaged_results() / "intersection-dial-clock" / "timed.safetensors")

@@ -10,7 +10,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.load import load_policy
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import load_arrays, save_arrays
-from socialiq.worlds.context_policy import ContextPolicy, load_driver
+from socialiq.worlds.situation import ContextPolicy, load_driver
 
 STATES = np.array([[2, 1, 1, 0, -1, 0], [0, 0, 4, 2, -1, 0], [3, 0, 0, 2, 1, 2]], np.float32)
 WHEN = {"angle": 75, "approaching": {"at_least": 1}}

@@ -4,12 +4,7 @@ import pytest
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import angle_of
 from socialiq.types import Policy
-from socialiq.worlds.tabular_policy import (
-    TabularPolicy,
-    draw_actions,
-    expert_policy,
-    without_chance,
-)
+from socialiq.worlds.enumerate import TabularPolicy, draw_actions, expert_policy
 
 
 @pytest.fixture
@@ -71,13 +66,6 @@ def test_the_reachable_part_has_the_same_experts(table7):
     kept = table7.mdp.reachable()
     whole = expert_policy(table7, 45.0)[kept]
     np.testing.assert_array_equal(whole, expert_policy(table7.reachable_part(), 45.0))
-
-
-def test_without_chance_the_first_outcome_is_certain(table7):
-    certain = without_chance(table7.mdp)
-    assert (certain.probability == [1.0, 0.0]).all()
-    np.testing.assert_array_equal(certain.successor, table7.mdp.successor)
-    assert table7.mdp.probability[0, 0, 1] == 0.3
 
 
 @pytest.mark.parametrize(("variant", "found"), [("deterministic", 13.49), ("stochastic", 167.64)])

@@ -12,7 +12,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import Ground, Metrics, evaluate_exactly, mean_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.types import Row
-from socialiq.worlds.tabular_policy import expert_policy
+from socialiq.worlds.enumerate import expert_policy
 from socialiq_lab.tables import column, groups, mean, spread
 
 GRIDWORLDS = ("crossing5", "crossing7")

@@ -21,9 +21,9 @@ from socialiq.worlds.highway.core.geometry import (
     position,
 )
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
 

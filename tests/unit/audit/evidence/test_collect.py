@@ -14,9 +14,9 @@ from socialiq.audit.evidence.outcomes import MOST_EPISODES, Reference, episode_s
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.world import Batch
 
 SEEDS = episode_seeds(3, 40)
 

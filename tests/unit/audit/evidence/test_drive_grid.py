@@ -8,7 +8,7 @@ from socialiq.audit.evidence.drive import Course, exact_optima
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 
 
 class Constant:

@@ -7,7 +7,7 @@ from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.results import Finding, conclude
 from socialiq.audit.verdict.verdict import judge
-from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 
 FINDINGS = [Finding("margin", "It excludes nothing."), Finding("code", "Answers differ.")]
 

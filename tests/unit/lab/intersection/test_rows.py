@@ -5,9 +5,9 @@ import pytest
 
 from socialiq.evaluation.episodes import episodes_of, outcome_row, policy_row
 from socialiq.storage import write_json
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.intersection.driving import Evaluation, load_episodes, save_episodes
 from socialiq_lab.intersection.rows import evaluated, policy_rows, times
 from socialiq_lab.jobs import RECORD, Job

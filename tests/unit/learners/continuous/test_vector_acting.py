@@ -11,8 +11,9 @@ from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.state import Runs, stack
-from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.options import ContinuousOptions
+from socialiq.worlds.intersection.world import Intersection
 
 STATIC = config.SACConfig(
     view="set", times=20, hidden=(8,), updates=2, replay_capacity=64, random_steps=12, dial=True
@@ -24,7 +25,7 @@ def collected(seeds: tuple[int, ...], rounds: int = 6, done: int = 0) -> Runs:
     numbers = [config.SACHyperparameters(seed=seed) for seed in seeds]
     learner = SoftActorCritic(STATIC, (71, 1))
     state, carry = jax.vmap(learner.initialise)(stack(numbers))
-    env = intersections(ContinuousOptions(), 3 * len(seeds), clock=True)
+    env = learning_env(Intersection(ContinuousOptions()), 3 * len(seeds), clock=True)
     none = jnp.zeros(len(seeds), int)
     runs = Runs(state, carry, none, none, none)
     return VectorCollector(env, rounds, numbers, actors_together(STATIC, numbers))(runs, done)
@@ -57,7 +58,7 @@ def test_the_first_steps_are_uniform_and_later_ones_follow_the_actor() -> None:
 
 
 def test_environments_that_cannot_be_divided_are_refused() -> None:
-    env = intersections(ContinuousOptions(), 3)
+    env = learning_env(Intersection(ContinuousOptions()), 3)
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
         numbers = [config.SACHyperparameters(seed=seed) for seed in (0, 1)]
         VectorCollector(env, 1, numbers, actors_together(STATIC, numbers))

@@ -15,7 +15,7 @@ from socialiq.learners.dial.config import INTERSECTION, DialHyperparameters
 from socialiq.learners.dial.train import Dial
 from socialiq.learners.fit import _start_all
 from socialiq.learners.state import stack
-from socialiq.worlds.intersection.gym import IntersectionVectorEnv
+from socialiq.worlds.gym import RoadVectorEnv
 from socialiq.worlds.intersection.options import Options
 
 STATIC = dataclasses.replace(
@@ -24,8 +24,8 @@ STATIC = dataclasses.replace(
 NUMBERS = [DialHyperparameters(seed=seed, temperature=0.5) for seed in (3, 8)]
 
 
-def vector_env(count: int) -> IntersectionVectorEnv:
-    return IntersectionVectorEnv(count, autoreset_mode=AutoresetMode.SAME_STEP, clock=True)
+def vector_env(count: int) -> RoadVectorEnv:
+    return RoadVectorEnv(num_envs=count, autoreset_mode=AutoresetMode.SAME_STEP, clock=True)
 
 
 def test_runs_that_act_together_collect_what_each_collects_alone() -> None:

@@ -8,8 +8,7 @@ import numpy as np
 from socialiq.page.webassembly.layout import layout
 from socialiq.worlds.highway.options import SETTINGS, SIGNALS
 from socialiq.worlds.highway.state import Buffers
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import VEHICLE, buffers_of
+from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
 
 
 def test_it_is_json_and_names_every_buffer_first():

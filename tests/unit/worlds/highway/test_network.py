@@ -7,7 +7,7 @@ from socialiq.errors import UserError
 from socialiq.worlds.highway.core import geometry
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.network import APPROACH, Lane, Network, arc, sine, straight
-from socialiq.worlds.highway.scenes import SCENES, merge, roundabout, scene_of
+from socialiq.worlds.highway.scenes import _DESTINATIONS, SCENES, _roundabout_roads, scene_of
 
 misfit, lateral = for_python(geometry.misfit), for_python(geometry.lateral)
 longitudinal = for_python(geometry.longitudinal)
@@ -15,24 +15,31 @@ closest, heading_at = for_python(geometry.closest_lane), for_python(geometry.hea
 
 
 def test_lanes_stand_by_first_mention_of_their_start():
-    assert merge.network().roads == [("a", "b"), ("b", "c"), ("c", "d"), ("j", "k"), ("k", "b")]
     lanes = scene_of("merge").road.lanes
     assert lanes["lanes"].tolist() == [2, 2, 3, 3, 3, 2, 2, 1, 1]
-    assert merge.network().lane("b", "c", 2) == 4
+    roads = [(0, 1), (1, 2), (2, 3), (4, 5), (5, 1)]  # of the nodes a, b, c, d, j, k
+    ends = zip(lanes["start"].tolist(), lanes["end"].tolist(), strict=True)
+    assert list(dict.fromkeys(ends)) == roads
+    network = Network()
+    for nodes in (("k", "b"), ("b", "c"), ("b", "c"), ("a", "b"), ("k", "c")):
+        network.add(*nodes, Lane(straight((0.0, 0.0), (3.0, 4.0)), APPROACH))
+    assert network.roads == [("k", "b"), ("k", "c"), ("b", "c"), ("a", "b")]
+    assert network.lane("b", "c", 1) == 3
 
 
 def test_the_way_is_the_shortest():
-    network = roundabout.network()
-    table = network.routes(roundabout.DESTINATIONS)
-    begun, nodes = network.roads.index(("ser", "ses")), roundabout.DESTINATIONS.index("nxs")
+    network = _roundabout_roads()
+    table = network.routes(_DESTINATIONS)
+    begun, nodes = network.roads.index(("ser", "ses")), _DESTINATIONS.index("nxs")
     way = [network.roads[road] for road in table[begun, nodes] if road >= 0]
     assert [end for _, end in way] == ["ses", "se", "ex", "ee", "nx", "nxs"]
 
 
 def test_a_road_without_a_way_is_the_whole_way():
-    network = merge.network()
-    last = network.roads.index(("c", "d"))
-    assert network.routes(["a"])[last, 0].tolist() == [last]
+    network = Network()
+    for nodes in ("ab", "bc", "cd"):
+        network.add(*nodes, Lane(straight((0.0, 0.0), (3.0, 4.0)), APPROACH))
+    assert network.routes(["a"])[2].tolist() == [[2]]
 
 
 def test_progress_counts_the_roads_of_the_task():

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.highway.state import ANNOTATE, Buffers, Contact
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options, settings_of
-from socialiq.worlds.intersection.state import VEHICLE, buffers_of
+from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of, settings_of
+from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.world import Decisions
 
 
@@ -56,7 +55,7 @@ def annotated(
     made.episodes["contact"], made.episodes["touched"] = contact, touched
     command, nothing = np.array([ANNOTATE], np.int8), np.zeros(1, np.int64)
     unseeded = nothing.astype(np.uint64), nothing.astype(bool)
-    step.on_threads(1, made, command, *unseeded, nothing, settings_of(options))
+    step.run(made, command, *unseeded, nothing, settings_of(options), 0, 0, 1)
     return made
 
 

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.options import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS
-from socialiq.worlds.highway.pictures.render import weight_of
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import VEHICLE
+from socialiq.worlds.highway.render import weight_of
+from socialiq.worlds.intersection.options import VEHICLE, Options
+from socialiq.worlds.intersection.world import Batch
 
 SCENARIOS = {
     "thesis": Options(population="thesis"),

@@ -6,8 +6,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.highway.episodes import State
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 GO = np.array([2, 2])
 

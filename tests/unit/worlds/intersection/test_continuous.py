@@ -10,10 +10,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from socialiq.errors import UserError
 from socialiq.worlds import CONTINUOUS_IDS
-from socialiq.worlds.intersection.batch import Batch, commands, space_of, width
-from socialiq.worlds.intersection.gym import IntersectionEnv, IntersectionVectorEnv
+from socialiq.worlds.gym import RoadEnv, RoadVectorEnv
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection, commands
 
 STEERED = ContinuousOptions(actions="continuous_steering", spawn_probability=0.0)
 
@@ -31,10 +30,10 @@ def begun(options, size=1, seed=100):
 
 def test_values_mean_commands():
     found = commands(np.array([[-1.0, 1.0], [0.0, 0.0], [0.5, -0.5]]))
-    np.testing.assert_allclose(found.acceleration, [-5.0, 0.0, 2.5])
-    np.testing.assert_allclose(np.rad2deg(found.steering), [45.0, 0.0, -22.5])
-    alone = commands(np.ones((2, 1), np.float32))
-    assert alone.acceleration.dtype == np.float32 and not alone.steering.any()
+    np.testing.assert_allclose(found[0], [-5.0, 0.0, 2.5])
+    np.testing.assert_allclose(np.rad2deg(found[1]), [45.0, 0.0, -22.5])
+    acceleration, steering = commands(np.ones((2, 1), np.float32))
+    assert acceleration.dtype == np.float32 and not steering.any()
 
 
 @pytest.mark.parametrize("value", [1.0, 0.3, -0.4])
@@ -136,8 +135,8 @@ def test_bad_options_are_refused():
 
 
 def test_the_world_names_its_space():
-    assert space_of(Options()).n == Intersection().action_space.n == 3
-    assert width(Options()) == 0
+    assert Intersection().action_space.n == 3
+    assert Options().width == 0
     assert Intersection(ContinuousOptions()).action_space.shape == (1,)
     assert Intersection(STEERED).action_space.shape == (2,)
     with pytest.raises(UserError, match="actions of this intersection are continuous"):
@@ -156,8 +155,8 @@ def test_gymnasium_accepts_it(name):
 def test_the_vector_environment_is_single_ones_side_by_side():
     options = {"actions": "continuous_steering", "destination": "left"}
     mode = AutoresetMode.NEXT_STEP
-    ours = IntersectionVectorEnv(3, autoreset_mode=mode, **options)
-    theirs = SyncVectorEnv([lambda: IntersectionEnv(**options)] * 3, autoreset_mode=mode)
+    ours = RoadVectorEnv(num_envs=3, autoreset_mode=mode, **options)
+    theirs = SyncVectorEnv([lambda: RoadEnv(**options)] * 3, autoreset_mode=mode)
     np.testing.assert_array_equal(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])
     ours.action_space.seed(0)
     for _ in range(40):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import (
+    Batch,
     Range,
     decisions,
     env_range,

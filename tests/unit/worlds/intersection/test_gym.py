@@ -8,8 +8,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import IDS
+from socialiq.worlds.gym import RoadEnv, RoadVectorEnv
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.gym import IntersectionEnv, IntersectionVectorEnv
 
 SIZE, STEPS = 5, 200
 ANGLE = 30.0
@@ -17,9 +17,9 @@ ANGLE = 30.0
 
 def both(mode, **options):
     """The vector environment, and single ones side by side."""
-    singles = [lambda: IntersectionEnv(angle=ANGLE, **options)] * SIZE
+    singles = [lambda: RoadEnv(angle=ANGLE, **options)] * SIZE
     return (
-        IntersectionVectorEnv(SIZE, angle=ANGLE, autoreset_mode=mode, **options),
+        RoadVectorEnv(num_envs=SIZE, angle=ANGLE, autoreset_mode=mode, **options),
         SyncVectorEnv(singles, autoreset_mode=mode),
     )
 
@@ -110,7 +110,7 @@ def test_disabled_resets_are_the_callers(actions_of):
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_info_has_every_quantity_of_a_single_environment(mode):
-    ours, single = IntersectionVectorEnv(2, autoreset_mode=mode), IntersectionEnv()
+    ours, single = RoadVectorEnv(num_envs=2, autoreset_mode=mode), RoadEnv()
     ours.reset(seed=[4, 5]), single.reset(seed=5)
     info, expected = ours.step([2, 2])[4], single.step(2)[4]
     assert set(expected) <= set(info)
@@ -121,7 +121,7 @@ def test_info_has_every_quantity_of_a_single_environment(mode):
 
 
 def test_seeds_are_one_number_or_a_list():
-    env, single = IntersectionVectorEnv(3), IntersectionEnv()
+    env, single = RoadVectorEnv(num_envs=3), RoadEnv()
     seen = env.reset(seed=7)[0]
     np.testing.assert_array_equal(seen, env.reset(seed=[7, 8, 9])[0])
     np.testing.assert_array_equal(seen[2], single.reset(seed=9)[0])
@@ -132,7 +132,7 @@ def test_seeds_are_one_number_or_a_list():
 
 
 def test_it_begins_without_a_seed():
-    env = IntersectionVectorEnv(3)
+    env = RoadVectorEnv(num_envs=3)
     first, info = env.reset()
     assert info == {} and len(np.unique(first, axis=0)) == 3
     assert env.observation_space.contains(first)
@@ -140,7 +140,7 @@ def test_it_begins_without_a_seed():
 
 
 def test_a_reset_forgets_who_had_ended():
-    env = IntersectionVectorEnv(2)
+    env = RoadVectorEnv(num_envs=2)
     env.reset(seed=0)
     while not (ended := np.logical_or(*env.step([2, 2])[2:4])).any():
         pass
@@ -154,7 +154,7 @@ def test_gymnasium_makes_it_vectorised():
         IDS["intersection"], num_envs=3, angle=90.0, threads=2, observed_vehicles=5
     )
     inner = env.unwrapped
-    assert isinstance(inner, IntersectionVectorEnv)
+    assert isinstance(inner, RoadVectorEnv)
     assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     assert env.num_envs == 3 and env.single_action_space.n == 3
     assert env.observation_space.shape == (3, 35)
@@ -167,7 +167,7 @@ def test_gymnasium_makes_it_vectorised():
 
 
 def test_sampled_actions_fit():
-    env = IntersectionVectorEnv(4)
+    env = RoadVectorEnv(num_envs=4)
     env.action_space.seed(0)
     env.reset(seed=0)
     for _ in range(10):
@@ -193,5 +193,5 @@ def test_a_clock_counts_the_decisions_since_the_reset(actions_of, mode):
         time = np.where(ended, 0, time + 1)
         np.testing.assert_array_equal(step[0][:, -1], time)
         ended = step[2] | step[3]
-    plain = IntersectionVectorEnv(SIZE, angle=ANGLE)
+    plain = RoadVectorEnv(num_envs=SIZE, angle=ANGLE)
     np.testing.assert_array_equal(plain.reset(seed=3)[0], seen[:, :-1])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 N = 60
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 EAST, NORTH, WEST = 0.0, -90.0, 180.0
 HAIR = 1e-12  # m; differences that only rounding makes

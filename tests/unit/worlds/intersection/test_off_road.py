@@ -12,13 +12,13 @@ from gymnasium.vector import AutoresetMode
 
 from socialiq.types import Ending
 from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS
+from socialiq.worlds.gym import RoadVectorEnv
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.core.step import off_road as write_off_road
 from socialiq.worlds.highway.world import world_of
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import default_options, make
 
 STAYS = ContinuousOptions(actions="continuous_steering")
@@ -132,7 +132,7 @@ def test_gymnasium_terminates_and_says_so():
 
 def test_the_vector_environment_terminates_and_resets():
     options = dataclasses.asdict(ENDS)
-    envs = IntersectionVectorEnv(8, autoreset_mode=AutoresetMode.SAME_STEP, **options)
+    envs = RoadVectorEnv(num_envs=8, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     envs.reset(seed=0)
     terminated = np.zeros(8, bool)
     for _ in range(4):

@@ -6,9 +6,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import FASTER, IDLE, SLOWER
+from socialiq.worlds.intersection.options import FASTER, IDLE, SLOWER, Options
+from socialiq.worlds.intersection.world import Batch
 
 BEFORE = 15.0  # y of an ego that judges gaps
 

@@ -8,9 +8,9 @@ import pytest
 from socialiq.types import Ending
 from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, Options
+from socialiq.worlds.intersection.world import Batch
 
 BUSY = {"spawn_probability": 1.0, "initial_vehicle_count": 9}
 SIZE, STEPS = 32, 40

@@ -13,8 +13,8 @@ from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.evaluation.episodes import episodes_of, outcome_row
 from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import episode_scenes
-from socialiq.worlds.highway.pictures.sheet import save as film
+from socialiq.worlds.highway.render import episode_scenes
+from socialiq.worlds.highway.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection

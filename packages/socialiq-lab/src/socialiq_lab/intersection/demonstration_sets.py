@@ -14,8 +14,7 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq_lab.intersection.driving import BATCH, BEST, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
 

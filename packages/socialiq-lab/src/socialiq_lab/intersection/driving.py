@@ -20,8 +20,8 @@ from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import Policy, RewardPair, Row
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.jobs import ProgressCallback
 
 BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"
@@ -144,11 +144,13 @@ def drive_highway(
     config: HighwayRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Compare both decision by decision; write one row for each episode."""
-    from socialiq.worlds.intersection.conformance import compare
+    from socialiq.worlds.conformance import compare_intersection
 
     driver = driver_of(config.driver, inputs, config.first_seed)
     rows: list[Row] = []
-    for compared in compare(config.options, config.episodes, config.first_seed, driver):
+    for compared in compare_intersection(
+        config.options, config.episodes, config.first_seed, driver
+    ):
         rows.append(compared._asdict())
         on_progress(len(rows) / config.episodes)
     write_atomically(folder / "compared.csv", as_csv(rows))

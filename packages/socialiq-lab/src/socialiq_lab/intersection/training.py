@@ -45,9 +45,8 @@ from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq_lab.intersection.driving import BEST, CURVE, DIAL, LAST
 from socialiq_lab.jobs import ProgressCallback

@@ -16,7 +16,7 @@ from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.vehicle import clip
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.traffic import DT, ahead_of, closed_line
 
 _FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others

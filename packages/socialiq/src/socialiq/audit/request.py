@@ -34,7 +34,7 @@ from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.learners.callbacks import Report
 from socialiq.policies.interface import Loaded
 from socialiq.policies.process import GIB, Limits
-from socialiq.worlds.context_policy import ContextPolicy
+from socialiq.worlds.situation import ContextPolicy
 from socialiq.worlds.world import World
 
 

@@ -25,8 +25,7 @@ from socialiq.policies.load import load_policy
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import action_size, is_environment, make_environment, sizes
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq.worlds.registry import continuous_options, make_grid
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)

@@ -90,15 +90,13 @@ class Conformance(Printing):
 
     def compare(self, options: Options) -> dict[str, float]:
         """Return totals and largest deviations over the episodes."""
+        from socialiq.worlds import conformance
+
         if self.scene == "intersection":
-            from socialiq.worlds.intersection.conformance import compare
-
             driver = driver_of(self.driver, self.seed, options) if self.driver else None
-            compared = compare(options, self.episodes, self.seed, driver)
+            compared = conformance.compare_intersection(options, self.episodes, self.seed, driver)
         else:
-            from socialiq.worlds.highway import reference
-
-            compared = reference.compare(self.scene, self.episodes, self.seed)
+            compared = conformance.compare_scene(self.scene, self.episodes, self.seed)
         rows = []
         with Display() as display:
             report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)

@@ -16,15 +16,14 @@ from socialiq.policies.load import load_policy
 from socialiq.storage import kind_of
 from socialiq.types import Policy
 from socialiq.worlds import CONTINUOUS
-from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld, world_of
 from socialiq.worlds.intersection import atlas, policies
-from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, make_grid
+from socialiq.worlds.situation import load_driver
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
@@ -74,7 +73,7 @@ def continuous_driver_of(
     elif ":" not in name and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *names, "a policy file"))
     settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
-    return load_policy(name, world.n_features, 0, action_size=width(world.options), **settings)
+    return load_policy(name, world.n_features, 0, action_size=world.action_size, **settings)
 
 
 def driver_on(

@@ -32,12 +32,11 @@ from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of
 from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS, environment, registry
-from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.situation import load_driver
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""

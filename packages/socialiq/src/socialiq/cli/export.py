@@ -23,8 +23,8 @@ from socialiq.policies.load import read_native
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
-from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.intersection import atlas
+from socialiq.worlds.situation import ContextPolicy
 
 Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
 FORMATS = ("onnx", "torch", "card", "bom")

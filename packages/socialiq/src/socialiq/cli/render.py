@@ -15,13 +15,12 @@ from socialiq.evaluation.rollout import rollout_table
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
-from socialiq.worlds.tabular_policy import expert_policy
 
 FILMS = (".gif", ".mp4")
 WORLDS = (*GRIDWORLDS, *INTERSECTIONS, *SCENES)
@@ -73,7 +72,7 @@ class Render:
 
     def road(self, world: Intersection | SceneWorld) -> None:
         """Draw the first state, an episode's decisions, or a film of all its sub-steps."""
-        from socialiq.worlds.highway.pictures import render, sheet
+        from socialiq.worlds.highway import render, sheet
 
         batch = world.batch(1, traced=True)
         if not self.driver:

@@ -14,9 +14,8 @@ from socialiq.evaluation.prediction import Setting, lines_of, predictions, probl
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import angle_of, check_angle, score, weights
 from socialiq.types import Row
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
-from socialiq.worlds.tabular_policy import expert_policy
 
 World = Annotated[str, tyro.conf.Positional]
 

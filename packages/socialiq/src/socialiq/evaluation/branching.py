@@ -17,9 +17,8 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.types import Act, Ending, Policy, RewardPair
 from socialiq.worlds import world
 from socialiq.worlds.highway.episodes import RoadBatch, State
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
+from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
+from socialiq.worlds.intersection.world import Batch
 
 
 def rollouts(

@@ -17,9 +17,9 @@ from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import POSITION_RANGE, SLOWER
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
-from socialiq.worlds.intersection.state import POSITION_RANGE, SLOWER
+from socialiq.worlds.intersection.world import Batch
 
 STOPPED_BELOW = 0.5  # m/s
 KMH = 3.6  # km/h of a m/s

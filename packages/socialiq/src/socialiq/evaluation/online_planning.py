@@ -20,11 +20,9 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import rollouts
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core.imagine import imagined
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import ACTIONS
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.options import ACTIONS, Options
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 
 class RolloutPolicy:

@@ -14,10 +14,8 @@ from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.demonstrators import drawn_rows, mean_target, occupancies
-from socialiq.theory.objective import Problem
-from socialiq.theory.shaping import orthogonal
-from socialiq.worlds.enumerate import Table
-from socialiq.worlds.tabular_policy import expert_policy
+from socialiq.theory.objective import Problem, orthogonal
+from socialiq.worlds.enumerate import Table, expert_policy
 
 DISCOUNT = 0.99  # γ and γ_svo of Table C.1
 MEASURES = ("occupancy", "rows")

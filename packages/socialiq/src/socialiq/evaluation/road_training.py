@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import branched_returns, observed
@@ -33,12 +32,10 @@ from socialiq.learners.policy_iteration import (
 )
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Act, Policy, RewardPair
-from socialiq.worlds.highway.gym import RoadVectorEnv
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.highway.world import SceneWorld
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 CHUNK = 200  # updates between two rounds of acting
 
@@ -125,7 +122,8 @@ def source_of(
 
     There are so many environment steps for each update; observations may end with the time.
     """
-    return from_vector_env(intersections(options, environments, clock), CHUNK * steps_per_update)
+    env = learning_env(Intersection(options), environments, clock)
+    return from_vector_env(env, CHUNK * steps_per_update)
 
 
 def soft_collector(
@@ -159,8 +157,8 @@ def dial_collector(
         steps_per_update: Rows for each update.
     """
     count, steps = len(numbers), CHUNK * steps_per_update
-    batch = world.batch(count * environments, min(count, available_cores()))
-    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, structure.redraw_times > 0)
+    clock, threads = structure.redraw_times > 0, min(count, available_cores())
+    env = learning_env(world, count * environments, clock, threads)
     if count > 1:
         together = acting.dials_together(structure, numbers)
         return VectorCollector(env, -(-steps // environments), numbers, together)

@@ -22,17 +22,11 @@ _ANGLE_TOLERANCE = 1e-7
 
 
 class Optimum(NamedTuple):
-    """Best attainable pair for an angle.
+    """Best attainable pair for an angle."""
 
-    Attributes:
-        vertex: Row of the pair in `AttainableSet.vertices`.
-        point: Expected sums (E Σ r_env, E Σ r_social).
-        value: J*(α) = cos α · point.env + sin α · point.social.
-    """
-
-    vertex: int
-    point: RewardPair
-    value: float
+    vertex: int  # row of the pair in `AttainableSet.vertices`
+    point: RewardPair  # expected sums (E Σ r_env, E Σ r_social)
+    value: float  # J*(α) = cos α · point.env + sin α · point.social
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +62,9 @@ class AttainableSet:
         return self.vertices[[vertex for _, vertex in sorted(efficient)]]
 
     def optimum(self, angle: float) -> Optimum:
-        """Return the best vertex for R(α) of Eq 4.3.
+        """Return the best vertex for R(α) of Eq 4.3, α in degrees.
 
-        Args:
-            angle: α in degrees. Of vertices that tie, the vertex with the larger sum is returned,
-                which at 0 and 90 degrees is Pareto-optimal.
+        Of vertices that tie, it is the one with the larger sum, at 0 and 90 degrees Pareto-optimal.
         """
         values = self.vertices @ direction(angle)
         tied = values >= values.max() - _TIE * self.scale
@@ -92,12 +84,9 @@ class AttainableSet:
         return float(low), float(low + (high - low) % 360.0)
 
     def radius(self, angle: float) -> float:
-        """Return the largest r >= 0 for which r (cos, sin) is attainable, in units of reward.
+        """Return the largest r >= 0 for which r (cos, sin) of an angle in degrees is attainable.
 
         It is 0 if the ray meets the set in the origin only.
-
-        Args:
-            angle: Direction of the ray, in degrees.
 
         Raises:
             UserError: If the ray does not meet the set: no policy has this angle.
@@ -116,15 +105,13 @@ class AttainableSet:
         return float(max(longest, 0.0))
 
     def contains(self, point: RewardPair, tolerance: float = _TOLERANCE) -> bool:
-        """Whether some policy has these expected sums.
+        """Whether some policy has these expected sums (E Σ r_env, E Σ r_social).
 
-        Args:
-            point: (E Σ r_env, E Σ r_social).
-            tolerance: Allowed distance outside, relative to the set's largest coordinate.
+        The tolerance is the distance allowed outside, relative to the set's largest coordinate.
         """
         normals, offsets = self._half_planes()
-        callbacks = normals @ np.array([point.env, point.social], np.float64) - offsets
-        return bool((callbacks <= tolerance * self.scale).all())
+        outside = normals @ np.array([point.env, point.social], np.float64) - offsets
+        return bool((outside <= tolerance * self.scale).all())
 
     def _edges(self) -> Float[np.ndarray, "vertex 2"]:
         return np.roll(self.vertices, -1, axis=0) - self.vertices
@@ -162,20 +149,31 @@ def attainable_set(
     """
     # About fifty optima are computed; in the 7x7 world only 276 of 12,096 states are reachable.
     mdp, states = mdp.reachable_part()
-    best = _Extremes(mdp, horizon, None if allowed is None else allowed[..., states, :])
+    part = None if allowed is None else allowed[..., states, :]
+
+    def best(weights: np.ndarray) -> np.ndarray:
+        """Return the pair of an optimal policy for weights of r_env and r_social."""
+        scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
+        policy = horizon_optimum(mdp, scored, horizon, allowed=part).probabilities(mdp.n_actions)
+        return np.array(horizon_evaluation(mdp, policy, horizon).totals)
+
     corners = [best(np.array(d)) for d in ((1.0, 0), (0, 1.0), (-1.0, 0), (0, -1.0))]
     tolerance = _TOLERANCE * float(np.abs(corners).max())
     points: list[np.ndarray] = []
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
         # A stack in place of recursion: `pending` holds the points ahead, counter-clockwise.
-        done, pending = start, [end]
+        last, pending = start, [end]
         while pending:
-            beyond = _beyond(best, done, pending[-1], tolerance)
-            if beyond is None:
-                points.append(done)
-                done = pending.pop()
-            else:
-                pending.append(beyond)
+            along = pending[-1] - last
+            length = np.linalg.norm(along)
+            if length > tolerance:
+                normal = np.array([along[1], -along[0]]) / length
+                farthest = best(normal)
+                if normal @ (farthest - last) > tolerance:  # beyond the chord, which is no edge
+                    pending.append(farthest)
+                    continue
+            points.append(last)
+            last = pending.pop()
     return AttainableSet(_extreme_points(points, tolerance))
 
 
@@ -185,44 +183,25 @@ def direction(angle: float) -> Float[np.ndarray, " xy"]:
     return np.array([np.cos(radians), np.sin(radians)])
 
 
-class _Extremes(NamedTuple):
-    """Function from weights of r_env and r_social to the pair of an optimal policy."""
-
-    mdp: TabularMDP
-    horizon: int
-    allowed: Bool[np.ndarray, "*time state action"] | None
-
-    def __call__(self, weights: np.ndarray) -> np.ndarray:
-        mdp = self.mdp
-        scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
-        best = horizon_optimum(mdp, scored, self.horizon, allowed=self.allowed)
-        policy = best.probabilities(mdp.n_actions)
-        return np.array(horizon_evaluation(mdp, policy, self.horizon).totals)
-
-
-def _beyond(
-    best: _Extremes, start: np.ndarray, end: np.ndarray, tolerance: float
-) -> np.ndarray | None:
-    """Return the attainable point farthest beyond a counter-clockwise chord; None for an edge."""
-    along = end - start
-    length = np.linalg.norm(along)
-    if length <= tolerance:
-        return None
-    normal = np.array([along[1], -along[0]]) / length
-    farthest = best(normal)
-    return farthest if normal @ (farthest - start) > tolerance else None
-
-
 def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndarray, "vertex 2"]:
-    """Drop repeated points and points inside an edge, which ties between actions produce."""
+    """Drop repeated points and points inside an edge, which ties between actions produce.
+
+    A point beyond the ends of its neighbours' chord is kept: a segment's end lies on their line,
+    and they may even coincide.
+    """
     followed = zip(points, [*points[1:], points[0]], strict=True)
-    corners = [here for here, after in followed if np.linalg.norm(after - here) > tolerance]
+    corners = [point for point, after in followed if np.linalg.norm(after - point) > tolerance]
     corners = corners or points[:1]
     index = 0
     while len(corners) > 2 and index < len(corners):
-        if _on_chord(
-            corners[index - 1], corners[index], corners[(index + 1) % len(corners)], tolerance
-        ):
+        before, after = corners[index - 1], corners[(index + 1) % len(corners)]
+        chord, offset = after - before, corners[index] - before
+        length = np.linalg.norm(chord)
+        is_on_chord = False
+        if length > tolerance:
+            along, normal = chord / length, np.array([chord[1], -chord[0]]) / length
+            is_on_chord = 0.0 <= along @ offset <= length and normal @ offset <= tolerance
+        if is_on_chord:
             corners.pop(index)
             index = max(index - 1, 0)
         else:
@@ -230,18 +209,3 @@ def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndar
     array = np.array(corners)
     best = array[:, 0] >= array[:, 0].max() - tolerance
     return np.roll(array, -int(np.where(best, array[:, 1], -np.inf).argmax()), axis=0)
-
-
-def _on_chord(before: np.ndarray, here: np.ndarray, after: np.ndarray, tolerance: float) -> bool:
-    """Whether a point lies between its neighbours, no farther than the tolerance outside.
-
-    A point beyond the chord's ends is kept: a segment's end lies on the line of its neighbours,
-    which may even coincide.
-    """
-    chord = after - before
-    length = np.linalg.norm(chord)
-    if length <= tolerance:
-        return False
-    along, normal = chord / length, np.array([chord[1], -chord[0]]) / length
-    offset = here - before
-    return bool(0.0 <= along @ offset <= length and normal @ offset <= tolerance)

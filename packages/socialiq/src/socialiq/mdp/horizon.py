@@ -10,23 +10,18 @@ from jaxtyping import Bool, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.mdp.solve import best_action, check_temperature, soft_value
-from socialiq.mdp.tabular import TabularMDP, check_policy, check_reward
+from socialiq.mdp.tabular import StateActionArray, TabularMDP, check_policy, check_reward
 from socialiq.types import Ending, RewardPair
 
 
 @dataclass(frozen=True, eq=False)
 class HorizonPolicy:
-    """Time-dependent optimal policy.
+    """Time-dependent optimal policy."""
 
-    Attributes:
-        actions: Action at each time and state.
-        values: Largest expected sum of rewards from each time and state to the episode's end.
-        value: Largest expected sum from the initial distribution at time 0.
-    """
-
-    actions: Int[np.ndarray, "time state"]
+    actions: Int[np.ndarray, "time state"]  # action at each time and state
+    # largest expected sum of rewards from each time and state to the episode's end
     values: Float[np.ndarray, "time state"]
-    value: float
+    value: float  # largest expected sum from the initial distribution at time 0
 
     def probabilities(self, n_actions: int) -> Float[np.ndarray, "time state action"]:
         """Return the policy as one-hot action probabilities, for `horizon_evaluation`."""
@@ -35,25 +30,20 @@ class HorizonPolicy:
 
 @dataclass(frozen=True, eq=False)
 class HorizonEvaluation:
-    """Expected results of a policy in one episode.
+    """Expected results of a policy in one episode."""
 
-    Attributes:
-        totals: Expected undiscounted sums of r_env and r_social (thesis 5.4).
-        length: Expected number of steps.
-        endings: Probability of each `Ending`; TIMEOUT is that of reaching the horizon.
-        visits: Expected number of times that an action is taken in a state, summed over time.
-            The sum of its products with a signal of (state, action) is the signal's expected sum.
-    """
-
-    totals: RewardPair
-    length: float
+    totals: RewardPair  # expected undiscounted sums of r_env and r_social (thesis 5.4)
+    length: float  # expected number of steps
+    # probability of each `Ending`; TIMEOUT is that of reaching the horizon
     endings: Float[np.ndarray, " kinds"]
-    visits: Float[np.ndarray, "state action"]
+    # expected number of times that an action is taken in a state, summed over time. The sum of its
+    # products with a signal of (state, action) is the signal's expected sum
+    visits: StateActionArray
 
 
 def horizon_optimum(
     mdp: TabularMDP,
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     horizon: int,
     tie_tolerance: float = 1e-12,
     prefer: Literal["first", "last"] = "first",
@@ -75,7 +65,11 @@ def horizon_optimum(
     """
     check_reward(mdp, reward)
     _check_horizon(horizon)
-    barred = _barred(mdp, horizon, allowed)
+    shape = (horizon, mdp.n_states, mdp.n_actions)
+    if allowed is not None and allowed.shape not in (shape, shape[1:]):
+        raise UserError(f"allowed has shape {allowed.shape}: give {shape[1:]}, or {shape} by time")
+    barred = allowed is not None and ~allowed & allowed.any(axis=-1, keepdims=True)
+    barred = np.broadcast_to(barred, shape)
     actions = np.zeros((horizon, mdp.n_states), np.int64)
     values = np.zeros((horizon, mdp.n_states))
     after = np.zeros(mdp.n_states)
@@ -89,27 +83,17 @@ def horizon_optimum(
 
 @dataclass(frozen=True, eq=False)
 class SoftHorizonPolicy:
-    """Time-dependent optimal policy with an entropy bonus.
+    """Time-dependent optimal policy with an entropy bonus."""
 
-    Attributes:
-        probabilities: Probability of each action at each time and state.
-        value: Expected sum of rewards and entropy bonus from the initial distribution.
-    """
-
+    # probability of each action at each time and state
     probabilities: Float[np.ndarray, "time state action"]
-    value: float
+    value: float  # expected sum of rewards and entropy bonus from the initial distribution
 
 
 def soft_horizon_optimum(
-    mdp: TabularMDP, reward: Float[np.ndarray, "state action"], horizon: int, temperature: float
+    mdp: TabularMDP, reward: StateActionArray, horizon: int, temperature: float
 ) -> SoftHorizonPolicy:
     """Maximise the expected undiscounted sum of a reward and τ times the policy's entropy (Eq 2.5).
-
-    Args:
-        mdp: The dynamics.
-        reward: Reward of each state and action.
-        horizon: Largest number of steps of an episode.
-        temperature: τ > 0.
 
     Raises:
         UserError: If the reward, the horizon or the temperature is invalid.
@@ -157,18 +141,6 @@ def horizon_evaluation(
     endings[Ending.NONE], endings[Ending.TIMEOUT] = 0.0, running.sum()
     totals = RewardPair(*(float((visits * reward).sum()) for reward in mdp.rewards))
     return HorizonEvaluation(totals, float(visits.sum()), endings, visits)
-
-
-def _barred(
-    mdp: TabularMDP, horizon: int, allowed: Bool[np.ndarray, "*time state action"] | None
-) -> Bool[np.ndarray, "time state action"]:
-    """Return whether each action is barred, by time, state and action."""
-    shape = (horizon, mdp.n_states, mdp.n_actions)
-    if allowed is None:
-        return np.broadcast_to(False, shape)
-    if allowed.shape not in (shape, shape[1:]):
-        raise UserError(f"allowed has shape {allowed.shape}: give {shape[1:]}, or {shape} by time")
-    return np.broadcast_to(~allowed & allowed.any(axis=-1, keepdims=True), shape)
 
 
 def _check_horizon(horizon: int) -> None:

@@ -12,34 +12,34 @@ from scipy.sparse.linalg import splu
 from scipy.special import entr, softmax
 
 from socialiq.errors import UserError
-from socialiq.mdp.tabular import TabularMDP, check_discount, check_reward, closure
+from socialiq.mdp.tabular import (
+    StateActionArray,
+    StateArray,
+    TabularMDP,
+    check_discount,
+    check_reward,
+    closure,
+)
 from socialiq.types import Ending
 
 # Least number of further sweeps for small values once the large values have converged.
 _PATIENCE = 100
 
-Backup = Callable[[Float[np.ndarray, "action state"]], Float[np.ndarray, " state"]]
+Backup = Callable[[Float[np.ndarray, "action state"]], StateArray]
 
 
 class Solution(NamedTuple):
-    """Action values, state values, and their accuracy.
+    """Action values, state values, and their accuracy."""
 
-    Attributes:
-        q: Q(s, a).
-        v: V(s).
-        sweeps: Number of Bellman sweeps; 0 if a linear system was solved instead.
-        residual: Largest change of V in the last sweep, or largest error of the linear system.
-    """
-
-    q: Float[np.ndarray, "state action"]
-    v: Float[np.ndarray, " state"]
-    sweeps: int
-    residual: float
+    q: StateActionArray  # Q(s, a)
+    v: StateArray  # V(s)
+    sweeps: int  # number of Bellman sweeps; 0 if a linear system was solved instead
+    residual: float  # largest change of V in the last sweep, or largest error of the linear system
 
 
 def value_iteration(
     mdp: TabularMDP,
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     discount: float,
     tolerance: float = 1e-12,
     max_sweeps: int = 100_000,
@@ -64,7 +64,7 @@ def value_iteration(
 
 def soft_value_iteration(
     mdp: TabularMDP,
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     discount: float,
     temperature: float,
     tolerance: float = 1e-12,
@@ -72,20 +72,15 @@ def soft_value_iteration(
 ) -> Solution:
     """Solve the soft Bellman equation, V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5).
 
-    Args:
-        mdp: The dynamics.
-        reward: Reward to maximise, together with τ times the policy's entropy.
-        discount: γ in [0, 1].
-        temperature: τ > 0.
-        tolerance: As in `value_iteration`.
-        max_sweeps: Largest number of sweeps.
+    It maximises the reward together with τ > 0 times the policy's entropy; the other arguments are
+    those of `value_iteration`.
 
     Raises:
         UserError: If an argument is invalid, or the sweeps do not converge.
     """
     check_temperature(temperature)
 
-    def backup(q: Float[np.ndarray, "action state"]) -> Float[np.ndarray, " state"]:
+    def backup(q: Float[np.ndarray, "action state"]) -> StateArray:
         return soft_value(q.T, temperature)
 
     return _sweep(mdp, reward, discount, backup, tolerance, max_sweeps)
@@ -93,8 +88,8 @@ def soft_value_iteration(
 
 def evaluate_policy(
     mdp: TabularMDP,
-    policy: Float[np.ndarray, "state action"],
-    reward: Float[np.ndarray, "state action"],
+    policy: StateActionArray,
+    reward: StateActionArray,
     discount: float,
     temperature: float = 0.0,
 ) -> Solution:
@@ -128,9 +123,7 @@ def evaluate_policy(
     return Solution(q, v, 0, float(np.abs(system @ v - earned).max()))
 
 
-def soft_value(
-    q: Float[np.ndarray, "state action"], temperature: float
-) -> Float[np.ndarray, " state"]:
+def soft_value(q: StateActionArray, temperature: float) -> StateArray:
     """Return V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5), without overflow.
 
     SciPy's logsumexp would take most of a sweep's time on small tables.
@@ -141,10 +134,8 @@ def soft_value(
 
 
 def greedy_policy(
-    q: Float[np.ndarray, "state action"],
-    tie_tolerance: float = 1e-12,
-    prefer: Literal["first", "last"] = "first",
-) -> Float[np.ndarray, "state action"]:
+    q: StateActionArray, tie_tolerance: float = 1e-12, prefer: Literal["first", "last"] = "first"
+) -> StateActionArray:
     """Return the one-hot policy of the first, or last, action of largest Q up to rounding.
 
     The tolerance is relative to the largest `|Q|` of the state alone, with no absolute part: at
@@ -154,9 +145,7 @@ def greedy_policy(
 
 
 def best_action(
-    q: Float[np.ndarray, "state action"],
-    tie_tolerance: float = 1e-12,
-    prefer: Literal["first", "last"] = "first",
+    q: StateActionArray, tie_tolerance: float = 1e-12, prefer: Literal["first", "last"] = "first"
 ) -> Int[np.ndarray, " state"]:
     """Return the index of the action that `greedy_policy` takes."""
     highest = q.max(axis=1, keepdims=True)
@@ -166,9 +155,7 @@ def best_action(
     return q.shape[1] - 1 - tied[:, ::-1].argmax(axis=1)
 
 
-def soft_policy(
-    q: Float[np.ndarray, "state action"], temperature: float
-) -> Float[np.ndarray, "state action"]:
+def soft_policy(q: StateActionArray, temperature: float) -> StateActionArray:
     """Return π(a|s) = exp((Q(s, a) - V(s)) / τ), the optimal policy of Eq 2.5.
 
     Raises:
@@ -179,18 +166,15 @@ def soft_policy(
 
 
 def bellman_reward(
-    mdp: TabularMDP,
-    q: Float[np.ndarray, "state action"],
-    v: Float[np.ndarray, " state"],
-    discount: float,
-) -> Float[np.ndarray, "state action"]:
+    mdp: TabularMDP, q: StateActionArray, v: StateArray, discount: float
+) -> StateActionArray:
     """Return r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6)."""
     return q - discount * mdp.expected_next(v)
 
 
 def _sweep(
     mdp: TabularMDP,
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     discount: float,
     backup: Backup,
     tolerance: float,
@@ -220,28 +204,19 @@ def _sweep(
 
 
 def check_temperature(temperature: float) -> None:
-    """Raise an error for an invalid temperature.
-
-    Raises:
-        UserError: If it is not positive and finite.
-    """
+    """Refuse a temperature that is not positive and finite."""
     if not (np.isfinite(temperature) and temperature > 0.0):
         raise UserError(f"temperature {temperature:g} is not a positive number")
 
 
 def discounted_occupancy(
-    mdp: TabularMDP, policy: Float[np.ndarray, "state action"], discount: float
-) -> Float[np.ndarray, "state action"]:
+    mdp: TabularMDP, policy: StateActionArray, discount: float
+) -> StateActionArray:
     """Return ρ(s, a) = (1 - γ) Σ_t γ^t P(s_t = s, a_t = a) (thesis 2.2.2; Garg et al. 2021).
 
     The sum over states and actions is (1 - γ) times the expected discounted length of an episode:
     1 if episodes never end, less otherwise. For this measure
     E_ρ[V(s) - γ V(s')] = (1 - γ) E_p0[V(s_0)], with V(s') = 0 where the episode ends.
-
-    Args:
-        mdp: The dynamics.
-        policy: Action probabilities.
-        discount: γ in [0, 1).
 
     Raises:
         UserError: If the policy is not a distribution, or the discount is outside [0, 1).

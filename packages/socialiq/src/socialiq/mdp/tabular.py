@@ -12,6 +12,9 @@ from scipy.sparse import csr_array
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 
+StateActionArray = Float[np.ndarray, "state action"]
+StateArray = Float[np.ndarray, " state"]
+
 # Probabilities are often decimals such as .3 + .7, or products of them.
 _SUM_TOLERANCE = 1e-9
 
@@ -40,10 +43,23 @@ class TabularMDP:
     probability: Float[np.ndarray, "state action outcome"]
     ending: Int[np.ndarray, "state action outcome"]
     rewards: RewardPair
-    initial: Float[np.ndarray, " state"]
+    initial: StateArray
 
     def __post_init__(self) -> None:
-        _check_shapes(self)
+        shape = np.shape(self.successor)
+        if len(shape) != 3 or 0 in shape:
+            raise UserError(
+                f"successor has shape {shape}: give (state, action, outcome), none empty"
+            )
+        if not np.issubdtype(self.successor.dtype, np.integer):
+            raise UserError(f"successor holds {self.successor.dtype}: give indices of states")
+        for name, array in (("probability", self.probability), ("ending", self.ending)):
+            if np.shape(array) != shape:
+                raise UserError(f"{name} has shape {np.shape(array)}: give it successor's, {shape}")
+        if np.shape(self.initial) != shape[:1]:
+            raise UserError(
+                f"initial has shape {np.shape(self.initial)}: give one chance per {shape[:1]}"
+            )
         _check_distribution("outcome probabilities", self.probability)
         _check_distribution("initial distribution", self.initial)
         for name, reward in zip(("r_env", "r_social"), self.rewards, strict=True):
@@ -83,20 +99,18 @@ class TabularMDP:
         chances = [np.where(self.ending == kind, self.probability, 0.0).sum(2) for kind in Ending]
         return np.stack(chances, axis=2)
 
-    def expected_next(
-        self, values: Float[np.ndarray, " state"]
-    ) -> Float[np.ndarray, "state action"]:
+    def expected_next(self, values: StateArray) -> StateActionArray:
         """Return E[V(s') | s, a] with V(s') = 0 where the episode ends (Eq 2.5-2.7)."""
         return (self.flow @ values).reshape(self.n_states, self.n_actions)
 
-    def arrivals(self, mass: Float[np.ndarray, "state action"]) -> Float[np.ndarray, " state"]:
+    def arrivals(self, mass: StateActionArray) -> StateArray:
         """Return the mass that reaches each state and continues, one step after `mass`.
 
         The adjoint of `expected_next`: <mass, expected_next(v)> = <arrivals(mass), v>.
         """
         return self.flow.T @ mass.ravel()
 
-    def under(self, policy: Float[np.ndarray, "state action"]) -> csr_array:
+    def under(self, policy: StateActionArray) -> csr_array:
         """Return P(s' and the episode continues | s) of a stationary policy: sparse (state, state).
 
         Raises:
@@ -137,10 +151,7 @@ class TabularMDP:
 def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndarray, " state"]:
     """Return every state connected to `start` by a chain of edges, including `start`.
 
-    Args:
-        edges: Sparse (state, state) with non-negative entries; a positive one at (i, j) adds i
-            once j is in.
-        start: Initial states.
+    The edges are sparse (state, state), not negative; a positive one at (i, j) adds i once j is in.
     """
     reached = frontier = start
     while frontier.any():
@@ -150,11 +161,7 @@ def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndar
 
 
 def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> None:
-    """Raise an error for a reward that is not a finite float64 per state and action.
-
-    Raises:
-        UserError: If its shape, its type or a number in it is invalid.
-    """
+    """Refuse a reward that is not a finite float64 per state and action."""
     shape = (mdp.n_states, mdp.n_actions)
     if np.shape(reward) != shape:
         raise UserError(f"{name} has shape {np.shape(reward)}: give one number per {shape}")
@@ -163,15 +170,7 @@ def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> N
 
 
 def check_policy(mdp: TabularMDP, policy: np.ndarray) -> None:
-    """Raise an error for a policy that is not a distribution over actions at every state.
-
-    Args:
-        mdp: MDP of the policy.
-        policy: Action probabilities, (state, action) or (time, state, action).
-
-    Raises:
-        UserError: If its shape or its probabilities are invalid.
-    """
+    """Refuse a policy, (state, action) or (time, state, action), that is no distribution."""
     shape = (mdp.n_states, mdp.n_actions)
     if np.shape(policy)[-2:] != shape:
         raise UserError(f"policy has shape {np.shape(policy)}: its last two must be {shape}")
@@ -179,31 +178,9 @@ def check_policy(mdp: TabularMDP, policy: np.ndarray) -> None:
 
 
 def check_discount(discount: float) -> None:
-    """Raise an error for a discount outside [0, 1].
-
-    Raises:
-        UserError: If it is outside, or NaN.
-    """
+    """Refuse a discount outside [0, 1]."""
     if not 0.0 <= discount <= 1.0:
         raise UserError(f"discount {discount:g} is outside [0, 1]")
-
-
-def _check_shapes(mdp: TabularMDP) -> None:
-    """Raise an error for arrays whose shapes disagree or that are empty."""
-    shape = np.shape(mdp.successor)
-    if len(shape) != 3 or 0 in shape:
-        raise UserError(f"successor has shape {shape}: give (state, action, outcome), none empty")
-    if not np.issubdtype(mdp.successor.dtype, np.integer):
-        raise UserError(f"successor holds {mdp.successor.dtype}: give indices of states")
-    for name in ("probability", "ending"):
-        if np.shape(getattr(mdp, name)) != shape:
-            raise UserError(
-                f"{name} has shape {np.shape(getattr(mdp, name))}: give it successor's, {shape}"
-            )
-    if np.shape(mdp.initial) != shape[:1]:
-        raise UserError(
-            f"initial has shape {np.shape(mdp.initial)}: give one chance per {shape[:1]}"
-        )
 
 
 def _check_distribution(what: str, chances: np.ndarray) -> None:

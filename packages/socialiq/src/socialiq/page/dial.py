@@ -17,8 +17,8 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.view import OneHot, View
 from socialiq.reading import read_bytes
 from socialiq.storage import open_csv, packaged_results
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
 
 STUDY = "intersection-dial-clock"
 """Folder of the results with the page's dial: the dials that observe the time."""

@@ -23,7 +23,7 @@ from socialiq.nn.ensemble import EnsemblePolicy, members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import OneHot
 from socialiq.policies.interface import Interface
-from socialiq.worlds.context_policy import ContextPolicy
+from socialiq.worlds.situation import ContextPolicy
 
 Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
 """Policies that are exported."""

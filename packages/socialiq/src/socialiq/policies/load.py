@@ -32,7 +32,7 @@ from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
 from socialiq.policies.sb3_load import read_sb3
 from socialiq.storage import kind_of, load_arrays
-from socialiq.worlds.context_policy import ContextPolicy
+from socialiq.worlds.situation import ContextPolicy
 
 KINDS = (
     "FILE.safetensors",

@@ -63,14 +63,9 @@ def angle_difference(a: float, b: float) -> float:
 
 
 def score(weights: RewardPair, rewards: RewardPair) -> Any:
-    """Return R(α) = cos α · r_env + sin α · r_social (Eq 4.3).
+    """Return R(α) = cos α · r_env + sin α · r_social (Eq 4.3), of rewards or returns of any shape.
 
-    Args:
-        weights: (cos α, sin α), of `social.angle.weights`; scalars or traced arrays.
-        rewards: The reward pair, or the pair of cumulative returns; any common shape.
-
-    Returns:
-        The score, of the rewards' shape.
+    The weights are scalars or traced arrays.
     """
     return weights.env * rewards.env + weights.social * rewards.social
 
@@ -138,14 +133,9 @@ def direction_interval(
 ) -> DirectionInterval | None:
     """Return the directions in which Hotelling's T² region of the mean is seen from the origin.
 
-    The region is of the whole vector, so the directions are covered at least as often as it is.
-
-    Args:
-        pairs: r_env and r_social, at least three independent rows.
-        confidence: Confidence level of the region.
-
-    Returns:
-        None if the origin is inside: then no direction is excluded.
+    The region is of the whole vector, so the directions are covered at least as often as it is. The
+    pairs are at least three independent rows. The result is None if the origin is inside: then no
+    direction is excluded.
     """
     region = hotelling_region(pairs, confidence)
     if region.holds_origin:
@@ -174,8 +164,7 @@ class Arc:
 def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
     """Return the complement on the circle of open arcs, each a centre and a half-width in degrees.
 
-    Returns:
-        Closed arcs in the order of their low ends; the whole circle is an arc from 0 to 360.
+    It is closed arcs in the order of their low ends; the whole circle is an arc from 0 to 360.
     """
     spans = sorted(
         ((centre - half) % 360.0, 2.0 * half)
@@ -195,12 +184,7 @@ def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, 
 
 
 def arcs_of_grid(inside: Bool[np.ndarray, " angle"], step: float) -> tuple[Arc, ...]:
-    """Return the arcs of neighbouring grid angles that are inside a set.
-
-    Args:
-        inside: Whether each of the angles 0, step, 2 step, ... below 360 is inside.
-        step: Step of the grid, degrees.
-    """
+    """Return the arcs of neighbouring angles inside a set: of 0, step, 2 step, ... degrees."""
     if inside.all():
         return (Arc(0.0, 360.0),)
     turned = np.roll(inside, -1)

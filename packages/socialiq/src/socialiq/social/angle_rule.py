@@ -25,37 +25,21 @@ from socialiq.reading import read_bytes
 
 FORMAT = 1
 
-MOST_CASES = 8
-"""Cases of a rule, the default not counted."""
-
-MOST_CONDITIONS = 8
-"""Conditions of a case."""
-
-MOST_POINTS = 16
-"""Points of an interpolated angle."""
-
-LARGEST = 1e6
-"""Largest number of a condition, either sign."""
-
+MOST_CASES = 8  # of a rule, the default not counted
+MOST_CONDITIONS = 8  # of a case
+MOST_POINTS = 16  # of an interpolated angle
+LARGEST = 1e6  # number of a condition, either sign
 _LARGEST_FILE = 16 * 1024  # bytes; a rule is a short text
-
 _NAME = re.compile("[a-z][a-z0-9_]{0,39}")
-
 _TOP = ("format", "world", "default", "when")
 
 
 class Interpolated(NamedTuple):
-    """Angle that is linear between given values of a feature, and constant beyond them.
+    """Angle that is linear between given values of a feature, and constant beyond them."""
 
-    Attributes:
-        by: Name of the feature.
-        at: Values of the feature, rising.
-        degrees: Angle at each of them, in degrees.
-    """
-
-    by: str
-    at: tuple[float, ...]
-    degrees: tuple[float, ...]
+    by: str  # name of the feature
+    at: tuple[float, ...]  # values of the feature, rising
+    degrees: tuple[float, ...]  # angle at each of them, in degrees
 
 
 Angle = float | Interpolated
@@ -101,8 +85,16 @@ class AngleRule:
     @property
     def contexts(self) -> tuple[str, ...]:
         """Each context in words: the cases, then the default."""
-        last = "otherwise" if self.cases else "always"
-        return (*(" and ".join(map(_words, case.conditions)) for case in self.cases), last)
+        contexts = []
+        for case in self.cases:
+            limits = []
+            for feature, low, high in case.conditions:
+                least = f"{low:g} <= " if math.isfinite(low) else ""
+                most = f" <= {high:g}" if math.isfinite(high) else ""
+                is_value = low == high
+                limits.append(f"{feature} = {low:g}" if is_value else f"{least}{feature}{most}")
+            contexts.append(" and ".join(limits))
+        return (*contexts, "otherwise" if self.cases else "always")
 
     @property
     def words(self) -> str:
@@ -130,12 +122,7 @@ class AngleRule:
         return min(every), max(every)
 
     def context(self, features: Features, rows: int) -> Int64[np.ndarray, " row"]:
-        """Return the number of the context in each situation, that of the default last.
-
-        Args:
-            features: Values of the named features.
-            rows: Number of situations.
-        """
+        """Return the number of the context in each of so many situations, the default's last."""
         contexts = np.full(rows, len(self.cases))
         for number, case in reversed(list(enumerate(self.cases))):
             holds = np.ones(rows, bool)
@@ -146,12 +133,7 @@ class AngleRule:
         return contexts
 
     def degrees(self, features: Features, rows: int) -> Float64[np.ndarray, " row"]:
-        """Return the angle in each situation, in degrees.
-
-        Args:
-            features: Values of the named features.
-            rows: Number of situations.
-        """
+        """Return the angle in each of so many situations, in degrees."""
         context, degrees = self.context(features, rows), np.empty(rows)
         for number, angle in enumerate(self.angles):
             where = context == number
@@ -163,11 +145,13 @@ class AngleRule:
 
     def as_json(self) -> dict[str, Any]:
         """Return the rule as TOML holds it: `of` reads it back."""
-        when = [
-            {"angle": _angle_as_json(case.angle)}
-            | {condition.feature: _limits_as_json(condition) for condition in case.conditions}
-            for case in self.cases
-        ]
+        when = []
+        for case in self.cases:
+            when.append({"angle": _angle_as_json(case.angle)})
+            for feature, low, high in case.conditions:
+                limits = {"at_least": low, "at_most": high}
+                finite = {name: limit for name, limit in limits.items() if math.isfinite(limit)}
+                when[-1][feature] = finite
         content = {"format": FORMAT, "world": self.world, "default": _angle_as_json(self.default)}
         return content | ({"when": when} if when else {})
 
@@ -239,23 +223,20 @@ def _case(content: Any, number: int) -> Case:
         raise UserError(
             f"{what} needs 1 to {MOST_CONDITIONS} conditions, as waiting = {{at_least = 1}}"
         )
-    conditions = tuple(_condition(name, limit, what) for name, limit in limits.items())
-    return Case(_angle(content["angle"], f"angle of {what}"), conditions)
-
-
-def _condition(name: Any, given: Any, what: str) -> Condition:
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise UserError(f"{_shown(name)} in {what} is not the name of a feature")
-    bounds = ("at_least", "at_most")
-    if not isinstance(given, Mapping) or not given or not set(given) <= set(bounds):
-        raise UserError(f"{name} in {what} must be a table with at_least, at_most or both")
-    limits = [
-        _number(given[side], f"{side} of {name} in {what}") if side in given else sign * math.inf
-        for side, sign in zip(bounds, (-1, 1), strict=True)
-    ]
-    if limits[0] > limits[1]:
-        raise UserError(f"{name} in {what} never holds: at_least is above at_most")
-    return Condition(name, *limits)
+    conditions = []
+    for name, given in limits.items():
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            raise UserError(f"{_shown(name)} in {what} is not the name of a feature")
+        bounds = ("at_least", "at_most")
+        if not isinstance(given, Mapping) or not given or not set(given) <= set(bounds):
+            raise UserError(f"{name} in {what} must be a table with at_least, at_most or both")
+        ends = {"at_least": -math.inf, "at_most": math.inf}
+        for side, limit in given.items():
+            ends[side] = _number(limit, f"{side} of {name} in {what}")
+        if ends["at_least"] > ends["at_most"]:
+            raise UserError(f"{name} in {what} never holds: at_least is above at_most")
+        conditions.append(Condition(name, **ends))
+    return Case(_angle(content["angle"], f"angle of {what}"), tuple(conditions))
 
 
 def _angle(given: Any, what: str) -> Angle:
@@ -303,15 +284,6 @@ def _shown(given: Any) -> str:
     return one_line(str(given), 60)
 
 
-def _words(one: Condition) -> str:
-    if one.at_least == one.at_most:
-        return f"{one.feature} = {one.at_least:g}"
-    words = [f"{one.at_least:g} <="] if math.isfinite(one.at_least) else []
-    words += [one.feature]
-    words += [f"<= {one.at_most:g}"] if math.isfinite(one.at_most) else []
-    return " ".join(words)
-
-
 def angle_words(angle: Angle) -> str:
     """Return an angle in words, in degrees."""
     if not isinstance(angle, Interpolated):
@@ -324,11 +296,6 @@ def _angle_as_json(angle: Angle) -> Any:
     if isinstance(angle, Interpolated):
         return {"by": angle.by, "at": list(angle.at), "degrees": list(angle.degrees)}
     return angle
-
-
-def _limits_as_json(one: Condition) -> dict[str, float]:
-    limits = {"at_least": one.at_least, "at_most": one.at_most}
-    return {name: value for name, value in limits.items() if math.isfinite(value)}
 
 
 def _toml(value: Any) -> str:

@@ -18,19 +18,12 @@ from socialiq.statistics.bootstrap import resample_rows
 
 
 class Setting(NamedTuple):
-    """Mixture of two policies.
+    """Mixture of two policies."""
 
-    Attributes:
-        first: Index of one policy.
-        second: Index of the other policy; equal to `first` if a single policy has the angle.
-        share: Share of episodes that the second drives.
-        radius: Length of the mixture's expected sums, along the wanted angle.
-    """
-
-    first: int
-    second: int
-    share: float
-    radius: float
+    first: int  # index of one policy
+    second: int  # index of the other policy; equal to `first` if a single policy has the angle
+    share: float  # share of episodes that the second drives
+    radius: float  # length of the mixture's expected sums, along the wanted angle
 
 
 def mixture(points: Float[np.ndarray, "policy 2"], one: Setting) -> Float[np.ndarray, " xy"]:
@@ -47,13 +40,10 @@ class Interval(NamedTuple):
 
 
 def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
-    """Return the mixture of two policies at an angle with the largest radius.
+    """Return the mixture of two policies at an angle, in degrees, with the largest radius.
 
-    Mixtures of more policies are no larger: the ray leaves the convex hull through an edge.
-
-    Args:
-        points: Expected sums of (r_env, r_social) of each policy.
-        angle: Wanted α̂ in degrees.
+    The points are expected sums of (r_env, r_social) of each policy. Mixtures of more policies are
+    no larger: the ray leaves the convex hull through an edge.
 
     Raises:
         UserError: If no mixture of these policies has this angle.
@@ -68,9 +58,11 @@ def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
     radius = np.where(on_ray, (1.0 - share) * along[:, None] + share * along[None, :], -np.inf)
     first, second = np.unravel_index(radius.argmax(), radius.shape)
     if radius[first, second] < 0.0:
+        angles = sorted(angle_of(*point) for point in points)
         raise UserError(
             f"no mixture of these policies lies at {angle:g} degrees: theirs are at "
-            f"{_spread(points)}; choose an angle between them, or train more angles"
+            f"{angles[0]:.0f} to {angles[-1]:.0f} degrees; choose an angle between them, or train "
+            "more angles"
         )
     return Setting(int(first), int(second), float(share[first, second]), float(radius.max()))
 
@@ -109,8 +101,3 @@ def mixed_angle(
     off = [angle_difference(angle_of(*point), angle) for point in points]
     low, high = angle + np.quantile(off, [(1 - confidence) / 2, (1 + confidence) / 2])
     return Interval(angle, float(low), float(high))
-
-
-def _spread(points: np.ndarray) -> str:
-    angles = sorted(angle_of(*point) for point in points)
-    return f"{angles[0]:.0f} to {angles[-1]:.0f} degrees"

@@ -81,13 +81,7 @@ def advantage(
 ) -> Column:
     """Return A_t = r_t + γ V(s_{t+1}) - V(s_t), with V = 0 after an episode's last row.
 
-    As for returns-to-go, V is 0 after every kind of ending.
-
-    Args:
-        rewards: r_env or r_social of each transition, in units of reward.
-        value: V(s) of each transition's state, in the same units.
-        episode: Episode number of each transition; an episode's rows are adjacent and in order.
-        discount: γ.
+    As for returns-to-go, V is 0 after every kind of ending. Rows are as for `cumulative`.
     """
     last = np.diff(episode, append=episode[-1:] + 1) != 0
     following = np.where(last, 0.0, np.roll(value, -1))

@@ -18,17 +18,18 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
+Series = Float[np.ndarray, "series episode"]
+Levels = Float[np.ndarray, " level"]
+
 LARGEST_STAKE = 0.9
 """Largest share of the wealth at stake. With 1, a single value on the limit would ruin it."""
 
 _FIRST_DEVIATION = 0.1  # of the limit: stands for the deviation before there are values
-
 _STEP = 0.1  # of `levels`: neighbours far from the margin differ by a tenth of their distance
-
 _FINEST = 0.05  # of the margin; levels close to it are a tenth of this apart
 
 
-def levels(margin: float, limit: float, between: bool = False) -> Float[np.ndarray, " level"]:
+def levels(margin: float, limit: float, between: bool = False) -> Levels:
     """Return candidates of a mean, dense around a margin, chosen before there are values.
 
     A bound is one of them. Its guarantee needs no finer grid: a mean that lies between two levels
@@ -48,10 +49,7 @@ def levels(margin: float, limit: float, between: bool = False) -> Float[np.ndarr
 
 
 def significantly_below(
-    values: Float[np.ndarray, "series episode"],
-    means: Float[np.ndarray, " level"],
-    limit: float,
-    error: float,
+    values: Series, means: Levels, limit: float, error: float
 ) -> Bool[np.ndarray, "series level"]:
     """Test for each series and level whether the mean is below the level.
 
@@ -82,22 +80,15 @@ def significantly_below(
 
 
 def upper_bounds(
-    values: Float[np.ndarray, "series episode"],
-    means: Float[np.ndarray, " level"],
-    limit: float,
-    error: float,
+    values: Series, means: Levels, limit: float, error: float
 ) -> Float[np.ndarray, " series"]:
     """Return a one-sided upper bound of each mean, for any distribution up to the limit.
 
     It is the lowest level from which on all levels are rejected. If it is below the true mean, the
     highest level up to that mean was rejected wrongly: the bound has that one test's error.
 
-    Args:
-        values: As for `significantly_below`. A series with a value above the limit has no bound
-            but infinity.
-        means: Rising levels, each below the limit, chosen without the values.
-        limit: Largest value possible, positive.
-        error: One-sided error of each bound.
+    The arguments are those of `significantly_below`, the levels rising and chosen without the
+    values. A series with a value above the limit has no bound but infinity.
     """
     allowed = (values <= limit).all(axis=1)
     bounds = np.full(len(values), np.inf)
@@ -107,12 +98,7 @@ def upper_bounds(
     return bounds
 
 
-def lower_bound_of_largest(
-    values: Float[np.ndarray, "series episode"],
-    means: Float[np.ndarray, " level"],
-    limit: float,
-    error: float,
-) -> float:
+def lower_bound_of_largest(values: Series, means: Levels, limit: float, error: float) -> float:
     """Return a one-sided lower bound of the largest mean, for any distribution.
 
     Each stake is on the series that was largest so far. If every mean is at most m, none of these
@@ -129,7 +115,7 @@ def lower_bound_of_largest(
     return -float(upper_bounds(-followed, -means[::-1], limit, error)[0])
 
 
-def leading(values: Float[np.ndarray, "series episode"]) -> Int64[np.ndarray, " episode"]:
+def leading(values: Series) -> Int64[np.ndarray, " episode"]:
     """Return before each episode the series with the largest mean so far, at first the first."""
     totals = np.cumsum(values, axis=1)[:, :-1]
     return np.append(0, totals.argmax(axis=0)).astype(np.int64)
@@ -141,17 +127,8 @@ def episodes_needed(
     """Return the number of values with which a mean is found to be below a level.
 
     The logarithm of the wealth is a sum of independent terms, taken as normal, with one constant
-    stake: the best of those allowed for the values at hand.
-
-    Args:
-        values: Values at hand.
-        mean: Level, below the limit.
-        limit: Largest value possible, positive.
-        error: One-sided error of the test.
-        power: Chance of a decision, if the values at hand are typical.
-
-    Returns:
-        The number; None if no stake gains on these values, or one of them is above the limit.
+    stake: the best of those allowed for the values at hand. `power` is the chance of a decision if
+    these are typical. It is None if no stake gains on them, or one is above the limit.
     """
     from scipy.stats import norm
 

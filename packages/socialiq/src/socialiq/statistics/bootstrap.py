@@ -20,11 +20,6 @@ def resample_rows(
     """Draw the rows of bootstrap resamples in blocks, with memory independent of their number.
 
     The concatenated blocks are a draw of shape (resamples, episodes) for any block size.
-
-    Args:
-        episodes: Number of rows, and of draws in a resample.
-        resamples: Number of resamples.
-        seed: Seed of the draws.
     """
     rng = np.random.default_rng(seed)
     block = max(1, _BLOCK // episodes)
@@ -33,16 +28,11 @@ def resample_rows(
 
 
 class Studentised(NamedTuple):
-    """Means of a scalar for each reference, with standard errors and resamples.
+    """Means of a scalar for each reference, with standard errors and resamples."""
 
-    Attributes:
-        mean: Mean of each reference.
-        error: Standard error of each mean.
-        resampled: (resampled mean - mean) / resampled standard error: the bootstrap-t.
-    """
-
-    mean: Float[np.ndarray, " reference"]
-    error: Float[np.ndarray, " reference"]
+    mean: Float[np.ndarray, " reference"]  # mean of each reference
+    error: Float[np.ndarray, " reference"]  # standard error of each mean
+    # (resampled mean - mean) / resampled standard error: the bootstrap-t
     resampled: Float[np.ndarray, "resample reference"]
 
     def of(self, rows: np.ndarray) -> Studentised:
@@ -74,13 +64,7 @@ class Moments(NamedTuple):
     def of(
         gains: Float[np.ndarray, "reference episode 2"], seed: int, resamples: int = 2000
     ) -> Moments:
-        """Draw the resamples; memory grows with references, not with resamples times episodes.
-
-        Args:
-            gains: Result of `Evidence.gains`.
-            seed: Seed of the resampling.
-            resamples: Number of resamples.
-        """
+        """Draw the resamples; memory grows with references, not with resamples times episodes."""
         references, episodes, _ = gains.shape
         mean = gains.mean(axis=1)
         env, social = np.moveaxis(gains - mean[:, None], 2, 0)
@@ -93,12 +77,7 @@ class Moments(NamedTuple):
         )
 
     def at(self, weights: tuple[float, float], rows: np.ndarray) -> Studentised:
-        """Return the weighted sum of both gains of some references as one scalar.
-
-        Args:
-            weights: Weights of env and social, (cos α, sin α) of an angle α.
-            rows: Indices of the references.
-        """
+        """Return the sum of both gains of some references, weighted as R(α), as one scalar."""
         env, social = weights
         freedom = self.episodes - 1
         error = np.sqrt(np.maximum(_variance(self.second[rows], env, social), 0.0) / freedom)
@@ -124,13 +103,7 @@ def _variance(moments: Float[np.ndarray, "*shape 3"], env: float, social: float)
 def resampled_means(
     totals: Float[np.ndarray, "driver episode 2"], seed: int, resamples: int = 2000
 ) -> Float[np.ndarray, "resample driver 2"]:
-    """Return mean totals of drivers in bootstrap resamples of their common episodes.
-
-    Args:
-        totals: Sums of r_env and r_social.
-        seed: Seed of the resampling.
-        resamples: Number of resamples.
-    """
+    """Return mean totals of drivers in bootstrap resamples of their common episodes."""
     drivers, episodes, _ = totals.shape
     flat = np.moveaxis(totals, 1, 0).reshape(episodes, -1)
     counts = _drawn(episodes, resamples, seed)
@@ -172,10 +145,6 @@ def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " refere
     only if it exceeds its own bound. As a test of "every reference is within the margin" it is an
     intersection-union test (Berger 1982), which is exact where one reference is clearly the best
     and conservative where several tie.
-
-    Args:
-        found: Means with their bootstrap.
-        error: One-sided error of each bound.
     """
     low = np.quantile(found.resampled, error, axis=0)
     return found.mean - low * found.error
@@ -189,14 +158,12 @@ def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
     correlated and many far below the limit. Instead the critical value is the quantile of the
     largest of the bootstrapped t, in which each reference is lowered by how far its own mean must
     be below the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to
-    that first step). With one reference it is Student's one-sided test, but for that tenth.
-
-    Args:
-        found: Means with their bootstrap; all standard errors positive.
-        limit: The largest value allowed.
-        error: One-sided error.
+    that first step). With one reference it is Student's one-sided test, but for that tenth. All
+    standard errors must be positive.
     """
-    highest = _highest(found, error)
+    # Simultaneous upper bounds of the means, at a tenth of the error.
+    smallest = found.resampled.min(axis=1)
+    highest = found.mean - float(np.quantile(smallest, _FIRST_STEP * error)) * found.error
     first = 0.0 if len(found.mean) == 1 else _FIRST_STEP
     if (highest < limit).all():
         return False
@@ -207,21 +174,10 @@ def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
 
 
 def largest_lower_bound(found: Studentised, error: float) -> float:
-    """Return a one-sided lower bound of the largest mean, by bisection of `largest_exceeds`.
-
-    Args:
-        found: Means with their bootstrap; all standard errors positive.
-        error: One-sided error.
-    """
+    """Return a one-sided lower bound of the largest mean, by bisection of `largest_exceeds`."""
     high = float(found.mean.max())
     low = high - 50.0 * float(found.error.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         low, high = (middle, high) if largest_exceeds(found, middle, error) else (low, middle)
     return low
-
-
-def _highest(found: Studentised, error: float) -> Float[np.ndarray, " reference"]:
-    """Return simultaneous upper bounds of the means, at a tenth of the error."""
-    smallest = found.resampled.min(axis=1)
-    return found.mean - float(np.quantile(smallest, _FIRST_STEP * error)) * found.error

@@ -16,21 +16,13 @@ EXACT = 14
 
 
 class ClusterMean(NamedTuple):
-    """Mean over all rows, with an interval and a test by cluster.
+    """Mean over all rows, with an interval and a test by cluster."""
 
-    Attributes:
-        mean: Mean over rows.
-        low: Lower end of the percentile interval; NaN with fewer than two clusters.
-        high: Upper end.
-        p: Two-sided p-value of the sign-flip test.
-        clusters: Number of clusters.
-    """
-
-    mean: float
-    low: float
-    high: float
-    p: float
-    clusters: int
+    mean: float  # mean over rows
+    low: float  # lower end of the percentile interval; NaN with fewer than two clusters
+    high: float  # upper end
+    p: float  # two-sided p-value of the sign-flip test
+    clusters: int  # number of clusters
 
 
 def cluster_mean(
@@ -60,13 +52,11 @@ def cluster_mean(
     sums, sizes = np.bincount(number, values), np.bincount(number).astype(np.float64)
     low = high = math.nan
     if len(sums) > 1:
-        means = np.concatenate(
-            [
-                sums[rows].sum(axis=1) / sizes[rows].sum(axis=1)
-                for rows in resample_rows(len(sums), resamples, seed)
-            ]
-        )
-        low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2]).tolist()
+        drawn = resample_rows(len(sums), resamples, seed)
+        means = [sums[rows].sum(axis=1) / sizes[rows].sum(axis=1) for rows in drawn]
+        low, high = np.quantile(
+            np.concatenate(means), [(1 - confidence) / 2, (1 + confidence) / 2]
+        ).tolist()
     p = sign_flip(sums, seed, resamples)
     return ClusterMean(float(values.mean()), low, high, p, len(sums))
 
@@ -76,11 +66,6 @@ def sign_flip(sums: Float[np.ndarray, " cluster"], seed: int, draws: int = 2000)
 
     Under the hypothesis every sum is as likely as its negative. The test is exact: all patterns are
     counted up to `EXACT` sums, otherwise drawn, with the pattern of the data among them.
-
-    Args:
-        sums: Sum of the differences of each cluster.
-        seed: Of the draws.
-        draws: Number of drawn patterns.
     """
     signs = _signs(len(sums), seed, draws)
     reached = np.abs(signs @ sums) >= abs(sums.sum()) * (1 - 1e-9)
@@ -95,15 +80,10 @@ def _signs(count: int, seed: int, draws: int) -> Float[np.ndarray, "pattern clus
 
 
 class SignFlips(NamedTuple):
-    """Two-sided p-values of several sign-flip tests.
+    """Two-sided p-values of several sign-flip tests."""
 
-    Attributes:
-        p: Of each test by itself.
-        corrected: Of each test, for the family of all.
-    """
-
-    p: Float[np.ndarray, " test"]
-    corrected: Float[np.ndarray, " test"]
+    p: Float[np.ndarray, " test"]  # of each test by itself
+    corrected: Float[np.ndarray, " test"]  # of each test, for the family of all
 
 
 def sign_flips(sums: Float[np.ndarray, "test cluster"], seed: int, draws: int = 2000) -> SignFlips:
@@ -112,12 +92,8 @@ def sign_flips(sums: Float[np.ndarray, "test cluster"], seed: int, draws: int = 
     Every pattern of signs is applied to all tests at once, and `|Σ sums| / sqrt(Σ sums²)` is
     compared with the largest over the tests: the step-down procedure of Westfall and Young (1993,
     algorithm 2.8). It controls the probability of any false rejection, as Holm's does, but tests
-    that depend on each other cost less, and the smallest p-value doesn't rise with their number.
-
-    Args:
-        sums: Sum of the differences of each cluster; 0 where a test has no row of a cluster.
-        seed: Of the draws.
-        draws: Number of drawn patterns.
+    that depend on each other cost less, and the smallest p-value doesn't rise with their number. A
+    sum is 0 where a test has no row of a cluster.
     """
     scale = np.sqrt((sums**2).sum(axis=1, keepdims=True))
     unit = np.divide(sums, scale, out=np.zeros_like(sums), where=scale > 0)
@@ -140,9 +116,5 @@ def clusters_needed(error: float, tests: int) -> int:
     """Return the fewest clusters with which one of several tests can find anything, by Holm.
 
     Holm's procedure compares the smallest p-value with error / tests, and `least_p` must reach it.
-
-    Args:
-        error: Level of the family, in (0, 1).
-        tests: Number of tests, at least 1.
     """
     return max(1, math.ceil(1 - math.log2(error / tests)))

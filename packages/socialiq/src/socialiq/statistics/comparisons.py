@@ -22,9 +22,6 @@ def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.nda
     The k-th smallest of m is multiplied by m - k + 1; then each is at least as large as those
     before it, and at most 1.
 
-    Args:
-        p_values: p-values of the tests of one family.
-
     Raises:
         UserError: If a value is outside [0, 1].
     """
@@ -39,19 +36,12 @@ def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.nda
 
 
 class Difference(NamedTuple):
-    """Mean difference with its interval and test.
+    """Mean difference with its interval and test."""
 
-    Attributes:
-        mean: Mean of first - second.
-        low: Lower end.
-        high: Upper end.
-        p: Two-sided p-value of no difference.
-    """
-
-    mean: float
-    low: float
-    high: float
-    p: float
+    mean: float  # mean of first - second
+    low: float  # lower end
+    high: float  # upper end
+    p: float  # two-sided p-value of no difference
 
 
 def paired_difference(
@@ -99,17 +89,11 @@ def paired_difference(
 
 
 class Contrast(NamedTuple):
-    """Difference of two independent samples, with an interval.
+    """Difference of two independent samples, with an interval."""
 
-    Attributes:
-        value: First minus second.
-        low: Lower end of the interval.
-        high: Upper end.
-    """
-
-    value: float
-    low: float
-    high: float
+    value: float  # first minus second
+    low: float  # lower end of the interval
+    high: float  # upper end
 
 
 def mean_contrast(
@@ -117,13 +101,8 @@ def mean_contrast(
 ) -> Contrast:
     """Return the difference of two means with Welch's interval (1947); variances may differ.
 
-    Args:
-        first: At least two numbers.
-        second: At least two numbers.
-        confidence: Confidence of the interval.
-
     Raises:
-        UserError: If there are fewer.
+        UserError: If there are fewer than two numbers of each.
     """
     if min(len(first), len(second)) < 2:
         raise UserError("two means can't be compared on fewer than two numbers each")
@@ -145,12 +124,8 @@ def permutation_p(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"
     (Pitman 1937). Up to 9,999 of them it is exact and at least 2 / C(n + m, n), so that five
     against five can't be below 0.0079; beyond, as many are drawn with a fixed seed.
 
-    Args:
-        first: At least two finite numbers.
-        second: At least two finite numbers, independent of the first ones.
-
     Raises:
-        UserError: If there are fewer, or a number isn't finite.
+        UserError: If there are fewer than two numbers of each, or a number isn't finite.
     """
     if min(len(first), len(second)) < 2:
         raise UserError("a permutation test needs at least two numbers in each sample")
@@ -175,13 +150,6 @@ def share_contrast(
 
     It stays within [-1, 1] and has a positive width for counts of 0 (Newcombe 1998, method 10).
 
-    Args:
-        count: Successes of the first sample.
-        trials: Trials of the first sample.
-        other_count: Successes of the second sample.
-        other_trials: Trials of the second sample.
-        confidence: Confidence of the interval.
-
     Raises:
         UserError: If a sample has no trial.
     """
@@ -195,13 +163,8 @@ def share_contrast(
 def cohens_d(first: Float[np.ndarray, " m"], second: Float[np.ndarray, " n"]) -> float:
     """Return Cohen's d, (mean of first - mean of second) / pooled sd (thesis A.2).
 
-    Args:
-        first: One group's values, at least two.
-        second: The other's, at least two.
-
-    Returns:
-        d; infinite, with the sign of the difference, where both groups are constant and differ,
-        and 0 where they are constant and equal.
+    It is infinite, with the sign of the difference, where both groups are constant and differ, and
+    0 where they are constant and equal.
 
     Raises:
         UserError: If a group has fewer than two values.

@@ -10,30 +10,19 @@ from jaxtyping import Float
 
 
 class Region(NamedTuple):
-    """Confidence region of a mean pair: an ellipse in its principal axes.
+    """Confidence region of a mean pair: an ellipse in its principal axes."""
 
-    Attributes:
-        mean: Centre.
-        halves: Half-axes, the shorter one first.
-        axes: Unit vectors of the axes, one in each column.
-        holds_origin: Whether (0, 0) is inside.
-    """
-
-    mean: Float[np.ndarray, " 2"]
-    halves: Float[np.ndarray, " 2"]
-    axes: Float[np.ndarray, "2 2"]
-    holds_origin: bool
+    mean: Float[np.ndarray, " 2"]  # centre
+    halves: Float[np.ndarray, " 2"]  # half-axes, the shorter one first
+    axes: Float[np.ndarray, "2 2"]  # unit vectors of the axes, one in each column
+    holds_origin: bool  # whether (0, 0) is inside
 
 
 def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Region:
     """Return Hotelling's T² region of a mean vector (Hotelling 1931), for independent rows.
 
     The mean μ is inside if n (x̄ - μ)' S⁻¹ (x̄ - μ) <= 2 (n - 1) / (n - 2) F_{2, n-2}. Where the
-    rows do not vary in some direction, the region has no extent there.
-
-    Args:
-        pairs: At least three rows.
-        confidence: Confidence of the region.
+    rows, at least three, do not vary in some direction, the region has no extent there.
     """
     from scipy.stats import f
 
@@ -53,35 +42,20 @@ def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Re
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Confidence ellipse of the mean (R_env, R_social).
+    """Confidence ellipse of the mean (R_env, R_social)."""
 
-    Attributes:
-        env: Centre, mean R_env.
-        social: Centre, mean R_social.
-        major: Longer half-axis, reward.
-        minor: Shorter half-axis, reward.
-        tilt: Direction of the longer axis, degrees in (-90, 90].
-        confidence: Confidence of the ellipse.
-        holds_origin: Whether (0, 0) is inside: then no direction is excluded, and no angle is
-            reported.
-    """
-
-    env: float
-    social: float
-    major: float
-    minor: float
-    tilt: float
-    confidence: float
+    env: float  # centre, mean R_env
+    social: float  # centre, mean R_social
+    major: float  # longer half-axis, reward
+    minor: float  # shorter half-axis, reward
+    tilt: float  # direction of the longer axis, degrees in (-90, 90]
+    confidence: float  # confidence of the ellipse
+    # whether (0, 0) is inside: then no direction is excluded, and no angle is reported
     holds_origin: bool
 
 
 def confidence_ellipse(totals: Float[np.ndarray, "episode 2"], confidence: float = 0.95) -> Ellipse:
-    """Return the region of the mean totals of episodes as centre, half-axes and tilt.
-
-    Args:
-        totals: Totals of each episode, at least three.
-        confidence: Confidence of the region.
-    """
+    """Return the region of the mean totals of three episodes or more: centre, half-axes, tilt."""
     region = hotelling_region(totals, confidence)
     first, second = region.axes[:, 1]
     tilt = float(np.degrees(np.arctan2(second, first)))

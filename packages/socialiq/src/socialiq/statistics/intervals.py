@@ -16,13 +16,7 @@ from socialiq.errors import UserError
 
 
 class Share(NamedTuple):
-    """Share with its interval.
-
-    Attributes:
-        value: The share.
-        low: Lower end.
-        high: Upper end.
-    """
+    """Share with the ends of its interval."""
 
     value: float
     low: float
@@ -30,12 +24,7 @@ class Share(NamedTuple):
 
 
 def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
-    """Return a share with its Wilson score interval (Wilson 1927).
-
-    Args:
-        count: Number of successes.
-        trials: Number of trials.
-        confidence: Confidence of the interval.
+    """Return a share of trials with its Wilson score interval (Wilson 1927).
 
     Raises:
         UserError: If there are no trials.
@@ -48,15 +37,10 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
 
 
 def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
-    """Return a share with its exact interval (Clopper & Pearson 1934).
+    """Return a share of trials with its exact interval (Clopper & Pearson 1934).
 
     Each end has an error of at most (1 - confidence) / 2 for any true share. Wilson's interval is
     shorter and keeps its level on average only.
-
-    Args:
-        count: Number of successes.
-        trials: Number of trials.
-        confidence: Confidence of the interval.
 
     Raises:
         UserError: If there are no trials.
@@ -92,9 +76,7 @@ class Bounds(NamedTuple):
 def deviating(values: Float[np.ndarray, " episode"], reach: float) -> int:
     """Return the number of values that differ from the median, the most frequent value.
 
-    Args:
-        values: Difference in each episode.
-        reach: Largest absolute value that the difference can have.
+    `reach` is the largest absolute value that they can have.
     """
     return int((np.abs(values - np.median(values)) > _EQUAL * max(reach, 1e-300)).sum())
 
@@ -103,10 +85,6 @@ def seldom(values: Float[np.ndarray, " episode"], reach: float) -> bool:
     """Whether too few values differ for a bootstrap.
 
     If enough of the first values differ from their own median, enough of all do; this is fast.
-
-    Args:
-        values: Difference in each episode.
-        reach: As for `deviating`.
     """
     if deviating(values[: 4 * FEWEST], reach) >= FEWEST:
         return False

@@ -7,14 +7,14 @@ the sum of both quadratic terms. The minimum of the loss maximises the primal va
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import entr
 
 from socialiq.mdp.solve import bellman_reward
+from socialiq.mdp.tabular import StateActionArray, StateArray
 from socialiq.theory.objective import Problem
 
 
-def centre(problem: Problem) -> Float[np.ndarray, "state action"]:
+def centre(problem: Problem) -> StateActionArray:
     """Return m = w λ T̄ / (c + w), the centre of the sum of both quadratic terms, reward.
 
     c r² + w (r - λT)² = κ (r - m)² + constant, with κ = c + w. With the thesis' constants
@@ -24,18 +24,13 @@ def centre(problem: Problem) -> Float[np.ndarray, "state action"]:
     return share * problem.strength * problem.target
 
 
-def closed_form(
-    problem: Problem, occupancy: Float[np.ndarray, "state action"]
-) -> Float[np.ndarray, "state action"]:
+def closed_form(problem: Problem, occupancy: StateActionArray) -> StateActionArray:
     """Return r̂(s, a) = m + [1 - ρ_π(s, a) / ρ_E(s, a)] / (2κ), the reward at the minimum.
 
     It follows from the derivative of the loss by r̂(s, a), where that of (1 - γ) E_p0[V] is
     ρ_π(s, a). Without a prior it is the χ² fixed point of Garg et al. 2021. Pairs that are not
-    demonstrated have no minimum: r̂ tends to -inf there.
-
-    Args:
-        problem: The problem.
-        occupancy: ρ_π of the policy at the minimum, with the scale of ρ_E.
+    demonstrated have no minimum: r̂ tends to -inf there. The occupancy is ρ_π of the policy at the
+    minimum, with the scale of ρ_E.
     """
     support = problem.support
     ratio = occupancy / np.where(support, problem.demonstrated, 1.0)
@@ -43,18 +38,11 @@ def closed_form(
     return np.where(support, reward, -np.inf)
 
 
-def conservative_loss(
-    problem: Problem, q: Float[np.ndarray, "state action"], v: Float[np.ndarray, " state"]
-) -> float:
+def conservative_loss(problem: Problem, q: StateActionArray, v: StateArray) -> float:
     """Return τ E_E[-log π(a|s)] + κ E_E[(Q - γ E V(s') - m)²], CQL(H) with the reward m.
 
-    It equals `Problem.loss` up to `offset`, at every Q. The same identity holds for networks, row
-    by row (tests/identities/test_objective_identities.py).
-
-    Args:
-        problem: The problem.
-        q: Q(s, a); read on the support only.
-        v: V(s), the soft value of the demonstrated actions' Q.
+    It equals `Problem.loss` up to `offset`, at every Q, with the same arguments. The same identity
+    holds for networks, row by row (tests/identities/test_objective_identities.py).
     """
     support, weight = problem.support, problem.demonstrated[problem.support]
     surprise = (v[:, None] - q)[support]  # -τ log π(a|s)
@@ -70,7 +58,7 @@ def offset(problem: Problem) -> float:
     return float(scale * problem.strength**2 * square)
 
 
-def chi2_distance(problem: Problem, occupancy: Float[np.ndarray, "state action"]) -> float:
+def chi2_distance(problem: Problem, occupancy: StateActionArray) -> float:
     """Return χ²(ρ, ρ_E) = Σ (ρ - ρ_E)² / ρ_E; infinite if ρ leaves the support of ρ_E."""
     support = problem.support
     if occupancy[~support].any():
@@ -79,21 +67,17 @@ def chi2_distance(problem: Problem, occupancy: Float[np.ndarray, "state action"]
     return float(((occupancy[support] - expected) ** 2 / expected).sum())
 
 
-def occupancy_entropy(occupancy: Float[np.ndarray, "state action"]) -> float:
+def occupancy_entropy(occupancy: StateActionArray) -> float:
     """Return H = -Σ ρ(s, a) log π(a|s), discounted causal entropy times (1 - γ), in nats."""
     return float(entr(occupancy).sum() - entr(occupancy.sum(axis=1)).sum())
 
 
-def primal_value(problem: Problem, occupancy: Float[np.ndarray, "state action"]) -> float:
+def primal_value(problem: Problem, occupancy: StateActionArray) -> float:
     """Return 4 w λ E_ρ[T̄] - χ²(ρ, ρ_E) + 4 κ τ H(ρ), maximised by the minimum's policy.
 
     The loss is the maximum over π of -E_E[r] + E_π[r] + τ H + κ E_E[(r - m)²] + constant. The
     minimum of this over r is E_π[m] - E_E[m] + τ H - χ² / (4κ). The value is this times 4κ,
-    without the constants.
-
-    Args:
-        problem: The problem.
-        occupancy: ρ of any policy, with the scale of ρ_E.
+    without the constants. The occupancy is of any policy, with the scale of ρ_E.
     """
     support = problem.support
     earned = float(occupancy[support] @ problem.target[support])
@@ -105,11 +89,8 @@ def primal_value(problem: Problem, occupancy: Float[np.ndarray, "state action"])
 def dual_value(problem: Problem, loss: float) -> float:
     """Return 4κ (loss + E_E[m]) without the constant of the square, a bound of `primal_value`.
 
-    It is at least every policy's primal value, with equality only at the minimum: a certificate.
-
-    Args:
-        problem: The problem.
-        loss: `Problem.loss` at any Q.
+    With `Problem.loss` at any Q it is at least every policy's primal value, with equality only at
+    the minimum: a certificate.
     """
     support = problem.support
     relabelled = float(problem.demonstrated[support] @ centre(problem)[support])

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.mdp.solve import discounted_occupancy, evaluate_policy
-from socialiq.mdp.tabular import TabularMDP, check_policy, check_reward
+from socialiq.mdp.tabular import StateActionArray, TabularMDP, check_policy, check_reward
 from socialiq.theory.objective import entry_mass
 from socialiq.types import Ending
 
@@ -25,23 +25,14 @@ TARGET_KINDS = ("instantaneous", "to_go", "advantage", "own_advantage")
 
 
 def occupancies(
-    mdp: TabularMDP,
-    policies: Sequence[Float[np.ndarray, "state action"]],
-    shares: Sequence[float],
-    discount: float,
+    mdp: TabularMDP, policies: Sequence[StateActionArray], shares: Sequence[float], discount: float
 ) -> Float[np.ndarray, "demonstrator state action"]:
-    """Return each demonstrator's part of ρ_E; the sum over demonstrators is ρ_E.
-
-    Args:
-        mdp: The dynamics.
-        policies: Policy of each demonstrator.
-        shares: Share of episodes of each demonstrator.
-        discount: γ.
+    """Return each demonstrator's part of ρ_E, by its share of episodes; the sum is ρ_E.
 
     Raises:
         UserError: If the shares are not a distribution over the demonstrators.
     """
-    check_shares(shares, len(policies))
+    _check_shares(shares, len(policies))
     pairs = zip(shares, policies, strict=True)
     return np.stack(
         [share * discounted_occupancy(mdp, policy, discount) for share, policy in pairs]
@@ -50,12 +41,12 @@ def occupancies(
 
 def mean_target(
     mdp: TabularMDP,
-    policies: Sequence[Float[np.ndarray, "state action"]],
+    policies: Sequence[StateActionArray],
     parts: Float[np.ndarray, "demonstrator state action"],
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     kind: str,
     discount: float,
-) -> Float[np.ndarray, "state action"]:
+) -> StateActionArray:
     """Return T̄(s, a), the mean of the prior's target over the rows of (s, a), reward.
 
     - instantaneous: R(s, a).
@@ -78,7 +69,7 @@ def mean_target(
     Raises:
         UserError: If the kind is unknown, or no function of state and action.
     """
-    check_kind(kind)
+    _check_kind(kind)
     check_reward(mdp, reward)
     if kind == "instantaneous":
         return reward
@@ -100,12 +91,8 @@ def mean_target(
     )
 
 
-def check_kind(kind: str) -> None:
-    """Raise an error for a target kind that is not covered by the formulas of this module.
-
-    Raises:
-        UserError: If the kind is unknown, or no function of state and action.
-    """
+def _check_kind(kind: str) -> None:
+    """Refuse a target kind that is not covered by the formulas of this module."""
     if kind in ("running", "trajectory"):
         raise UserError(
             f"target kind {kind} is not a function of state and action, so nothing is predicted: "
@@ -114,35 +101,25 @@ def check_kind(kind: str) -> None:
     one_of("target kind", kind, TARGET_KINDS)
 
 
-def check_shares(shares: Sequence[float], count: int) -> None:
-    """Raise an error for shares that are not a distribution over the demonstrators.
-
-    Raises:
-        UserError: If their number, a sign or their sum is wrong.
-    """
+def _check_shares(shares: Sequence[float], count: int) -> None:
+    """Refuse shares that are not a distribution over the demonstrators."""
     if len(shares) != count or min(shares) < 0.0 or abs(sum(shares) - 1.0) > 1e-9:
         raise UserError(f"give one share for each of {count} demonstrators, 0 or more, of sum 1")
 
 
 class Drawn(NamedTuple):
-    """Expected rows of several demonstrators' episodes.
+    """Expected rows of several demonstrators' episodes."""
 
-    Attributes:
-        mdp: The MDP of which `shares` is a discounted occupancy.
-        shares: Share of each (state, action) among the rows; sums to 1.
-        target: T̄, the mean target of these rows, reward; 0 where there are none.
-    """
-
-    mdp: TabularMDP
-    shares: Float[np.ndarray, "state action"]
-    target: Float[np.ndarray, "state action"]
+    mdp: TabularMDP  # the MDP of which `shares` is a discounted occupancy
+    shares: StateActionArray  # share of each (state, action) among the rows; sums to 1
+    target: StateActionArray  # T̄, the mean target of these rows, reward; 0 where there are none
 
 
 def drawn_rows(
     mdp: TabularMDP,
-    policies: Sequence[Float[np.ndarray, "state action"]],
+    policies: Sequence[StateActionArray],
     shares: Sequence[float],
-    reward: Float[np.ndarray, "state action"],
+    reward: StateActionArray,
     kind: str,
     horizon: int,
     discount: float,
@@ -161,8 +138,8 @@ def drawn_rows(
     Raises:
         UserError: If an argument is invalid.
     """
-    check_kind(kind)
-    check_shares(shares, len(policies))
+    _check_kind(kind)
+    _check_shares(shares, len(policies))
     check_reward(mdp, reward)
     if kind not in ("instantaneous", "to_go"):
         raise UserError(f"rows carry no target kind {kind}: choose instantaneous or to_go")
@@ -170,9 +147,12 @@ def drawn_rows(
     earned, cut = np.zeros(reward.shape), np.zeros(reward.shape)
     for share, policy in zip(shares, policies, strict=True):
         times = share * visits_by_time(mdp, policy, horizon)
-        to_go = _to_go(mdp, policy, reward, horizon, discount)
+        to_go, after = [], np.zeros(mdp.n_states)  # Q(s, a) from the last step back
+        for _ in range(horizon):
+            to_go.append(reward + discount * mdp.expected_next(after))
+            after = (policy * to_go[-1]).sum(axis=1)
         visits += times.sum(axis=0)
-        earned += (times * to_go).sum(axis=0)
+        earned += (times * np.stack(to_go[::-1])).sum(axis=0)
         cut += times[-1]
     visited = visits > 0.0
     counts = np.where(visited, visits, 1.0)
@@ -184,12 +164,10 @@ def drawn_rows(
     return Drawn(timed, occupancy, np.where(visited, target, 0.0))
 
 
-def with_cuts(mdp: TabularMDP, cut: Float[np.ndarray, "state action"]) -> TabularMDP:
+def with_cuts(mdp: TabularMDP, cut: StateActionArray) -> TabularMDP:
     """Return the MDP in which every pair also ends the episode at random, as `Ending.OTHER`.
 
-    Args:
-        mdp: The dynamics.
-        cut: Probability of a truncation after (s, a), whether the episode ended there or not.
+    The probability of a truncation after (s, a) is `cut`, whether the episode ended there or not.
     """
     ends = np.full_like(mdp.successor[..., :1], int(Ending.OTHER))
     return dataclasses.replace(
@@ -203,7 +181,7 @@ def with_cuts(mdp: TabularMDP, cut: Float[np.ndarray, "state action"]) -> Tabula
 
 
 def visits_by_time(
-    mdp: TabularMDP, policy: Float[np.ndarray, "state action"], horizon: int
+    mdp: TabularMDP, policy: StateActionArray, horizon: int
 ) -> Float[np.ndarray, "time state action"]:
     """Return the probability of (s, a) at each time."""
     check_policy(mdp, policy)
@@ -212,18 +190,3 @@ def visits_by_time(
         times.append(running[:, None] * policy)
         running = mdp.arrivals(times[-1])
     return np.stack(times)
-
-
-def _to_go(
-    mdp: TabularMDP,
-    policy: Float[np.ndarray, "state action"],
-    reward: Float[np.ndarray, "state action"],
-    horizon: int,
-    discount: float,
-) -> Float[np.ndarray, "time state action"]:
-    """Return Q(s, a) at each time of an episode that is truncated at the horizon."""
-    times, after = [], np.zeros(mdp.n_states)
-    for _ in range(horizon):
-        times.append(reward + discount * mdp.expected_next(after))
-        after = (policy * times[-1]).sum(axis=1)
-    return np.stack(times[::-1])

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
+from socialiq.mdp.tabular import StateActionArray, StateArray
 from socialiq.theory.objective import Problem
 
 _TOLERANCE = 1e-10  # of r̂, relative to the largest reward; rounding gives 1e-13
@@ -23,7 +24,7 @@ class Point(NamedTuple):
     """Parts of the objective at one Q, over the support."""
 
     q: Vector
-    v: Float[np.ndarray, " state"]
+    v: StateArray
     pi: Vector
     reward: Vector
     loss: float
@@ -39,7 +40,7 @@ class Support:
     The matrices are dense, which is faster for the few hundred demonstrated pairs.
     """
 
-    def __init__(self, problem: Problem, entry: Float[np.ndarray, " state"] | None = None) -> None:
+    def __init__(self, problem: Problem, entry: StateArray | None = None) -> None:
         mdp, demonstrated = problem.mdp, problem.support
         self.problem = problem
         self.pairs = np.flatnonzero(demonstrated.ravel())
@@ -88,7 +89,7 @@ class Support:
         chain = np.eye(len(self.states)) - self.problem.discount * (averages @ self.flow)
         return np.linalg.solve(chain.T, self.entry)[self.state] * pi
 
-    def follow(self, solve: Solve, start: Float[np.ndarray, "state action"] | None) -> Point:
+    def follow(self, solve: Solve, start: StateActionArray | None) -> Point:
         """Solve at the problem's temperature, starting from the demonstrators' policy at 1 or more.
 
         V and the policy are kept between successive temperatures. A start skips this continuation.
@@ -105,14 +106,14 @@ class Support:
             q, temperature = highest + cooler / temperature * (point.q - highest), cooler
         return solve(q, final, _TOLERANCE * self.scale)
 
-    def table(self, values: Vector, elsewhere: float) -> Float[np.ndarray, "state action"]:
+    def table(self, values: Vector, elsewhere: float) -> StateActionArray:
         """Return a vector over pairs as a table over all states and actions."""
         mdp = self.problem.mdp
         full = np.full(mdp.n_states * mdp.n_actions, elsewhere)
         full[self.pairs] = values
         return full.reshape(mdp.n_states, mdp.n_actions)
 
-    def policy_table(self, pi: Vector) -> Float[np.ndarray, "state action"]:
+    def policy_table(self, pi: Vector) -> StateActionArray:
         """Return a policy over all states, uniform in states without demonstrations."""
         policy = self.table(pi, 0.0)
         policy[policy.sum(axis=1) == 0.0] = 1.0 / policy.shape[1]
@@ -126,33 +127,20 @@ _SUFFICIENT = 1e-4  # share of the linear decrease that a step must achieve (Arm
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Minimum of the objective. Off the support Q and r̂ are -inf, π and ρ_π are 0.
+    """Minimum of the objective. Off the support Q and r̂ are -inf, π and ρ_π are 0."""
 
-    Attributes:
-        q: Q(s, a).
-        v: V(s), the soft value of the demonstrated actions; 0 if none is demonstrated.
-        reward: r̂(s, a) of Eq 2.6.
-        policy: π = softmax(Q / τ); uniform over all actions if none is demonstrated.
-        occupancy: ρ_π(s, a), with the scale of ρ_E.
-        loss: The objective.
-        residual: Largest distance of r̂ from its closed form on the support; reward.
-        steps: Number of Newton steps.
-    """
-
-    q: Float[np.ndarray, "state action"]
-    v: Float[np.ndarray, " state"]
-    reward: Float[np.ndarray, "state action"]
-    policy: Float[np.ndarray, "state action"]
-    occupancy: Float[np.ndarray, "state action"]
-    loss: float
-    residual: float
-    steps: int
+    q: StateActionArray  # Q(s, a)
+    v: StateArray  # V(s), the soft value of the demonstrated actions; 0 if none is demonstrated
+    reward: StateActionArray  # r̂(s, a) of Eq 2.6
+    policy: StateActionArray  # π = softmax(Q / τ); uniform over all actions if none is demonstrated
+    occupancy: StateActionArray  # ρ_π(s, a), with the scale of ρ_E
+    loss: float  # the objective
+    residual: float  # largest distance of r̂ from its closed form on the support; reward
+    steps: int  # number of Newton steps
 
 
 def minimise(
-    problem: Problem,
-    start: Float[np.ndarray, "state action"] | None = None,
-    entry: Float[np.ndarray, " state"] | None = None,
+    problem: Problem, start: StateActionArray | None = None, entry: StateArray | None = None
 ) -> Minimum:
     """Return the minimum over all tables Q, with the gradient through every V.
 
@@ -178,7 +166,19 @@ def minimise(
         return point
 
     point = support.follow(solve, start)
-    return _as_tables(support, point, residual, steps)
+    v = np.zeros(problem.mdp.n_states)
+    v[support.states] = point.v
+    occupancy = support.occupancy(point.pi, support.averages(point.pi))
+    return Minimum(
+        q=support.table(point.q, -np.inf),
+        v=v,
+        reward=support.table(point.reward, -np.inf),
+        policy=support.policy_table(point.pi),
+        occupancy=support.table(occupancy, 0.0),
+        loss=point.loss,
+        residual=residual,
+        steps=steps,
+    )
 
 
 def _newton(
@@ -237,20 +237,3 @@ def _line_search(
         if trial.loss <= point.loss + _SUFFICIENT * size * slope + rounding or size < 1e-12:
             return trial
         size /= 2.0
-
-
-def _as_tables(support: Support, point: Point, residual: float, steps: int) -> Minimum:
-    """Return the support's vectors as tables over all states and actions."""
-    v = np.zeros(support.problem.mdp.n_states)
-    v[support.states] = point.v
-    occupancy = support.occupancy(point.pi, support.averages(point.pi))
-    return Minimum(
-        q=support.table(point.q, -np.inf),
-        v=v,
-        reward=support.table(point.reward, -np.inf),
-        policy=support.policy_table(point.pi),
-        occupancy=support.table(occupancy, 0.0),
-        loss=point.loss,
-        residual=residual,
-        steps=steps,
-    )

@@ -1,16 +1,17 @@
-"""Exact regularized objective of Eq 4.5 on a finite MDP: its terms and the loss."""
+"""Exact regularized objective of Eq 4.5 on a finite MDP, and targets without their shaping."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from socialiq.errors import UserError
 from socialiq.mdp.solve import bellman_reward
-from socialiq.mdp.tabular import TabularMDP, check_reward
+from socialiq.mdp.tabular import StateActionArray, StateArray, TabularMDP, check_reward
 
 # Relative to the first states' mass; an exact occupancy differs by rounding only.
 _FLOW_TOLERANCE = 1e-9
@@ -41,8 +42,8 @@ class Problem:
     """
 
     mdp: TabularMDP
-    demonstrated: Float[np.ndarray, "state action"]
-    target: Float[np.ndarray, "state action"]
+    demonstrated: StateActionArray
+    target: StateActionArray
     strength: float = 1.0
     discount: float = 0.99
     temperature: float = 1.0
@@ -59,7 +60,7 @@ class Problem:
         if not 0.0 <= self.discount < 1.0:
             raise UserError(f"discount must lie in [0, 1), got {self.discount}")
         check_reward(self.mdp, self.target, "target")
-        check_occupancy(self.mdp, self.demonstrated, self.discount)
+        _check_occupancy(self.mdp, self.demonstrated, self.discount)
 
     @property
     def chi2_coefficient(self) -> float:
@@ -77,20 +78,17 @@ class Problem:
         return demonstrated_pairs(self.demonstrated)
 
     @property
-    def entry(self) -> Float[np.ndarray, " state"]:
+    def entry(self) -> StateArray:
         """Weight (1 - γ) p_0(s) of V(s) in term 2 of Eq 2.7, with the scale of ρ_E."""
         scale = entry_mass(self.mdp, self.demonstrated, self.discount).sum()
         return scale * self.mdp.initial
 
-    def loss(self, q: Float[np.ndarray, "state action"], v: Float[np.ndarray, " state"]) -> float:
+    def loss(self, q: StateActionArray, v: StateArray) -> float:
         """Return -E_E[r̂] + (1 - γ) E_p0[V] + c E_E[r̂²] + w E_E[(r̂ - λ T̄)²] (Eq 4.5).
 
         The square is that of the mean r̂ of (s, a). With random transitions, rows of a data
-        set have the mean of squares, which is larger by γ² Var[V(s')] (docs/theory.md).
-
-        Args:
-            q: Q(s, a); read on the support only.
-            v: V(s), the soft value of the demonstrated actions' Q.
+        set have the mean of squares, which is larger by γ² Var[V(s')] (docs/theory.md). Q is read
+        on the support only; V is the soft value of the demonstrated actions' Q.
         """
         support, weight = self.support, self.demonstrated
         reward = bellman_reward(self.mdp, q, v, self.discount)[support]
@@ -99,16 +97,12 @@ class Problem:
         return float(weight[support] @ (quadratics - reward) + self.entry @ v)
 
 
-def demonstrated_pairs(
-    demonstrated: Float[np.ndarray, "state action"],
-) -> Bool[np.ndarray, "state action"]:
+def demonstrated_pairs(demonstrated: StateActionArray) -> Bool[np.ndarray, "state action"]:
     """Return where ρ_E > 0, ignoring rounding errors of a linear system."""
     return demonstrated > _DUST * demonstrated.max()
 
 
-def entry_mass(
-    mdp: TabularMDP, occupancy: Float[np.ndarray, "state action"], discount: float
-) -> Float[np.ndarray, " state"]:
+def entry_mass(mdp: TabularMDP, occupancy: StateActionArray, discount: float) -> StateArray:
     """Return Σ_a ρ(s, a) - γ Σ P(s | s', a') ρ(s', a'), the mass that starts in s.
 
     For an occupancy it is (1 - γ) p_0(s) times the occupancy's scale.
@@ -116,14 +110,8 @@ def entry_mass(
     return occupancy.sum(axis=1) - discount * mdp.arrivals(occupancy)
 
 
-def check_occupancy(
-    mdp: TabularMDP, occupancy: Float[np.ndarray, "state action"], discount: float
-) -> None:
-    """Raise an error for a measure that is not a discounted occupancy of the MDP, of any scale.
-
-    Raises:
-        UserError: If its shape or a number in it is invalid, or the flow equations are violated.
-    """
+def _check_occupancy(mdp: TabularMDP, occupancy: StateActionArray, discount: float) -> None:
+    """Refuse a measure that is not a discounted occupancy of the MDP, of any scale."""
     check_reward(mdp, occupancy, "occupancy")
     if occupancy.min() < 0.0 or not occupancy.any():
         raise UserError("an occupancy has no negative numbers, and some positive one")
@@ -134,3 +122,49 @@ def check_occupancy(
             f"this is not an occupancy of the MDP: its flow is off by {error:.3g}; "
             "make it by mdp.solve.discounted_occupancy, or by theory.demonstrators"
         )
+
+
+_ROUNDING = 1e-12  # of a least-squares fit, relative to the greatest target
+
+
+class Orthogonal(NamedTuple):
+    """Target without its shaping."""
+
+    target: StateActionArray  # T_⊥ = T̄ + γ E Φ(s') - Φ(s) on the support, 0 elsewhere; reward
+    potential: StateArray  # the Φ that minimises the norm
+    norm: float  # ‖T_⊥‖, the root of E_ρE[T_⊥²]; reward, and the root of ρ_E's mass
+
+
+def shaped(
+    mdp: TabularMDP, target: StateActionArray, potential: StateArray, discount: float
+) -> StateActionArray:
+    """Return T + γ E Φ(s') - Φ(s), with Φ = 0 after an end (Ng et al. 1999): shaping of a target.
+
+    It changes no minimum.
+    """
+    return target + discount * mdp.expected_next(potential) - potential[:, None]
+
+
+def orthogonal(
+    mdp: TabularMDP, demonstrated: StateActionArray, target: StateActionArray, discount: float
+) -> Orthogonal:
+    """Return the shaping of a target of least norm, by least squares with weights ρ_E.
+
+    ρ_E T_⊥ then satisfies the homogeneous flow equations: occupancies can move along it. The target
+    is read on the support only.
+    """
+    support = demonstrated_pairs(demonstrated)
+    pairs = np.flatnonzero(support.ravel())
+    states = np.flatnonzero(support.any(axis=1))
+    steps = -discount * mdp.flow[pairs][:, states].toarray()
+    steps[np.arange(len(pairs)), np.searchsorted(states, pairs // mdp.n_actions)] += 1.0
+    root = np.sqrt(demonstrated.ravel()[pairs])
+    goal = target.ravel()[pairs]
+    solution = np.linalg.lstsq(root[:, None] * steps, root * goal, rcond=None)[0]
+    left = goal - steps @ solution
+    # Pure shaping leaves rounding errors, which would give flips at λ of 1e14.
+    left[np.abs(left) <= _ROUNDING * np.abs(goal).max(initial=0.0)] = 0.0
+    table, potential = np.zeros(target.size), np.zeros(mdp.n_states)
+    table[pairs], potential[states] = left, solution
+    norm = float(np.sqrt((root * left) @ (root * left)))
+    return Orthogonal(table.reshape(target.shape), potential, norm)

@@ -10,27 +10,20 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.theory.objective import Problem
-from socialiq.theory.shaping import orthogonal
+from socialiq.mdp.tabular import StateActionArray
+from socialiq.theory.objective import Problem, orthogonal
 
 
 class Flip(NamedTuple):
-    """Predicted strength at which the greedy action of a state changes, by straight lines.
+    """Predicted strength at which the greedy action of a state changes, by straight lines."""
 
-    Attributes:
-        state: Index of the state.
-        before: The greedy action at λ = 0.
-        after: The action that replaces it first.
-        strength: λ of the change; infinite if there is none.
-    """
-
-    state: int
-    before: int
-    after: int
-    strength: float
+    state: int  # index of the state
+    before: int  # the greedy action at λ = 0
+    after: int  # the action that replaces it first
+    strength: float  # λ of the change; infinite if there is none
 
 
-def occupancy_slope(problem: Problem) -> Float[np.ndarray, "state action"]:
+def occupancy_slope(problem: Problem) -> StateActionArray:
     """Return dρ/dλ = 2 w ρ_E T_⊥, valid from λ = 0 until an occupancy is 0, as τ → 0.
 
     The limit is a quadratic program, min ‖ρ - ρ_E (1 + 2 w λ T̄)‖² in the norm of 1 / ρ_E over the
@@ -46,17 +39,13 @@ def target_slope(problem: Problem) -> float:
     return 2.0 * problem.prior_weight * left.norm**2
 
 
-def reach(
-    level: Float[np.ndarray, "state action"], slope: Float[np.ndarray, "state action"]
-) -> float:
+def reach(level: StateActionArray, slope: StateActionArray) -> float:
     """Return the λ at which the first positive level falls to 0: the lines are exact up to it."""
     falling = (level > 0.0) & (slope < 0.0)
     return float((level[falling] / -slope[falling]).min(initial=np.inf))
 
 
-def flips(
-    level: Float[np.ndarray, "state action"], slope: Float[np.ndarray, "state action"]
-) -> list[Flip]:
+def flips(level: StateActionArray, slope: StateActionArray) -> list[Flip]:
     """Return the first change of the greedy action of each state with a choice.
 
     λ_flip = [level(a1) - level(a2)] / [slope(a2) - slope(a1)], the least over a2. It is exact where
@@ -97,11 +86,6 @@ def extinction(
     A mode that is no worse than the mean keeps a positive probability (infinite λ_k). With three
     modes or more the formula holds until the first mode has probability 0.
 
-    Args:
-        shares: p_k, the demonstrated shares.
-        targets: T_k of each mode; reward.
-        prior_weight: w.
-
     Raises:
         UserError: If the shares are not a distribution.
     """
@@ -114,8 +98,7 @@ def extinction(
 
 _PRECISION = 1e-3  # of a flip's λ, relative
 
-Table = Float[np.ndarray, "state action"]
-QSolver = Callable[[Problem, Table | None], Table]
+QSolver = Callable[[Problem, StateActionArray | None], StateActionArray]
 """(problem, Q of a similar problem) -> Q; `minimise(...).q` or `semi_gradient.fixed_point`."""
 
 
@@ -135,7 +118,7 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
         strength, which is infinite if no change is found.
     """
 
-    def q_at(strength: float, start: Table | None) -> Table:
+    def q_at(strength: float, start: StateActionArray | None) -> StateActionArray:
         return solve(dataclasses.replace(problem, strength=strength), start)
 
     low, q = 0.0, q_at(0.0, None)
@@ -148,30 +131,27 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
         after = q_at(high, q)
         for state in [s for s in waiting if after[s].argmax() != lead[s]]:
             waiting.remove(state)
-            found.append(_narrowed(q_at, state, int(lead[state]), (low, q), (high, after)))
+
+            def before(table: StateActionArray, state: int = state) -> bool:
+                return bool(table[state].argmax() == lead[state])
+
+            strength, table = _halved(q_at, before, (low, q), (high, after))
+            found.append(Flip(state, int(lead[state]), int(table[state].argmax()), strength))
         low, q = high, after
     found += [Flip(state, int(lead[state]), int(lead[state]), np.inf) for state in waiting]
     return sorted(found, key=lambda flip: flip.strength)
 
 
 def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:
-    """Return the least λ at which any greedy action differs from that at λ = 0.
+    """Return the least λ at which any greedy action differs from that at λ = 0, infinite if none.
 
     This is the least strength of `found_flips`, without bisecting the others.
-
-    Args:
-        problem: The problem; its own strength isn't used.
-        solve: Finds Q.
-        strengths: λ > 0, ascending.
-
-    Returns:
-        λ, infinite if no action changes in the range.
     """
 
-    def q_at(strength: float, start: Table | None) -> Table:
+    def q_at(strength: float, start: StateActionArray | None) -> StateActionArray:
         return solve(dataclasses.replace(problem, strength=strength), start)
 
-    def before(q: Table) -> bool:
+    def before(q: StateActionArray) -> bool:
         return bool((q[choices].argmax(axis=1) == lead).all())
 
     choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
@@ -180,32 +160,20 @@ def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> 
     for strength in map(float, strengths):
         above = strength, q_at(strength, below[1])
         if not before(above[1]):
-            return _halved(q_at, before, below, above)[1][0]
+            return _halved(q_at, before, below, above)[0]
         below = above
     return float("inf")
 
 
-def _narrowed(
-    q_at: Callable[[float, Table | None], Table],
-    state: int,
-    lead: int,
-    below: tuple[float, Table],
-    above: tuple[float, Table],
-) -> Flip:
-    """Bisect an interval of λ at whose ends a state's greedy action differs."""
-    _, above = _halved(q_at, lambda q: bool(q[state].argmax() == lead), below, above)
-    return Flip(state, lead, int(above[1][state].argmax()), above[0])
-
-
 def _halved(
-    q_at: Callable[[float, Table | None], Table],
-    before: Callable[[Table], bool],
-    below: tuple[float, Table],
-    above: tuple[float, Table],
-) -> tuple[tuple[float, Table], tuple[float, Table]]:
-    """Bisect an interval of λ, at whose lower end only `before` holds, to the precision."""
+    q_at: Callable[[float, StateActionArray | None], StateActionArray],
+    before: Callable[[StateActionArray], bool],
+    below: tuple[float, StateActionArray],
+    above: tuple[float, StateActionArray],
+) -> tuple[float, StateActionArray]:
+    """Bisect an interval of λ, at whose lower end only `before` holds; return the upper end."""
     while above[0] - below[0] > _PRECISION * above[0]:
         middle = (below[0] + above[0]) / 2.0
         q = q_at(middle, below[1])
         below, above = ((middle, q), above) if before(q) else (below, (middle, q))
-    return below, above
+    return above

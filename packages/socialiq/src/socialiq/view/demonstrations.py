@@ -19,8 +19,7 @@ from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.view import View
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE, Options
 from socialiq.worlds.intersection.world import Intersection
 
 MOST_SEED = 2**53

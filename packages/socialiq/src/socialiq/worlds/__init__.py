@@ -52,33 +52,20 @@ WORLD_FILE = "recorded-world"
 """Kind of such a file."""
 
 _GRID = "socialiq.worlds.gym:GridWorldEnv"
-_INTERSECTION = "socialiq.worlds.intersection.gym:IntersectionEnv"
-_INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
-
-
-_SCENE = "socialiq.worlds.highway.gym:SceneEnv"
-_SCENE_VECTOR = "socialiq.worlds.highway.gym:SceneVectorEnv"
+_ROAD, _ROADS = "socialiq.worlds.gym:RoadEnv", "socialiq.worlds.gym:RoadVectorEnv"
 _RECORDED = "socialiq_recordings.world.gym:RecordedJunctionEnv"
 
 
 def register() -> None:
     """Register every world with Gymnasium. Importing `socialiq` calls this function."""
-    for world, name in IDS.items():
-        if name in gymnasium.registry:
-            continue
-        if world == "intersection":
-            gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS)
-        else:
-            gymnasium.register(name, _GRID, kwargs={"world": world})
-    for world, name in CONTINUOUS_IDS.items():
+    roads = {IDS["intersection"]: {}}
+    roads |= {name: CONTINUOUS[world] for world, name in CONTINUOUS_IDS.items()}
+    roads |= {name: {"scene": scene} for scene, name in SCENE_IDS.items()}
+    for name, options in roads.items():
         if name not in gymnasium.registry:
-            options = CONTINUOUS[world]
-            gymnasium.register(
-                name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=options
-            )
-    for scene, name in SCENE_IDS.items():
-        if name not in gymnasium.registry:
-            options = {"scene": scene}
-            gymnasium.register(name, _SCENE, vector_entry_point=_SCENE_VECTOR, kwargs=options)
+            gymnasium.register(name, _ROAD, vector_entry_point=_ROADS, kwargs=options)
+    for world in ("crossing5", "crossing7"):
+        if IDS[world] not in gymnasium.registry:
+            gymnasium.register(IDS[world], _GRID, kwargs={"world": world})
     if RECORDED_JUNCTION not in gymnasium.registry:
         gymnasium.register(RECORDED_JUNCTION, _RECORDED)

@@ -1,6 +1,6 @@
 """crossing5, the deterministic 5x5 proof of concept (thesis 5.1.1).
 
-Options, rules, rewards as named signals, picture, and the world made from them. The ego goes or
+The ego goes or
 waits; the other road user drives on unless blocked.
 """
 
@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from socialiq.foreign import Later
 from socialiq.types import Ending
-from socialiq.worlds import pictures
 from socialiq.worlds.grid_world import Feature, GridWorld, Outcome, Place
 
 jnp: Any = Later("jax.numpy")
@@ -44,75 +43,43 @@ WAIT, GO = 0, 1
 LAST = 4  # the far edge of the grid, where a road user has arrived
 CONFLICT = 2  # both roads cross in cell (2, 2)
 HORIZON = 20
-
-
-class Move(NamedTuple):
-    """Positions along the two roads before and after one simultaneous move."""
-
-    ego: Any
-    other: Any
-    ego_after: Any
-    other_after: Any
-
-
-def move(ego: Any, other: Any, action: Any) -> Move:
-    """Move both road users at once (thesis 5.1.1).
-
-    The other holds for this step if its advance would put it into the conflict cell together with
-    the ego's new position.
-    """
-    ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
-    advanced = jnp.minimum(other + 1, LAST)
-    blocked = (advanced == CONFLICT) & (ego_after == CONFLICT)
-    return Move(ego, other, ego_after, jnp.where(blocked, other, advanced))
-
-
-def ending(moved: Move, options: Options) -> Any:
-    """Return the kind of ending, 0 while the episode continues. The rules exclude collisions."""
-    ego_there, other_there = moved.ego_after == LAST, moved.other_after == LAST
-    over = {
-        "ego_arrival": ego_there,
-        "both_arrived": ego_there & other_there,
-        "time_limit": jnp.zeros_like(ego_there),
-    }[options.ends_on]
-    return jnp.where(over, int(Ending.ARRIVAL), int(Ending.NONE))
-
-
 ENV_WEIGHTS = {"step": -1.0, "arrival": 10.0}
 SOCIAL_WEIGHTS = {"other_step": -1.0, "other_arrival": 10.0}
 
 
-def signals(moved: Move, options: Options) -> dict[str, Any]:
-    """Return the signals of a move, each 0 or 1: under way and arrived, for ego and other.
+def _step(options: Options, state: Any, action: Any, _chance: Any) -> Outcome:
+    """Move both road users at once (thesis 5.1.1).
 
-    `step` stops once the ego has arrived. This matters only if the episode continues after that.
+    The other holds for this step if its advance would put it into the conflict cell together with
+    the ego's new position, so there are no collisions. The signals are 0 or 1: under way and
+    arrived, for ego and other. `step` stops once the ego has arrived, which matters only if the
+    episode continues after that.
     """
-    under_way, other_under_way = moved.ego < LAST, moved.other < LAST
-    arrival = under_way & (moved.ego_after == LAST)
-    other_arrival = other_under_way & (moved.other_after == LAST)
+    ego, other = state[0], state[3]
+    ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
+    advanced = jnp.minimum(other + 1, LAST)
+    blocked = (advanced == CONFLICT) & (ego_after == CONFLICT)
+    other_after = jnp.where(blocked, other, advanced)
+    over = {
+        "ego_arrival": ego_after == LAST,
+        "both_arrived": (ego_after == LAST) & (other_after == LAST),
+        "time_limit": jnp.zeros_like(blocked),
+    }[options.ends_on]
+    under_way, other_under_way = ego < LAST, other < LAST
+    arrival = under_way & (ego_after == LAST)
+    other_arrival = other_under_way & (other_after == LAST)
     if options.arrival == "override":
         under_way, other_under_way = under_way & ~arrival, other_under_way & ~other_arrival
     if options.social_cost == "always":
         other_under_way = jnp.ones_like(other_under_way)
-    flags = {
-        "step": under_way,
-        "arrival": arrival,
-        "other_step": other_under_way,
-        "other_arrival": other_arrival,
-    }
-    return {name: jnp.asarray(flag, jnp.float32) for name, flag in flags.items()}
-
-
-SIZE = 5
-ROAD = 2  # row of the ego's road and column of the other's
-
-
-def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
-    """Draw the crossing, the ego (blue, eastbound) and the other (orange, northbound)."""
-    x_ego, y_ego, x_other, y_other = (int(value) for value in state)
-    pictures.draw_crossing(axes, SIZE, ROAD)
-    pictures.draw_vehicle(axes, x_other, y_other, "north", pictures.OTHER)
-    pictures.draw_vehicle(axes, x_ego, y_ego, "east", pictures.EGO)
+    flags = {"step": under_way, "arrival": arrival}
+    flags |= {"other_step": other_under_way, "other_arrival": other_arrival}
+    return Outcome(
+        state=jnp.stack([ego_after, state[1], state[2], other_after]).astype(jnp.int32),
+        ending=jnp.where(over, int(Ending.ARRIVAL), int(Ending.NONE)),
+        signals={name: jnp.asarray(flag, jnp.float32) for name, flag in flags.items()},
+        speed=(ego_after - ego).astype(jnp.float32),
+    )
 
 
 def places(state: Sequence[int]) -> list[Place]:
@@ -141,19 +108,7 @@ def make(options: Options | None = None) -> GridWorld:
         rules=partial(_step, chosen),
         env_weights=ENV_WEIGHTS,
         social_weights=SOCIAL_WEIGHTS,
-        draw=draw,
         places=places,
-        size=SIZE,
+        size=5,
         units=("ends_on", "social_cost", "arrival"),
-    )
-
-
-def _step(options: Options, state: Any, action: Any, _chance: Any) -> Outcome:
-    moved = move(state[0], state[3], action)
-    after = jnp.stack([moved.ego_after, state[1], state[2], moved.other_after])
-    return Outcome(
-        state=after.astype(jnp.int32),
-        ending=ending(moved, options),
-        signals=signals(moved, options),
-        speed=(moved.ego_after - moved.ego).astype(jnp.float32),
     )

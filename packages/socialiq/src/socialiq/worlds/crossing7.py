@@ -1,6 +1,6 @@
 """crossing7, the stochastic 7x7 intersection with reactive traffic (thesis 5.1.2).
 
-Options, rules, rewards as named signals, picture, and the world made from them. The ego chooses a
+The ego chooses a
 speed; vehicles drive FAST and brake for the ego.
 """
 
@@ -14,7 +14,6 @@ from typing import Any, Literal, NamedTuple
 from socialiq.errors import UserError
 from socialiq.foreign import Later
 from socialiq.types import Ending
-from socialiq.worlds import pictures
 from socialiq.worlds.grid_world import Feature, GridWorld, Outcome, Place
 
 jnp: Any = Later("jax.numpy")
@@ -75,6 +74,10 @@ LAST = 6  # the ego has arrived in the eastern column; a vehicle beyond the nort
 CONFLICT = 3  # both roads cross in cell (3, 3)
 ABSENT = -1  # position of an empty slot
 HORIZON = 25
+SIZE = 7
+ENV_WEIGHTS = {"speed": 0.4, "step": -0.3, "arrival": 2.0, "collision": -5.0}
+SOCIAL_WEIGHTS = {"yielding": 0.2, "disruption": -1.0, "neighbour_collision": -5.0}
+FULL_STOP = 1.5  # speed levels that a forced complete stop counts for
 
 
 class Vehicle(NamedTuple):
@@ -84,17 +87,51 @@ class Vehicle(NamedTuple):
     v: Any
 
 
-class Move(NamedTuple):
-    """One step before vehicles leave or spawn, so that a slot still holds the same vehicle."""
+def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
+    """Move the ego and both vehicles at once; then vehicles leave and spawn.
 
-    action: Any
-    ego: Any
-    ego_after: Any
-    vehicles: tuple[Vehicle, Vehicle]
-    vehicles_after: tuple[Vehicle, Vehicle]
+    A collision, in which the ego and a vehicle occupy the conflict cell in the same step, precedes
+    an arrival. It is impossible with `braking="at_once"`. With `arrival="override"` speed and step
+    are 0 at a terminal step.
+    """
+    ego, ego_after = state[0], jnp.minimum(state[0] + action, LAST)
+    ego_in_conflict = _occupies_conflict(ego, ego_after, options)
+    vehicles = (Vehicle(state[2], state[3]), Vehicle(state[4], state[5]))
+    first, second = (_drive(vehicle, ego_in_conflict, options) for vehicle in vehicles)
+    pairs = ((vehicles[0], first), (vehicles[1], second))
+    first_meets, second_meets = (
+        (before.y != ABSENT) & _occupies_conflict(before.y, after.y, options)
+        for before, after in pairs
+    )
+    struck = ego_in_conflict & (first_meets | second_meets)
+    arrived = ~struck & (ego_after == LAST)
+    counts = ~struck if options.arrival == "added" else ~(struck | arrived)
+    running = jnp.asarray(counts, jnp.float32)
+    signals = {
+        "speed": running * action / FAST,
+        "step": running,
+        "arrival": jnp.asarray(arrived, jnp.float32),
+        "collision": jnp.asarray(struck, jnp.float32),
+        "yielding": _yielding(ego, ego_after, action, vehicles, options),
+        "disruption": sum(_levels_lost(before, after, options) for before, after in pairs),
+        "neighbour_collision": jnp.asarray(struck, jnp.float32),
+    }
+    spawns = (vehicles[1].y == ABSENT) & (chance == 1)
+    if options.second_slot_refills == "same_step":
+        spawns = ((vehicles[1].y == ABSENT) | (second.y > LAST)) & (chance == 1)
+    first = _refilled(first, first.y > LAST if options.first_slot == "respawns" else False)
+    second = _refilled(second, spawns)
+    after = jnp.stack([ego_after, action, first.y, first.v, second.y, second.v])
+    ending = jnp.where(arrived, int(Ending.ARRIVAL), int(Ending.NONE))
+    return Outcome(
+        state=after.astype(jnp.int32),
+        ending=jnp.where(struck, int(Ending.COLLISION), ending),
+        signals=signals,
+        speed=jnp.asarray(action, jnp.float32),
+    )
 
 
-def occupies_conflict(before: Any, after: Any, options: Options) -> Any:
+def _occupies_conflict(before: Any, after: Any, options: Options) -> Any:
     """Whether a road user stands in the conflict cell after the step, or passed over it."""
     stands = after == CONFLICT
     if options.conflict == "end_cell":
@@ -102,104 +139,52 @@ def occupies_conflict(before: Any, after: Any, options: Options) -> Any:
     return stands | ((before < CONFLICT) & (after >= CONFLICT))
 
 
-def drive(vehicle: Vehicle, ego_in_conflict: Any, options: Options) -> Vehicle:
+def _drive(vehicle: Vehicle, ego_in_conflict: Any, options: Options) -> Vehicle:
     """Move one vehicle: FAST, but it brakes so as not to enter a conflict cell the ego occupies.
 
     Vehicles don't react to each other: 5.1.2 gives them a reaction to the ego only. A vehicle that
     is already in the conflict cell continues.
     """
-    would_enter = occupies_conflict(vehicle.y, vehicle.y + FAST, options)
+    would_enter = _occupies_conflict(vehicle.y, vehicle.y + FAST, options)
     safe = jnp.maximum(CONFLICT - 1 - vehicle.y, STOP)
     if options.braking == "one_level":
         safe = jnp.maximum(safe, vehicle.v - 1)
     speed = jnp.where(ego_in_conflict & would_enter, jnp.minimum(safe, FAST), FAST)
     present = vehicle.y != ABSENT
+    return Vehicle(jnp.where(present, vehicle.y + speed, ABSENT), jnp.where(present, speed, STOP))
+
+
+def _refilled(vehicle: Vehicle, spawns: Any) -> Vehicle:
+    """Remove a vehicle that has left the road, and fill the slot if one spawns."""
+    has_left = vehicle.y > LAST
     return Vehicle(
-        y=jnp.where(present, vehicle.y + speed, ABSENT), v=jnp.where(present, speed, STOP)
+        y=jnp.where(spawns, 0, jnp.where(has_left, ABSENT, vehicle.y)),
+        v=jnp.where(spawns, FAST, jnp.where(has_left, STOP, vehicle.v)),
     )
 
 
-def move(state: Any, action: Any, options: Options) -> Move:
-    """Move the ego and both vehicles at once."""
-    ego = state[0]
-    ego_after = jnp.minimum(ego + action, LAST)
-    ego_in_conflict = occupies_conflict(ego, ego_after, options)
-    vehicles = (Vehicle(state[2], state[3]), Vehicle(state[4], state[5]))
-    first, second = (drive(vehicle, ego_in_conflict, options) for vehicle in vehicles)
-    return Move(action, ego, ego_after, vehicles, (first, second))
-
-
-def collided(moved: Move, options: Options) -> Any:
-    """Whether the ego and a vehicle occupied the conflict cell in the same step.
-
-    This is impossible with `braking="at_once"` and possible with `braking="one_level"`.
-    """
-    ego_there = occupies_conflict(moved.ego, moved.ego_after, options)
-    pairs = zip(moved.vehicles, moved.vehicles_after, strict=True)
-    first, second = (
-        (before.y != ABSENT) & occupies_conflict(before.y, after.y, options)
-        for before, after in pairs
-    )
-    return ego_there & (first | second)
-
-
-def ending(moved: Move, options: Options) -> Any:
-    """Return the kind of ending, 0 while the episode continues; a collision precedes an arrival."""
-    arrived = jnp.where(moved.ego_after == LAST, int(Ending.ARRIVAL), int(Ending.NONE))
-    return jnp.where(collided(moved, options), int(Ending.COLLISION), arrived)
-
-
-def refill(moved: Move, spawns: Any, options: Options) -> tuple[Vehicle, Vehicle]:
-    """Remove the vehicles that have left the road and fill the slots.
-
-    Args:
-        moved: The step's movements.
-        spawns: The chance outcome: whether the second slot spawns if it may.
-        options: Options of the world.
-    """
-    first, second = moved.vehicles_after
-    first_left, second_left = first.y > LAST, second.y > LAST
-    refilled = options.first_slot == "respawns"
-    first = Vehicle(
-        y=jnp.where(first_left, 0 if refilled else ABSENT, first.y),
-        v=jnp.where(first_left, FAST if refilled else STOP, first.v),
-    )
-    may_spawn = moved.vehicles[1].y == ABSENT
-    if options.second_slot_refills == "same_step":
-        may_spawn = may_spawn | second_left
-    spawned = may_spawn & spawns
-    second = Vehicle(
-        y=jnp.where(spawned, 0, jnp.where(second_left, ABSENT, second.y)),
-        v=jnp.where(spawned, FAST, jnp.where(second_left, STOP, second.v)),
-    )
-    return first, second
-
-
-ENV_WEIGHTS = {"speed": 0.4, "step": -0.3, "arrival": 2.0, "collision": -5.0}
-SOCIAL_WEIGHTS = {"yielding": 0.2, "disruption": -1.0, "neighbour_collision": -5.0}
-FULL_STOP = 1.5  # speed levels that a forced complete stop counts for
-
-
-def yielding(moved: Move, options: Options) -> Any:
+def _yielding(
+    ego: Any, ego_after: Any, action: Any, vehicles: Sequence[Vehicle], options: Options
+) -> Any:
     """Return (1 - v/v_max) times the approaching vehicles while the ego is in the influence zone.
 
     The zone is that of thesis 5.1.2. A vehicle approaches if it is on the road south of the
     conflict cell before the step.
     """
-    holds_back = (moved.ego == CONFLICT - 1) & (moved.ego_after < CONFLICT)
+    holds_back = (ego == CONFLICT - 1) & (ego_after < CONFLICT)
     if options.yield_zone == "with_conflict":
-        near = (moved.ego == CONFLICT - 1) | (moved.ego == CONFLICT)
-        holds_back = near & (moved.ego_after <= CONFLICT)
+        near = (ego == CONFLICT - 1) | (ego == CONFLICT)
+        holds_back = near & (ego_after <= CONFLICT)
     approaching = sum(
-        jnp.where((vehicle.y >= 0) & (vehicle.y < CONFLICT), 1.0, 0.0) for vehicle in moved.vehicles
+        jnp.where((vehicle.y >= 0) & (vehicle.y < CONFLICT), 1.0, 0.0) for vehicle in vehicles
     )
-    slowness = 1.0 - moved.action / FAST
+    slowness = 1.0 - action / FAST
     if options.slow_yield == "full":
-        slowness = jnp.where(moved.action < FAST, 1.0, 0.0)
+        slowness = jnp.where(action < FAST, 1.0, 0.0)
     return jnp.where(holds_back, slowness * approaching, 0.0)
 
 
-def levels_lost(before: Vehicle, after: Vehicle, options: Options) -> Any:
+def _levels_lost(before: Vehicle, after: Vehicle, options: Options) -> Any:
     """Return the speed levels a vehicle was forced to lose; a full stop counts as FULL_STOP."""
     levels = jnp.maximum(before.v - after.v, 0).astype(jnp.float32)
     stopped = (levels > 0) & (after.v == STOP)
@@ -207,49 +192,12 @@ def levels_lost(before: Vehicle, after: Vehicle, options: Options) -> Any:
     return jnp.where(stopped, charge, levels)
 
 
-def signals(moved: Move, ending: Any, options: Options) -> dict[str, Any]:
-    """Return all signals. With `arrival="override"` speed and step are 0 at a terminal step."""
-    arrived = ending == Ending.ARRIVAL
-    struck = ending == Ending.COLLISION
-    counts = ~struck if options.arrival == "added" else ~(struck | arrived)
-    running = jnp.asarray(counts, jnp.float32)
-    pairs = zip(moved.vehicles, moved.vehicles_after, strict=True)
-    return {
-        "speed": running * moved.action / FAST,
-        "step": running,
-        "arrival": jnp.asarray(arrived, jnp.float32),
-        "collision": jnp.asarray(struck, jnp.float32),
-        "yielding": yielding(moved, options),
-        "disruption": sum(levels_lost(before, after, options) for before, after in pairs),
-        "neighbour_collision": jnp.asarray(struck, jnp.float32),
-    }
-
-
-SIZE = 7
-
-
-def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
-    """Draw the crossing, the ego (blue, eastbound) and up to two vehicles (orange, northbound).
-
-    A vehicle's number of chevrons is its speed level; a bar across its front is speed 0.
-    """
-    x_ego, v_ego, y_1, v_1, y_2, v_2 = (int(value) for value in state)
-    pictures.draw_crossing(axes, SIZE, CONFLICT)
-    for y, v in ((y_1, v_1), (y_2, v_2)):
-        if y != ABSENT:
-            pictures.draw_vehicle(axes, CONFLICT, y, "north", pictures.OTHER, v)
-    pictures.draw_vehicle(axes, x_ego, CONFLICT, "east", pictures.EGO, v_ego)
-
-
 def places(state: Sequence[int]) -> list[Place]:
-    """Return the places of the ego and of the vehicles that are present."""
-    x_ego, _, y_1, _, y_2, _ = (int(value) for value in state)
-    vehicles = [Place(slot, CONFLICT, y, 90) for slot, y in ((1, y_1), (2, y_2)) if y != ABSENT]
-    return [Place(0, x_ego, CONFLICT, 0), *vehicles]
-
-
-_EMPTY = (0, STOP, 0, FAST, ABSENT, STOP)
-_FILLED = (0, STOP, 0, FAST, 0, FAST)
+    """Return the places of the ego and of the vehicles that are present, with their speeds."""
+    x_ego, v_ego, y_1, v_1, y_2, v_2 = (int(value) for value in state)
+    slots = ((1, y_1, v_1), (2, y_2, v_2))
+    vehicles = [Place(slot, CONFLICT, y, 90, v) for slot, y, v in slots if y != ABSENT]
+    return [Place(0, x_ego, CONFLICT, 0, v_ego), *vehicles]
 
 
 def make(options: Options | None = None) -> GridWorld:
@@ -262,7 +210,8 @@ def make(options: Options | None = None) -> GridWorld:
     p = chosen.spawn_probability
     if not 0.0 <= p <= 1.0:
         raise UserError(f"spawn_probability {p:g} is not a probability: choose one in [0, 1]")
-    at_random = ((_EMPTY, 1.0 - p), (_FILLED, p))
+    empty, filled = (0, STOP, 0, FAST, ABSENT, STOP), (0, STOP, 0, FAST, 0, FAST)
+    at_random = ((empty, 1.0 - p), (filled, p))
     return GridWorld(
         name="crossing7",
         options=chosen,
@@ -275,28 +224,14 @@ def make(options: Options | None = None) -> GridWorld:
             Feature("v_2", 0, 3),
         ),
         actions=("STOP", "SLOW", "FAST"),
-        start=at_random if chosen.second_slot_at_start == "random" else ((_EMPTY, 1.0),),
+        start=at_random if chosen.second_slot_at_start == "random" else ((empty, 1.0),),
         chance=(1.0 - p, p),
         horizon=HORIZON,
         max_speed=FAST,
         rules=partial(_step, chosen),
         env_weights=ENV_WEIGHTS,
         social_weights=SOCIAL_WEIGHTS,
-        draw=draw,
         places=places,
         size=SIZE,
         units=("arrival", "full_stop", "yield_zone", "slow_yield"),
-    )
-
-
-def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
-    moved = move(state, action, options)
-    ended = ending(moved, options)
-    first, second = refill(moved, chance == 1, options)
-    after = jnp.stack([moved.ego_after, action, first.y, first.v, second.y, second.v])
-    return Outcome(
-        state=after.astype(jnp.int32),
-        ending=ended,
-        signals=signals(moved, ended, options),
-        speed=jnp.asarray(action, jnp.float32),
     )

@@ -1,19 +1,25 @@
-"""Exact transition table of a gridworld, enumerated from its rules, and episodes in it."""
+"""Exact transition table of a gridworld, episodes in it, tabular policies and exact experts."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, Int64
 
 from socialiq.errors import UserError
 from socialiq.foreign import Later
+from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.mdp.tabular import TabularMDP
+from socialiq.nn.saved import Arrays, Header, Saved
+from socialiq.social.angle import score, weights
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld, Outcome
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.world import observed_with_time, rows_of
@@ -26,21 +32,13 @@ _CHANCE = 5190  # makes draws of chance independent of other draws from the same
 
 @dataclass(frozen=True)
 class Table:
-    """Enumerated world: its MDP, and the quantities of each state and action for evaluation.
-
-    Attributes:
-        world: The world.
-        mdp: Exact transitions and expected reward pair, float64.
-        states: The state of each index.
-        speed: Expected ego speed in cells per step.
-        signals: Expected value of each named signal.
-    """
+    """Enumerated world: its MDP, and the quantities of each state and action for evaluation."""
 
     world: GridWorld
-    mdp: TabularMDP
-    states: Int[np.ndarray, "state feature"]
-    speed: Float[np.ndarray, "state action"]
-    signals: dict[str, Float[np.ndarray, "state action"]]
+    mdp: TabularMDP  # exact transitions and expected reward pair, float64
+    states: Int[np.ndarray, "state feature"]  # of each index
+    speed: Float[np.ndarray, "state action"]  # expected, of the ego, cells per step
+    signals: dict[str, Float[np.ndarray, "state action"]]  # expected value of each named signal
 
     def observe(
         self, state: Int[np.ndarray, " row"], time: Int[np.ndarray, " row"]
@@ -87,11 +85,8 @@ def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float
     """Return the smallest and the largest weighted sum of an episode's rewards, exactly.
 
     By dynamic programming over all actions and all possible chance outcomes: limits of every
-    driver's every episode, and each is reached in some episode.
-
-    Args:
-        world: The world.
-        weights: Weights of r_env and r_social.
+    driver's every episode, and each is reached in some episode. The weights are of r_env and
+    r_social.
     """
     outcome, possible = _outcomes(world), np.asarray(world.chance) > 0.0
     signals = {name: np.asarray(values, np.float64) for name, values in outcome.signals.items()}
@@ -123,19 +118,12 @@ def _all_outcomes(rules: Callable[..., Outcome]) -> Any:
 
 
 class GridStep(NamedTuple):
-    """Result of a step in a gridworld, of all rows.
+    """Result of a step in a gridworld, of all rows."""
 
-    Attributes:
-        state: Index of the state reached.
-        rewards: Rewards of the step.
-        ending: Values of `Ending`; a timeout after the horizon's last step.
-        contact: Values of `Contact`: the ego struck, if it collided.
-    """
-
-    state: Int64[np.ndarray, " row"]
-    rewards: RewardPair
-    ending: Int64[np.ndarray, " row"]
-    contact: Int8[np.ndarray, " row"]
+    state: Int64[np.ndarray, " row"]  # index of the state reached
+    rewards: RewardPair  # rewards of the step
+    ending: Int64[np.ndarray, " row"]  # values of `Ending`; a timeout after the horizon's last step
+    contact: Int8[np.ndarray, " row"]  # values of `Contact`: the ego struck, if it collided
 
 
 class GridState(NamedTuple):
@@ -148,7 +136,7 @@ class GridState(NamedTuple):
 
     def rows(self, chosen: Any) -> GridState:
         """Return the state of the chosen episodes; indices may repeat."""
-        return GridState(*(column[np.asarray(chosen)] for column in self))
+        return GridState(*(column[chosen].copy() for column in self))
 
 
 class GridBatch:
@@ -185,12 +173,7 @@ class GridBatch:
         return observed_with_time(self.table.observe(self.state, self._time), self.time, policy)
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Int64[np.ndarray, " row"]:
-        """Draw the first states of some rows.
-
-        Args:
-            seeds: Seed of each of these rows.
-            rows: Index or mask; all by default.
-        """
+        """Draw the first states of some rows, all by default, from a seed for each of these."""
         chosen, initial = np.flatnonzero(rows_of(rows, self.size)), self.table.mdp.initial
         if self._shared is not None:
             self.state[chosen] = self._shared.choice(len(initial), size=len(chosen), p=initial)
@@ -234,8 +217,7 @@ class GridBatch:
 
     def save(self) -> GridState:
         """Return a copy of the state of every episode."""
-        columns = (self.state, self._time, self._fate, self._waiting)
-        return GridState(*(column.copy() for column in columns))
+        return GridState(self.state, self._time, self._fate, self._waiting).rows(slice(None))
 
     def restore(self, state: GridState) -> None:
         """Restore a saved state with as many rows."""
@@ -256,3 +238,98 @@ def _drawn(
     """Return the outcome that a uniform number of each row stands for."""
     outcome = (uniform[:, None] >= chances.cumsum(axis=1)).sum(axis=1)
     return np.minimum(outcome, chances.shape[1] - 1)
+
+
+@dataclass(frozen=True)
+class TabularPolicy(Saved):
+    """Action probabilities by state, in the order of the world's state numbers."""
+
+    KIND = "table"
+
+    world: GridWorld  # of a saved table one of the registry with its default options
+    probabilities: Float[np.ndarray, "state action"]
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    sha256: str = ""  # of the file's content, for a table that was loaded
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.world.n_features
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return self.world.n_actions
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the table and the header of the file: the world's name and description."""
+        header = {"world": self.world.name, "description": self.world.description}
+        return {"probabilities": self.probabilities}, header
+
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> TabularPolicy:
+        """Build a table from a file's content, as `Saved.checked`."""
+        name = header.get("world")
+        worlds = {"crossing5": crossing5.make, "crossing7": crossing7.make}
+        if not isinstance(name, str) or name not in worlds:
+            raise UserError(f"{path} is not for a world of {', '.join(worlds)}: make it again")
+        world = worlds[name]()
+        if header.get("description") != world.description:
+            raise UserError(f"{path} was made for other options of {name}: make it for the default")
+        chances = arrays.get("probabilities", np.zeros(0))
+        states = int(np.prod(world.shape))
+        if chances.shape != (states, world.n_actions) or chances.dtype != np.float64:
+            raise UserError(
+                f"{path} must hold float64 of {states} states and {world.n_actions} actions: make "
+                "it again"
+            )
+        if not ((chances >= 0.0).all() and np.allclose(chances.sum(axis=1), 1.0, atol=1e-9)):
+            raise UserError(f"{path} has a row that is not a distribution: make it again")
+        return cls(world, chances, sha256=header["sha256"])
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose actions: the most probable (the first of equals), or drawn from the table."""
+        batch = np.atleast_2d(np.rint(observation).astype(np.int64))
+        chances = self.probabilities[self.world.index(batch)]
+        actions = chances.argmax(axis=1) if deterministic else draw_actions(chances, self.rng)
+        return actions.reshape(np.shape(observation)[:-1]), state
+
+
+def draw_actions(
+    probabilities: Float[np.ndarray, "batch action"], rng: np.random.Generator
+) -> np.ndarray:
+    """Draw one action for each row of probabilities."""
+    return _drawn(probabilities, rng.random((len(probabilities), 1))[:, 0])
+
+
+Variant = Literal["deterministic", "stochastic"]
+
+
+def expert_policy(
+    table: Table, angle: float, variant: Variant = "deterministic", discount: float = 0.99
+) -> Float[np.ndarray, "state action"]:
+    """Return the greedy policy of value iteration on R(α) (Eq 4.3), one-hot.
+
+    Ties go to the first action within a relative 1e-12, and cos 90° keeps its float64 residue:
+    the 5x5 altruist of Fig 6.1 exists only because of both (docs/worlds/crossing5.md).
+
+    Args:
+        table: The world, with all its states.
+        angle: Social angle in degrees.
+        variant: Solve the world itself, or the variant without spawns, as the thesis does before
+            it rolls the experts out in the stochastic world. Rewards don't depend on spawns.
+        discount: γ of Table C.1.
+    """
+    mdp = table.mdp
+    if variant == "deterministic":  # the first chance outcome always occurs: no vehicle spawns
+        certain = np.zeros_like(mdp.probability)
+        certain[..., 0] = 1.0
+        mdp = dataclasses.replace(mdp, probability=certain)
+    reward = score(weights(angle), mdp.rewards)
+    return greedy_policy(value_iteration(mdp, reward, discount).q)

@@ -19,6 +19,7 @@ from socialiq.worlds import NAMED, RECORDED_JUNCTION, SCENE_IDS, WORLD_FILE, reg
 from socialiq.worlds.wrapper import (
     RewardPairWrapper,
     UnitActions,
+    called,
     check_spaces,
     flat,
     flat_space,
@@ -28,7 +29,6 @@ _ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
 NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
 """A Gymnasium id, MODULE:ID or MODULE:FUNCTION; MODULE may be the path of a file."""
 
-_MALFORMED = gymnasium.error.Error
 _BUILT_IN = NAMED | SCENE_IDS
 
 
@@ -76,10 +76,7 @@ def make_environment(
 
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
-    """Return the length of an observation and the number of actions of a made environment.
-
-    The number is 0 if actions are arrays.
-    """
+    """Return the length of an observation and the number of actions, 0 if these are arrays."""
     space, actions = env.observation_space, env.action_space
     assert isinstance(space, spaces.Box)
     return int(space.shape[0]), int(actions.n) if isinstance(actions, spaces.Discrete) else 0
@@ -92,10 +89,7 @@ def action_size(env: gymnasium.Env[Any, Any]) -> int:
 
 
 def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
-    """Return the bounds of a made environment's actions in its own units, as JSON under their name.
-
-    They are `{"action_bounds": {"low": [...], "high": [...]}}`; nothing if actions are discrete.
-    """
+    """Return the bounds of a made environment's actions, in its own units, as JSON; or nothing."""
     if not isinstance(env, UnitActions):
         return {}
     ends = {"low": env.bounds.low, "high": env.bounds.high}
@@ -103,48 +97,25 @@ def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
 
 
 def environment_maker(
-    name: str, demonstrated: tuple[int, int], allow_code: bool
+    name: str, demonstrated: tuple[int, int] | None, allow_code: bool, continuous: bool = False
 ) -> Callable[[], gymnasium.Env[Any, Any]]:
     """Return a function that makes an environment to learn in, and checks that its data fit.
 
-    Args:
-        name: As of `make_environment`.
-        demonstrated: Numbers of features and of actions of the demonstrations.
-        allow_code: As of `make_environment`.
+    `demonstrated` is the number of features of the demonstrations, and of actions, or if these are
+    continuous their length; None without demonstrations.
     """
 
     def make() -> gymnasium.Env[Any, Any]:
-        env = make_environment(name, allow_code=allow_code)
-        if sizes(env) != demonstrated:
-            raise UserError(
-                "the demonstrations have {} features and {} actions, the world has {} and {}: "
-                "they belong to another world".format(*demonstrated, *sizes(env))
-            )
-        return env
-
-    return make
-
-
-def continuous_maker(
-    name: str, demonstrated: tuple[int, int] | None, allow_code: bool
-) -> Callable[[], gymnasium.Env[Any, Any]]:
-    """Return a function that makes an environment with continuous actions to learn in.
-
-    Args:
-        name: As of `make_environment`.
-        demonstrated: Length of an observation and of an action of the demonstrations; None without.
-        allow_code: As of `make_environment`.
-    """
-
-    def make() -> gymnasium.Env[Any, Any]:
-        env = make_environment(name, allow_code=allow_code, continuous=True)
-        lengths = (sizes(env)[0], action_size(env))
-        if not lengths[1]:
+        env = make_environment(name, allow_code=allow_code, continuous=continuous)
+        found = (sizes(env)[0], action_size(env)) if continuous else sizes(env)
+        if continuous and not found[1]:
             raise UserError(f"{one_line(name)} has discrete actions: use a learner of these")
-        if demonstrated is not None and lengths != demonstrated:
+        if demonstrated is not None and found != demonstrated:
+            actions = "actions of {} numbers" if continuous else "{} actions"
             raise UserError(
-                "the demonstrations have {} features and actions of {} numbers, the world has {} "
-                "and {}: they belong to another world".format(*demonstrated, *lengths)
+                f"the demonstrations have {demonstrated[0]} features and "
+                f"{actions.format(demonstrated[1])}, the world has {found[0]} and {found[1]}: "
+                "they belong to another world"
             )
         return env
 
@@ -180,11 +151,12 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
         raise
     except gymnasium.error.Error as error:
         # Gymnasium raises the base class of these errors for a malformed id.
-        if not isinstance(error, gymnasium.error.UnregisteredEnv) and type(error) is not _MALFORMED:
+        is_unknown = isinstance(error, gymnasium.error.UnregisteredEnv)
+        if not (is_unknown or type(error) is gymnasium.error.Error):
             raise failure(one_line(name), error) from error
-        where = (
-            f"{one_line(module)} has no function and registers no" if module else "unknown world"
-        )
+        where = "unknown world"
+        if module:
+            where = f"{one_line(module)} has no function and registers no"
         raise UserError(
             f"{where} '{one_line(attribute)}': choose one of {', '.join(_BUILT_IN)}, a registered "
             "Gymnasium id, MODULE:ID or MODULE:FUNCTION"
@@ -203,12 +175,12 @@ class _Guarded(gymnasium.Wrapper):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
-        observation, info = self._called(self.env.reset, seed=seed, options=options)
+        observation, info = called(self._name, self.env.reset, seed=seed, options=options)
         return self._flat(observation), info
 
     def step(self, action: Any) -> Any:
         """Take one step."""
-        after, *results = self._called(self.env.step, action)
+        after, *results = called(self._name, self.env.step, action)
         return (self._flat(after), *results)
 
     def _flat(self, observation: Any) -> np.ndarray:
@@ -218,18 +190,10 @@ class _Guarded(gymnasium.Wrapper):
             raise UserError(
                 f"{self._name} gave an observation that is no array of numbers: correct it"
             ) from error
-        if observed.shape != self.observation_space.shape or not np.isfinite(observed).all():
-            shape = self.observation_space.shape
+        shape = self.observation_space.shape
+        if observed.shape != shape or not np.isfinite(observed).all():
             fault = "NaN or infinity" if observed.shape == shape else f"shape {observed.shape}"
             raise UserError(
                 f"{self._name} gave an observation of {fault}: its space has {shape}, finite"
             )
         return observed
-
-    def _called(self, function: Any, *given: Any, **named: Any) -> Any:
-        try:
-            return function(*given, **named)
-        except UserError:
-            raise
-        except FAILURES as error:
-            raise failure(self._name, error) from error

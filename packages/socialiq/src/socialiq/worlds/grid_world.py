@@ -33,36 +33,24 @@ class Feature(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Place of a road user in a state.
+    """Place of a road user in a state."""
 
-    Attributes:
-        slot: Number of the road user among the state's features; the ego is 0.
-        x: Column of its cell.
-        y: Row of its cell, upwards.
-        heading: Degrees counter-clockwise from east.
-    """
-
-    slot: int
-    x: int
-    y: int
-    heading: int
+    slot: int  # number of the road user among the state's features; the ego is 0
+    x: int  # column of its cell
+    y: int  # row of its cell, upwards
+    heading: int  # degrees counter-clockwise from east
+    speed: int | None = None  # cells a step, where it is a feature
 
 
 class Outcome(NamedTuple):
-    """Result of one action and one chance outcome.
+    """Result of one action and one chance outcome."""
 
-    Attributes:
-        state: Next state, int (features,).
-        ending: Value of `Ending` (never TIMEOUT, which is the clock's).
-        signals: Named reward signals of the transition. They are small integers and halves, so
-            they are exact in float32, and weighting them in float64 gives exact rewards.
-        speed: The ego's speed in cells per step.
-    """
-
-    state: Int[Any, " feature"]
-    ending: Int[Any, ""]
+    state: Int[Any, " feature"]  # next state, int (features,)
+    ending: Int[Any, ""]  # value of `Ending` (never TIMEOUT, which is the clock's)
+    # named reward signals of the transition. They are small integers and halves, so they are exact
+    # in float32, and weighting them in float64 gives exact rewards
     signals: Signals
-    speed: Float[Any, ""]
+    speed: Float[Any, ""]  # the ego's speed in cells per step
 
 
 class Episode(NamedTuple):
@@ -78,42 +66,23 @@ class GridWorld(World):
 
     The exact transition table (`worlds.enumerate`), the Gymnasium environment (`worlds.gym`) and
     the pictures (`worlds.pictures`) all come from `rules`, `env_weights` and `social_weights`.
-
-    Attributes:
-        name: Name in the registry.
-        options: Options of the world, a frozen dataclass.
-        features: Coordinates of a state; the observation is the state itself as float32.
-        actions: Names of the actions, in the order of their numbers.
-        start: Initial states with their probabilities.
-        chance: Probability of each chance outcome, the same in every state.
-        horizon: Steps after which an episode is truncated (Ending.TIMEOUT).
-        max_speed: The ego's greatest speed in cells per step.
-        rules: (state, action, chance outcome) -> Outcome; traceable by JAX.
-        env_weights: Weight of each signal in r_env.
-        social_weights: Weight of each signal in r_social.
-        draw: (axes, world, state) -> None; draws one state with matplotlib.
-        places: State -> places of the road users that are present.
-        size: Number of columns and of rows; the roads cross in the middle.
-        units: Names of the options that define the rewards.
-        clock: Whether the time is observed too, as a last feature. The thesis' agents don't see
-            it; docs/dial.md gives its effect.
     """
 
     name: str
-    options: Any
-    features: tuple[Feature, ...]
-    actions: tuple[str, ...]
-    start: tuple[tuple[tuple[int, ...], float], ...]
-    chance: tuple[float, ...]
-    horizon: int
-    max_speed: int
-    rules: Callable[[Any, Any, Any], Outcome]
-    env_weights: Mapping[str, float]
-    social_weights: Mapping[str, float]
-    draw: Callable[[Any, GridWorld, tuple[int, ...]], None]
-    places: Callable[[Sequence[int]], list[Place]]
-    size: int
-    units: tuple[str, ...] = ()
+    options: Any  # a frozen dataclass
+    features: tuple[Feature, ...]  # of a state; the observation is the state itself as float32
+    actions: tuple[str, ...]  # names, in the order of their numbers
+    start: tuple[tuple[tuple[int, ...], float], ...]  # initial states with their probabilities
+    chance: tuple[float, ...]  # of each chance outcome, the same in every state
+    horizon: int  # steps after which an episode is truncated (Ending.TIMEOUT)
+    max_speed: int  # of the ego, cells per step
+    rules: Callable[[Any, Any, Any], Outcome]  # of state, action, chance outcome; traceable by JAX
+    env_weights: Mapping[str, float]  # of each signal in r_env
+    social_weights: Mapping[str, float]  # of each signal in r_social
+    places: Callable[[Sequence[int]], list[Place]]  # of the road users that are present in a state
+    size: int  # number of columns and of rows; the roads cross in the middle
+    units: tuple[str, ...] = ()  # names of the options that define the rewards
+    # Whether the time is observed too, as a last feature. The thesis' agents don't see it.
     clock: bool = False
 
     is_exact: ClassVar[bool] = True
@@ -131,9 +100,8 @@ class GridWorld(World):
     @property
     def observed(self) -> tuple[Feature, ...]:
         """Features of an observation: those of the state, and the time if there is a clock."""
-        return (
-            (*self.features, Feature("time", 0, self.horizon + 1)) if self.clock else self.features
-        )
+        time = (Feature("time", 0, self.horizon + 1),) if self.clock else ()
+        return self.features + time
 
     @property
     def one_hot(self) -> tuple[tuple[int, int], ...]:
@@ -171,11 +139,7 @@ class GridWorld(World):
         """Definition of the reward pair: weights of the signals, and the options that matter."""
         units = {name: getattr(self.options, name) for name in self.units}
         units |= {"horizon": self.horizon, "max_speed": self.max_speed}
-        return {
-            "env": dict(self.env_weights),
-            "social": dict(self.social_weights),
-            "units": units,
-        }
+        return {"env": dict(self.env_weights), "social": dict(self.social_weights), "units": units}
 
     def largest_difference(self, weights: tuple[float, float]) -> float:
         """Return the most by which the weighted rewards of two episodes can differ, exactly."""

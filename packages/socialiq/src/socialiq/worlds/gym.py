@@ -1,22 +1,32 @@
-"""Gridworlds as Gymnasium environments; `worlds.IDS` has their ids."""
+"""Worlds as Gymnasium environments and as vector environments; `worlds.IDS` has their ids."""
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
 
+from socialiq.errors import UserError
 from socialiq.foreign import Later
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
-from socialiq.worlds import registry
+from socialiq.worlds import pictures, registry
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.pictures import picture, pixels
+from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.scenes import Scene
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.world import RoadWorld, world_of
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import Decisions
 
 jax: Any = Later("jax")
+
+TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
 
 class GridWorldEnv(gymnasium.Env):
@@ -54,13 +64,9 @@ class GridWorldEnv(gymnasium.Env):
         high = low + np.array([feature.size for feature in self.world.observed], np.float32) - 1
         low[low == high] = 0.0  # Gymnasium warns of features that never change
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self.action_space = spaces.Discrete(self.world.n_actions)
-        self._state = np.zeros(len(self.world.features), np.int32)
-        self._time = 0
-
-    @cached_property
-    def _rules(self) -> Any:
-        return jax.jit(self.world.rules)
+        self.action_space = self.world.action_space
+        self._state, self._time = np.zeros(len(self.world.features), np.int32), 0
+        self._rules: Any = None  # compiled at the first step
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -68,12 +74,12 @@ class GridWorldEnv(gymnasium.Env):
         """Start an episode."""
         super().reset(seed=seed, options=options)
         chosen = self.np_random.choice(len(self.world.start), p=[p for _, p in self.world.start])
-        self._state = np.array(self.world.start[chosen][0], np.int32)
-        self._time = 0
+        self._state, self._time = np.array(self.world.start[chosen][0], np.int32), 0
         return self._observation(), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step. The horizon truncates; every other ending terminates."""
+        self._rules = self._rules or jax.jit(self.world.rules)
         chance = self.np_random.choice(len(self.world.chance), p=self.world.chance)
         outcome = self._rules(self._state, int(action), int(chance))
         self._state = np.asarray(outcome.state)
@@ -89,13 +95,8 @@ class GridWorldEnv(gymnasium.Env):
             "ending": ending.name.lower(),
             "speed": float(outcome.speed),
         }
-        return (
-            self._observation(),
-            float(score(self._weights, rewards)),
-            ending not in (Ending.NONE, Ending.TIMEOUT),
-            ending == Ending.TIMEOUT,
-            info,
-        )
+        reward = float(score(self._weights, rewards))
+        return self._observation(), reward, ending in TERMINAL, ending == Ending.TIMEOUT, info
 
     def _observation(self) -> np.ndarray:
         features = np.append(self._state, self._time) if self.world.clock else self._state
@@ -105,4 +106,217 @@ class GridWorldEnv(gymnasium.Env):
         """Return a picture of the current state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
-        return pixels(picture(self.world, self._state.tolist()))
+        return pictures.pixels(pictures.picture(self.world, self._state.tolist()))
+
+
+def _road(
+    scene: RoadWorld | Scene | str, options: dict[str, Any], size: int, threads: int = 1
+) -> tuple[RoadWorld, RoadBatch]:
+    """Return a road as the constructors below name it, and episodes of it."""
+    if isinstance(scene, str) and scene == "intersection":
+        back_end = options.pop("back_end", "core")
+        kind = ContinuousOptions if "actions" in options else Options
+        world = Intersection(registry.parse_options("intersection", kind, options))
+        return world, world.batch(size, threads, back_end)
+    world = scene if isinstance(scene, RoadWorld) else world_of(scene, **options)
+    return world, world.batch(size, threads)
+
+
+def _observations(world: RoadWorld, clock: bool) -> spaces.Box:
+    low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
+    if clock:
+        low[-1], high[-1] = 0.0, world.options.decisions
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def _timed(observation: np.ndarray, time: np.ndarray, clock: bool) -> np.ndarray:
+    return np.column_stack([observation, time]) if clock else observation
+
+
+class RoadEnv(gymnasium.Env):
+    """The intersection, or a scene of highway-env, with the Gymnasium interface.
+
+    The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
+    (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
+    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided`,
+    `classical` (the ego's own reward and its neighbours' mean, thesis A.1) and `off_road`. Where
+    leaving the road ends an episode, its ending is `other`.
+
+    Args:
+        scene: "intersection", the name of a scene, or a scene.
+        angle: Social angle α in degrees of the scalar reward R(α).
+        render_mode: "rgb_array" or None.
+        clock: Whether observations end with the time, in decisions since the reset.
+        options: Fields of the road's options. Those of the intersection are of `Options`, with
+            `actions` of `ContinuousOptions`; its `back_end` may be "highway_env".
+
+    Raises:
+        UserError: If the scene or an option is unknown, the angle is invalid, or highway-env is not
+            installed.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  as in Gymnasium
+
+    def __init__(
+        self,
+        scene: RoadWorld | Scene | str = "intersection",
+        angle: float = 0.0,
+        render_mode: str | None = None,
+        clock: bool = False,
+        **options: Any,
+    ) -> None:
+        self.world, self.batch = _road(scene, options, 1)
+        if not isinstance(self.world, Intersection):
+            self.metadata = {**self.metadata, "render_fps": 1}
+        self.render_mode, self._clock = render_mode, clock
+        self._weights = weights(check_angle(angle))
+        self.observation_space = _observations(self.world, clock)
+        self.action_space = self.world.action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start the episode that highway-env starts with this seed, or continue the stream."""
+        super().reset(seed=seed, options=options)
+        if seed is None and not self.batch.begun.all():
+            seed = int(self.np_random.integers(2**31))
+        observation = self.batch.reset(None if seed is None else [seed])
+        return _timed(observation, self.batch.time, self._clock)[0], {}
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take one decision. A timeout truncates; every other ending terminates."""
+        chosen = action if self.world.options.continuous else int(action)
+        decisions = self.batch.step(np.asarray([chosen]), auto_reset=False)
+        ending = int(decisions.ending[0])
+        info = {
+            "reward_pair": np.array([decisions.rewards.env[0], decisions.rewards.social[0]]),
+            "signals": {name: float(values[0]) for name, values in decisions.signals.items()},
+            "ending": Ending(ending).name.lower(),
+            "speed": float(decisions.speed[0]),
+            "contact": Contact(int(decisions.contact[0])).name.lower(),
+            "neighbours_collided": int(decisions.neighbours_collided[0]),
+            "classical": np.array([decisions.classical.env[0], decisions.classical.social[0]]),
+            "off_road": bool(decisions.off_road[0]),
+        }
+        reward = float(score(self._weights, decisions.rewards)[0])
+        observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
+        return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
+
+    def render(self) -> np.ndarray | None:
+        """Return a picture of the current state, uint8 (height, width, 3)."""
+        if self.render_mode != "rgb_array":
+            return None
+        from socialiq.worlds.highway.render import present_scene
+        from socialiq.worlds.highway.sheet import picture
+
+        return pictures.pixels(picture(present_scene(self.batch), self.world.view))
+
+
+class RoadVectorEnv(gymnasium.vector.VectorEnv):
+    """Episodes of a road with Gymnasium's vector interface, on several threads.
+
+    `info` has the quantities of `RoadEnv` as arrays, `ending` and `contact` as the numbers
+    of `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
+    reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
+
+    Args:
+        scene: As of `RoadEnv`.
+        num_envs: Number of episodes.
+        angle: Social angle α in degrees of the scalar reward R(α).
+        threads: Threads that share the episodes.
+        autoreset_mode: Gymnasium's, NEXT_STEP by default.
+        clock: As of `RoadEnv`.
+        options: As of `RoadEnv`.
+
+    Raises:
+        UserError: If an option is unknown, or a number or the angle is invalid.
+    """
+
+    def __init__(
+        self,
+        scene: RoadWorld | Scene | str = "intersection",
+        num_envs: int = 1,
+        angle: float = 0.0,
+        threads: int = 1,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        clock: bool = False,
+        **options: Any,
+    ) -> None:
+        self.world, self.batch = _road(scene, options, num_envs, threads)
+        self.num_envs, self._clock = num_envs, clock
+        self.metadata = {"autoreset_mode": autoreset_mode}
+        self.autoreset_mode = autoreset_mode
+        self._weights = weights(check_angle(angle))
+        self.single_observation_space = _observations(self.world, clock)
+        self.single_action_space: gymnasium.Space[Any] = self.world.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._ended = np.zeros(self.num_envs, bool)
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start episodes: row i with seed + i, or with its own seed from a list.
+
+        Args:
+            seed: One number, a list with a seed for each row, or None to continue the streams.
+            options: `reset_mask`, a Boolean for each row, selects the rows.
+        """
+        mask = np.ones(self.num_envs, bool)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], bool)
+        if isinstance(seed, int):
+            seed = [seed + row for row in range(self.num_envs)]
+        if seed is None and not self.batch.begun[mask].all():
+            seed = self.np_random.integers(2**31, size=self.num_envs).tolist()
+        self._ended[mask] = False
+        chosen = None if seed is None else np.asarray(seed)[mask]
+        return _timed(self.batch.reset(chosen, rows=mask), self.batch.time, self._clock), {}
+
+    def step(
+        self, actions: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Take one decision in every episode, with resets by the autoreset mode."""
+        same_step, resetting = self.autoreset_mode == AutoresetMode.SAME_STEP, self._ended.copy()
+        if resetting.any():
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                raise UserError("an episode has ended: reset it first, with options reset_mask")
+            self.batch.reset(rows=resetting)
+        before = self.batch.time
+        decisions = self.batch.step(np.asarray(actions), auto_reset=same_step, rows=~resetting)
+        terminated = np.isin(decisions.ending, TERMINAL) & ~resetting
+        truncated = (decisions.ending == int(Ending.TIMEOUT)) & ~resetting
+        reward = np.where(resetting, 0.0, score(self._weights, decisions.rewards))
+        ended, info = terminated | truncated, _info(decisions, ~resetting)
+        if not same_step:
+            self._ended = ended
+        elif ended.any():
+            reached = _timed(decisions.observation, before + 1.0, self._clock)
+            final = np.full(len(ended), None, object)
+            for row in np.flatnonzero(ended):
+                final[row] = reached[row]
+            info |= {"final_obs": final, "_final_obs": ended}
+        observation = _timed(self.batch.observation, self.batch.time, self._clock)
+        return observation, reward, terminated, truncated, info
+
+
+def _info(decisions: Decisions, mask: np.ndarray) -> dict[str, Any]:
+    info: dict[str, Any] = {
+        "reward_pair": np.stack(decisions.rewards, axis=1),
+        "signals": dict(decisions.signals),
+        "ending": decisions.ending,
+        "speed": decisions.speed,
+        "contact": decisions.contact,
+        "neighbours_collided": decisions.neighbours_collided,
+        "classical": np.stack(decisions.classical, axis=1),
+        "off_road": decisions.off_road,
+    }
+    return info | {f"_{name}": mask.copy() for name in info}
+
+
+def learning_env(
+    world: RoadWorld, count: int, clock: bool = False, threads: int = 1
+) -> RoadVectorEnv:
+    """Return so many episodes of a road to learn in: they are reset in the same step."""
+    mode = AutoresetMode.SAME_STEP
+    return RoadVectorEnv(world, count, threads=threads, autoreset_mode=mode, clock=clock)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.grid_world import GridWorld, Place
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,21 +18,13 @@ OTHER = "#e08214"
 ROAD = "#e6e6e6"
 CONFLICT = "#c9c9c9"
 
-Heading = Literal["east", "north"]
-
 
 def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
-    """Draw one state.
-
-    Args:
-        world: The world.
-        state: The state's features.
-        inches: Width and height of the figure.
-    """
+    """Draw one state, in a square figure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(inches, inches), layout="constrained")
-    world.draw(figure.add_subplot(), world, tuple(state))
+    _draw(figure.add_subplot(), world, state)
     return figure
 
 
@@ -55,7 +47,7 @@ def filmstrip(
     for number, (state, title) in enumerate(zip(states, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, number + 1)
         axes.set_title(title, fontsize=9)
-        world.draw(axes, world, tuple(state))
+        _draw(axes, world, state)
     return figure
 
 
@@ -68,10 +60,11 @@ def pixels(figure: Figure) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def draw_crossing(axes: Any, size: int, road: int) -> None:
-    """Draw an empty size x size grid with a west-east and a south-north road through `road`."""
+def _draw(axes: Any, world: GridWorld, state: State) -> None:
+    """Draw the grid with both roads, the others (orange) and the ego (blue)."""
     from matplotlib.patches import Rectangle
 
+    size, road = world.size, world.size // 2
     axes.set(xlim=(-0.5, size - 0.5), ylim=(-0.5, size - 0.5), xticks=[], yticks=[])
     axes.set_aspect("equal")
     axes.add_patch(Rectangle((-0.5, road - 0.5), size, 1, color=ROAD, zorder=0))
@@ -80,24 +73,17 @@ def draw_crossing(axes: Any, size: int, road: int) -> None:
     for line in range(1, size):
         axes.axhline(line - 0.5, color="white", linewidth=1, zorder=1)
         axes.axvline(line - 0.5, color="white", linewidth=1, zorder=1)
+    ego, *others = world.places(state)
+    for place in (*others, ego):
+        _draw_vehicle(axes, place, EGO if place is ego else OTHER)
 
 
-def draw_vehicle(
-    axes: Any, x: int, y: int, heading: Heading, color: str, speed: int | None = None
-) -> None:
-    """Draw a road user at the centre of cell (x, y).
-
-    Args:
-        axes: Matplotlib axes.
-        x: Column of the cell.
-        y: Row of the cell, upwards.
-        heading: Driving direction.
-        color: Fill colour.
-        speed: Speed level, drawn as that many chevrons; a bar for 0, nothing for None.
-    """
+def _draw_vehicle(axes: Any, place: Place, color: str) -> None:
+    """Draw a road user; its speed is as many chevrons, speed 0 a bar across its front."""
     from matplotlib.patches import FancyBboxPatch
 
-    length, width = (0.74, 0.44) if heading == "east" else (0.44, 0.74)
+    x, y, is_eastbound = place.x, place.y, place.heading == 0
+    length, width = (0.74, 0.44) if is_eastbound else (0.44, 0.74)
     body = FancyBboxPatch(
         (x - length / 2, y - width / 2),
         length,
@@ -109,27 +95,14 @@ def draw_vehicle(
         zorder=3,
     )
     axes.add_patch(body)
-    for shift in _chevrons(speed):
-        _chevron(axes, x, y, heading, shift)
-    if speed == 0:
-        _bar(axes, x, y, heading)
-
-
-def _chevrons(speed: int | None) -> tuple[float, ...]:
-    return {None: (), 0: (), 1: (0.05,), 2: (-0.1, 0.12)}[speed]
-
-
-def _chevron(axes: Any, x: int, y: int, heading: Heading, shift: float) -> None:
-    along, across = (shift - 0.09, shift + 0.06, shift - 0.09), (-0.12, 0.0, 0.12)
-    if heading == "east":
+    for shift in {1: (0.05,), 2: (-0.1, 0.12)}.get(place.speed or 0, ()):
+        along, across = (shift - 0.09, shift + 0.06, shift - 0.09), (-0.12, 0.0, 0.12)
         points = [x + a for a in along], [y + c for c in across]
-    else:
-        points = [x + c for c in across], [y + a for a in along]
-    axes.plot(*points, color="white", linewidth=1.8, zorder=4)
-
-
-def _bar(axes: Any, x: int, y: int, heading: Heading) -> None:
-    points = ([x + 0.24] * 2, [y - 0.14, y + 0.14])
-    if heading == "north":
-        points = ([x - 0.14, x + 0.14], [y + 0.24] * 2)
-    axes.plot(*points, color="white", linewidth=2.4, zorder=4)
+        if not is_eastbound:
+            points = [x + c for c in across], [y + a for a in along]
+        axes.plot(*points, color="white", linewidth=1.8, zorder=4)
+    if place.speed == 0:
+        points = [x + 0.24] * 2, [y - 0.14, y + 0.14]
+        if not is_eastbound:
+            points = [x - 0.14, x + 0.14], [y + 0.24] * 2
+        axes.plot(*points, color="white", linewidth=2.4, zorder=4)

@@ -17,12 +17,12 @@ from typing import Any, TypeVar
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.storage import kind_of
-from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7, intersection
+from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.intersection import world as intersection
 from socialiq.worlds.intersection.options import ContinuousOptions
-from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import World
 
 Kind = TypeVar("Kind")
@@ -37,16 +37,16 @@ _OF_RECORDINGS = "socialiq_recordings.world.gym:load_world"
 _FILES = (".safetensors", ".xml", ".csv")
 
 
-@cache
-def _loaders() -> dict[str, EntryPoint]:
-    """Return what reads a world from a file, by the kind of the file."""
-    return {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)} | installed(GROUP)
-
-
 def installed(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name, those of a backport of importlib too."""
     entries = entry_points(group=group)
     return {entry.name: EntryPoint(entry.name, entry.value, group) for entry in entries}
+
+
+@cache
+def _loaders() -> dict[str, EntryPoint]:
+    """Return what reads a world from a file, by the kind of the file."""
+    return {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)} | installed(GROUP)
 
 
 def is_world_file(name: str) -> bool:
@@ -85,9 +85,6 @@ def loaded(entry: EntryPoint, file: str) -> Any:
 def refuse_file(name: str) -> None:
     """Raise an error for a file in place of a world.
 
-    Args:
-        name: Name given by the user.
-
     Raises:
         UserError: If it is a file's name, and the file holds no world.
     """
@@ -100,11 +97,7 @@ def refuse_file(name: str) -> None:
 
 
 def open_world(name: str, **options: Any) -> World:
-    """Return any world of this package or another distribution: by name, or from a file.
-
-    Args:
-        name: One of `NAMES`, a scene of highway-env, or a file.
-        options: Of a named world; a file has none.
+    """Return any world: one of `NAMES` or a scene with options, or one from a file, which has none.
 
     Raises:
         UserError: If the world, an option or a value is unknown, or a file is damaged.
@@ -113,52 +106,22 @@ def open_world(name: str, **options: Any) -> World:
         if options:
             raise UserError(f"the world of a file takes no options, got {', '.join(options)}")
         return load_world(name)
-    if name in SCENES:
-        return world_of(name, **options)
-    return make(name, **options)
+    return world_of(name, **options) if name in SCENES else make(name, **options)
 
 
-def make(name: str, **options: Any) -> GridWorld | Intersection:
-    """Build a world by name, with its options as keyword arguments.
-
-    Args:
-        name: One of `NAMES`.
-        options: Fields of that world's `Options`.
+def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
+    """Build a world of `NAMES`, with fields of its `Options` as keyword arguments.
 
     Raises:
         UserError: If the world, an option or an option's value is unknown.
     """
     if name in CONTINUOUS:
-        return intersection.make(continuous_options(name, options))
+        return intersection.Intersection(continuous_options(name, options))
     one_of("world", name, NAMES)
     chosen = parse_options(name, WORLDS[name].Options, options)
-    return _grid(name, chosen, repr(chosen)) if name in GRIDWORLDS else intersection.make(chosen)
-
-
-def default_options(name: str) -> dict[str, Any]:
-    """Return the default of every option of a world, by name, without those that the name gives.
-
-    Args:
-        name: One of `NAMES`.
-    """
-    kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
-    implied = CONTINUOUS.get(name, {})
-    fields = {field.name: field.default for field in dataclasses.fields(kind)}
-    return {option: default for option, default in fields.items() if option not in implied}
-
-
-def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
-    """Return the options of an intersection with continuous actions.
-
-    Args:
-        name: One of `worlds.CONTINUOUS`.
-        given: Values by name of the field.
-
-    Raises:
-        UserError: If the name, an option or an option's value is unknown.
-    """
-    one_of("world with continuous actions", name, tuple(CONTINUOUS))
-    return parse_options(name, ContinuousOptions, {**CONTINUOUS[name], **(given or {})})
+    if name in GRIDWORLDS:
+        return _grid(name, chosen, repr(chosen))
+    return intersection.Intersection(chosen)
 
 
 @lru_cache(maxsize=32)
@@ -187,31 +150,39 @@ def make_grid(name: str, **options: Any) -> GridWorld:
     return world
 
 
-def parse_options(world: str, kind: type[Kind], given: Mapping[str, Any]) -> Kind:
-    """Return a world's options from keyword arguments.
+def default_options(name: str) -> dict[str, Any]:
+    """Return the default of every option of a world of `NAMES` that its name doesn't give."""
+    kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
+    implied = CONTINUOUS.get(name, {})
+    fields = {field.name: field.default for field in dataclasses.fields(kind)}
+    return {option: default for option, default in fields.items() if option not in implied}
 
-    Args:
-        world: Its name.
-        kind: Its dataclass of options.
-        given: Values by name of the field; the others keep their defaults.
+
+def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
+    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field.
+
+    Raises:
+        UserError: If the name, an option or an option's value is unknown.
+    """
+    one_of("world with continuous actions", name, tuple(CONTINUOUS))
+    return parse_options(name, ContinuousOptions, {**CONTINUOUS[name], **(given or {})})
+
+
+def parse_options(world: str, kind: type[Kind], given: Mapping[str, Any]) -> Kind:
+    """Return a world's options, of a dataclass, from values by name of the field.
 
     Raises:
         UserError: If a field is unknown, or a value that its Literal type doesn't list.
     """
+    kinds = typing.get_type_hints(kind)
     fields = tuple(field.name for field in dataclasses.fields(kind))  # pyright: ignore[reportArgumentType]
     for option in given:
         one_of(f"option of {world}", option, fields)
-    kinds = typing.get_type_hints(kind)
     for option, value in given.items():
-        _check_literal(world, option, value, kinds[option])
+        allowed = typing.get_args(kinds[option])
+        if typing.get_origin(kinds[option]) is typing.Literal and value not in allowed:
+            raise UserError(
+                f"unknown value '{value}' for {option} of {world}: "
+                f"choose one of {', '.join(map(str, allowed))}"
+            )
     return kind(**given)
-
-
-def _check_literal(world: str, option: str, value: Any, kind: Any) -> None:
-    """Refuse a value that the option's Literal type doesn't list."""
-    allowed = typing.get_args(kind)
-    if typing.get_origin(kind) is typing.Literal and value not in allowed:
-        raise UserError(
-            f"unknown value '{value}' for {option} of {world}: "
-            f"choose one of {', '.join(map(str, allowed))}"
-        )

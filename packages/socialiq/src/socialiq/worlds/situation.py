@@ -1,26 +1,28 @@
-"""Named features of the situation, computed from an observation: what a rule of the angle reads.
-
-One registry for all worlds. Every feature is a function of the observation alone, so a policy, its
-owner and an auditor compute the same numbers.
-"""
+"""Named features of the situation, and the policy of a dial whose angle is a rule of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64, Shaped
+from jaxtyping import Float, Float64, Int64, Shaped
 
 from socialiq.errors import UserError, one_of
+from socialiq.nn.dial_policy import DialPolicy, check_in_range
+from socialiq.nn.ensemble import load_values
+from socialiq.nn.q_policy import ValuePolicy, checked_batch
+from socialiq.nn.saved import Arrays, Header
 from socialiq.social.angle_rule import AngleRule
+from socialiq.storage import kind_of
 from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
-Column = Float64[np.ndarray, " row"]
 Seen = Shaped[np.ndarray, "row feature"]
 
 TIME = "decisions"
@@ -32,23 +34,18 @@ _SOON = 3.0  # s, as `evaluation.episodes.CONFLICT_SECONDS`
 _PERCEPTION = 200.0  # m; nothing farther is observed
 
 
-@dataclass(frozen=True)
-class Feature:
-    """Named feature of a situation.
+class Feature(NamedTuple):
+    """Named feature of a situation."""
 
-    Attributes:
-        meaning: Description with its unit.
-        of: Function from the observed values to a number for each row.
-    """
-
-    meaning: str
+    meaning: str  # description with its unit
+    # function from the observed values to a number for each row
     of: Callable[[np.ndarray], np.ndarray]
 
 
 def _before(seen: np.ndarray) -> np.ndarray:
     """Whether each slot of the 7x7 world has a vehicle south of the conflict cell."""
-    places = seen[:, [2, 4]]
-    return (places >= 0) & (places < crossing7.CONFLICT)
+    rows = seen[:, [2, 4]]
+    return (rows >= 0) & (rows < crossing7.CONFLICT)
 
 
 def _nearest_cells(seen: np.ndarray) -> np.ndarray:
@@ -106,13 +103,9 @@ def _waiting(seen: np.ndarray) -> np.ndarray:
     return (_others(seen) & slow & (_distance(seen) <= _NEAR)).sum(axis=1)
 
 
-def _crossing(seen: np.ndarray) -> np.ndarray:
-    return policies.conflict(seen, _SOON)
-
-
 def _with_priority(seen: np.ndarray) -> np.ndarray:
     other_road = np.abs(seen[:, 1:, 5]) > np.abs(seen[:, 1:, 6])
-    return (_crossing(seen) & other_road).sum(axis=1)
+    return (policies.conflict(seen, _SOON) & other_road).sum(axis=1)
 
 
 _INTERSECTION = {
@@ -124,7 +117,7 @@ _INTERSECTION = {
     "waiting": Feature("other vehicles within 30 m of the ego, slower than 1 m/s", _waiting),
     "crossing": Feature(
         "crossing vehicles in the junction, or there within 3 s",
-        lambda seen: _crossing(seen).sum(axis=1),
+        lambda seen: policies.conflict(seen, _SOON).sum(axis=1),
     ),
     "crossing_with_priority": Feature(
         "those of them on the other road, which has priority over the ego's", _with_priority
@@ -153,28 +146,16 @@ TIMED = ("intersection",)
 """Worlds in which `TIME` is a feature. The exact optima of a gridworld need rewards without it."""
 
 
-def known_features(world: str) -> tuple[str, ...]:
-    """Return the names of a world's features.
-
-    Raises:
-        UserError: If the world has none.
-    """
-    one_of("world of a rule", world, tuple(SITUATIONS))
-    return (*SITUATIONS[world], *((TIME,) if world in TIMED else ()))
-
-
 def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
-    """Check that a rule reads features of its world, and that this is the wanted one.
+    """Check that a rule reads features of its world, and that this is one named, if any.
 
-    Args:
-        rule: The rule.
-        world: World of the policy or declaration; "" for the rule's own.
-        clock: Whether the time is known.
+    Without a clock it must not read the time.
 
     Raises:
         UserError: If a feature is unknown, or the rule is of another world.
     """
-    features = known_features(rule.world)
+    one_of("world of a rule", rule.world, tuple(SITUATIONS))
+    features = (*SITUATIONS[rule.world], *((TIME,) if rule.world in TIMED else ()))
     for name in rule.features:
         one_of(f"feature of {rule.world}", name, features)
     if world and rule.world != world:
@@ -192,24 +173,18 @@ def plain_features(world: str) -> int:
 
 def features_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
-) -> dict[str, Column]:
-    """Return the features that a rule reads.
+) -> dict[str, Float64[np.ndarray, " row"]]:
+    """Return the features that a rule reads of observations of its world, without the time.
 
-    Args:
-        rule: The rule.
-        observation: Observations of its world, without the time.
-        time: Decisions since the start of each row, if the rule reads it.
+    The time is decisions since the start of each row, if the rule reads it.
     """
     values = np.asarray(observation, np.float64)
     if rule.world == "intersection":
         values = policies.in_metres(np.asarray(observation))
     columns = {}
     for name in rule.features:
-        if name == TIME:
-            assert time is not None  # `check_rule` refuses the feature without a clock
-            value = time
-        else:
-            value = SITUATIONS[rule.world][name].of(values)
+        # `check_rule` refuses the time without a clock.
+        value = time if name == TIME else SITUATIONS[rule.world][name].of(values)
         columns[name] = np.asarray(value, np.float64)
     return columns
 
@@ -219,10 +194,113 @@ def angles_of(
 ) -> tuple[Float64[np.ndarray, " row"], Int64[np.ndarray, " row"]]:
     """Return a rule's angle in degrees, and the number of the context, of each observation.
 
-    Args:
-        rule: The rule.
-        observation: Observations of its world, without the time.
-        time: Decisions since the start of each row, if the rule reads it.
+    The arguments are those of `features_of`.
     """
     features, rows = features_of(rule, observation, time), len(observation)
     return rule.degrees(features, rows), rule.context(features, rows)
+
+
+@dataclass(frozen=True)
+class ContextPolicy(ValuePolicy):
+    """Policy that acts at each observation as the dial does at the rule's angle there.
+
+    It decides as if the angle stayed as it is now; it doesn't foresee that the situation, and with
+    it the angle, will change (`evaluation.context`).
+    """
+
+    KIND = "context-policy"
+
+    dial: DialPolicy
+    rule: AngleRule
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    sha256: str = ""  # of the file's content, for a policy that was loaded
+
+    @classmethod
+    def of(cls, dial: DialPolicy, rule: AngleRule) -> ContextPolicy:
+        """Join a dial and a rule.
+
+        Raises:
+            UserError: If the rule reads an unknown feature, the dial is of another world, or an
+                angle is outside the dial's range.
+        """
+        policy = cls(dial, rule)
+        check_rule(rule)
+        plain = plain_features(rule.world)
+        if dial.n_features not in (plain, plain + 1):
+            raise UserError(
+                f"the dial takes {dial.n_features} features, {rule.world} has {plain} (one more "
+                "with a clock): name a dial of the rule's world"
+            )
+        check_rule(rule, clock=policy.clock)
+        for angle in rule.span:
+            check_in_range(angle, dial.low, dial.high)
+        return policy
+
+    @property
+    def clock(self) -> bool:
+        """Whether the time is the last feature of an observation."""
+        return self.dial.n_features == plain_features(self.rule.world) + 1
+
+    @property
+    def temperature(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """τ of the stochastic policy softmax(Q/τ), the dial's."""
+        return self.dial.turned.temperature
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """JSON-compatible record of how the policy was made."""
+        return {**self.dial.provenance, "rule": self.rule.as_json()}
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.dial.n_features
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return self.dial.n_actions
+
+    def angles(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> tuple[Float64[np.ndarray, " batch"], Int64[np.ndarray, " batch"]]:
+        """Return the rule's angle in degrees, and the number of the context, of each observation.
+
+        Raises:
+            UserError: If an observation has another length or is not finite.
+        """
+        batch = checked_batch(observations, self.n_features)
+        if self.clock:
+            return angles_of(self.rule, batch[:, :-1], batch[:, -1])
+        return angles_of(self.rule, batch)
+
+    def q_values(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """Return the dial's Q of each observation and action at the rule's angle."""
+        return self.dial.q_values_at(observations, self.angles(observations)[0])
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the file: the dial's, and the rule."""
+        arrays, header = self.dial.content()
+        return arrays, header | {"rule": self.rule.as_json()}
+
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header) -> ContextPolicy:
+        """Build a policy from a file's content, as `Saved.checked`."""
+        dial = DialPolicy.checked(path, arrays, header)
+        try:
+            policy = cls.of(dial, AngleRule.of(header.get("rule")))
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from error
+        return replace(policy, sha256=str(header["sha256"]))
+
+
+def load_driver(path: Path) -> ValuePolicy:
+    """Read a file of one network, of an ensemble, or of a dial with a rule.
+
+    Raises:
+        UserError: If the file is missing, damaged, or holds something else.
+    """
+    is_by_rule = kind_of(path) == ContextPolicy.KIND
+    return ContextPolicy.load(path) if is_by_rule else load_values(path)

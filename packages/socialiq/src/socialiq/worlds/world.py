@@ -19,35 +19,28 @@ from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
 
 if TYPE_CHECKING:
-    from socialiq.worlds.enumerate import Table
-    from socialiq.worlds.highway.pictures.render import View
+    from socialiq.worlds.highway.render import View
 
 _NONE = np.zeros(0)
 
 
 class Decisions(NamedTuple):
-    """Results of one decision in every episode of a batch; empty where a world reports nothing.
+    """Results of one decision in every episode of a batch; empty where a world reports nothing."""
 
-    Attributes:
-        observation: Of the state reached, before any reset, (batch, features).
-        rewards: The reward pair, each (batch,).
-        ending: Values of `types.Ending`, (batch,).
-        signals: Every named signal, unweighted, each (batch,).
-        speed: The ego's speed, m/s or cells a step, (batch,).
-        contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
-        neighbours_collided: Number of other vehicles that collided with each other, (batch,).
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
-        off_road: Whether the ego's centre is beyond the edges of its closest lane, (batch,).
-    """
-
+    # of the state reached, before any reset, (batch, features)
     observation: Float32[np.ndarray, "batch feature"]
-    rewards: RewardPair
-    ending: Int8[np.ndarray, " batch"]
+    rewards: RewardPair  # the reward pair, each (batch,)
+    ending: Int8[np.ndarray, " batch"]  # values of `types.Ending`, (batch,)
+    # every named signal, unweighted, each (batch,)
     signals: Mapping[str, Float[np.ndarray, " batch"]]
-    speed: Float[np.ndarray, " batch"]
+    speed: Float[np.ndarray, " batch"]  # the ego's speed, m/s or cells a step, (batch,)
+    # values of `Contact`: which vehicle struck, if the ego collided, (batch,)
     contact: Int8[np.ndarray, " batch"]
+    # number of other vehicles that collided with each other, (batch,)
     neighbours_collided: Int64[np.ndarray, " batch"] = _NONE.astype(np.int64)
+    # the ego's own reward and its neighbours' mean (thesis A.1), each (batch,)
     classical: RewardPair = RewardPair(_NONE, _NONE)
+    # whether the ego's centre is beyond the edges of its closest lane, (batch,)
     off_road: Bool[np.ndarray, " batch"] = _NONE.astype(bool)
 
 
@@ -114,23 +107,15 @@ class Actor(Protocol):
 
 
 class World(abc.ABC):
-    """World that policies drive in; capabilities that a world lacks have the defaults below.
+    """World that policies drive in; capabilities that a world lacks have the defaults below."""
 
-    Attributes:
-        name: Its name, in hashes and reports too.
-        is_exact: Whether its states can be listed, so that `table` makes optima exact.
-        shows_time: Whether policies may take the time, in decisions, as a further feature.
-        draws_by_seed: Whether a policy's random draws depend on the seed of the episode alone.
-        drivers: Names of its rule-based drivers, for `driver`.
-        references: Those of them that every audit compares a policy with.
-    """
-
-    name: str
-    is_exact: ClassVar[bool] = False
-    shows_time: ClassVar[bool] = True
+    name: str  # in hashes and reports too
+    is_exact: ClassVar[bool] = False  # whether states can be listed, so that `table` has all
+    shows_time: ClassVar[bool] = True  # whether policies may take the time, in decisions, too
+    # whether a policy's random draws depend on the seed of the episode alone
     draws_by_seed: ClassVar[bool] = False
-    drivers: ClassVar[tuple[str, ...]] = ()
-    references: ClassVar[tuple[str, ...]] = ()
+    drivers: ClassVar[tuple[str, ...]] = ()  # names of its rule-based drivers, for `driver`
+    references: ClassVar[tuple[str, ...]] = ()  # drivers that audits compare every policy with
 
     @property
     def whole_episode(self) -> int:
@@ -159,9 +144,8 @@ class World(abc.ABC):
         Raises:
             UserError: If they are continuous.
         """
-        space = self.action_space
-        if isinstance(space, spaces.Discrete):
-            return int(space.n)
+        if isinstance(self.action_space, spaces.Discrete):
+            return int(self.action_space.n)
         raise UserError(
             f"the actions of this {self.name} are continuous: choose discrete ones, or a "
             "method for continuous actions"
@@ -176,10 +160,7 @@ class World(abc.ABC):
     @property
     @abc.abstractmethod
     def reward(self) -> dict[str, Any]:
-        """Definition of the reward pair as JSON: weights and units, or hashes of its code.
-
-        Two worlds with equal definitions give the same rewards for the same event.
-        """
+        """Definition of the reward pair as JSON, by weights and units, or hashes of its code."""
 
     @property
     def reward_id(self) -> str:
@@ -187,11 +168,7 @@ class World(abc.ABC):
         return f"socialiq/{self.name}/1"
 
     def largest_difference(self, weights: tuple[float, float]) -> float | None:  # noqa: ARG002
-        """Return the most by which the weighted rewards of two episodes can differ; None: unknown.
-
-        Args:
-            weights: Weights of r_env and r_social.
-        """
+        """Return the most by which two episodes' weighted rewards can differ; None: unknown."""
         return None
 
     @property
@@ -203,20 +180,12 @@ class World(abc.ABC):
         """Return the world whose observations end with the time, if it has to be another one."""
         return self
 
-    def table(self) -> Table:
-        """Return the exact transitions of a world that `is_exact`.
-
-        Raises:
-            UserError: If the states can't be listed.
-        """
+    def table(self) -> Any:
+        """Return the exact transitions, `enumerate.Table`, of a world that `is_exact`."""
         raise UserError(f"the states of {self.name} can't be listed, so nothing about it is exact")
 
     def driver(self, name: str, seed: int = 0) -> Policy:
-        """Return a rule-based driver of `drivers`; `seed` is of the random one.
-
-        Raises:
-            UserError: If the world has no such driver.
-        """
+        """Return a rule-based driver of `drivers`, else raise a `UserError`; some are seeded."""
         raise UserError(f"{self.name} has no rule-based driver {name!r} (seed {seed})")
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
@@ -225,20 +194,11 @@ class World(abc.ABC):
 
     @abc.abstractmethod
     def batch(self, size: int, threads: int = 1) -> Simulator:
-        """Return episodes side by side.
-
-        Args:
-            size: Number of episodes.
-            threads: Number of threads, where the world is compiled.
-        """
+        """Return so many episodes side by side, on so many threads if the world is compiled."""
 
 
 class ConstantPolicy:
-    """Policy that always chooses one action.
-
-    Args:
-        action: The action: a number, or a vector.
-    """
+    """Policy that always chooses one action: a number, or a vector."""
 
     def __init__(self, action: int | np.ndarray) -> None:
         self.action = action

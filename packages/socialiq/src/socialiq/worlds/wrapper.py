@@ -74,56 +74,61 @@ class RewardPairWrapper(gymnasium.Wrapper):
         self.observation_space = flat_space(env.observation_space)
         self.pair, self.ending = pair, ending
         self._weights = weights(check_angle(angle))
-        self._seen: Any = None
+        self._observed: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode."""
-        self._seen, info = self.env.reset(seed=seed, options=options)
-        return flat(self._seen), info
+        self._observed, info = self.env.reset(seed=seed, options=options)
+        return flat(self._observed), info
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step and add its reward pair."""
-        after, raw, terminated, truncated, told = self.env.step(action)
+        after, raw, terminated, truncated, given = self.env.step(action)
         reward: Any = raw  # a number, or a vector
-        moment = Transition(
-            self._seen,
+        transition = Transition(
+            self._observed,
             int(action) if isinstance(self.action_space, spaces.Discrete) else action,
             after,
             reward if np.ndim(reward) else float(reward),
             bool(terminated),
             bool(truncated),
-            told,
+            given,
             self.env,
         )
-        self._seen = after
-        pair = self._pair_of(moment)
-        info = {**told, "reward_pair": np.array(pair)}
-        if self.ending is not None and moment.terminated:
-            info["ending"] = _name(_called(self.ending, moment, "the function of endings"))
-        Ending.of_step(moment.terminated, moment.truncated, info)
-        scalar = float(score(self._weights, pair))
-        return flat(after), scalar, moment.terminated, moment.truncated, info
-
-    def _pair_of(self, moment: Transition) -> RewardPair:
+        self._observed = after
         if self.pair is not None:
-            pair = _called(self.pair, moment, "the function of the reward pair")
-            return RewardPair.of(pair, "the reward pair")
-        if "reward_pair" not in moment.info and not np.ndim(moment.reward):
+            pair = called("the function of the reward pair", self.pair, transition)
+            pair = RewardPair.of(pair, "the reward pair")
+        elif "reward_pair" in given or np.ndim(reward):
+            pair = RewardPair.of_step(transition.reward, given)
+        else:
             raise UserError(
                 "the environment gives no reward pair: put (r_env, r_social) into "
                 'info["reward_pair"], or wrap it in a RewardPairWrapper with a function'
             )
-        return RewardPair.of_step(moment.reward, moment.info)
+        info = {**given, "reward_pair": np.array(pair)}
+        if self.ending is not None and transition.terminated:
+            kind = called("the function of endings", self.ending, transition)
+            info["ending"] = kind.name.lower() if isinstance(kind, Ending) else str(kind)
+        Ending.of_step(transition.terminated, transition.truncated, info)
+        scalar = float(score(self._weights, pair))
+        return flat(after), scalar, transition.terminated, transition.truncated, info
+
+
+def called(what: str, function: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    """Return what code of a user returns; a failure is a `UserError` that says `what` failed."""
+    try:
+        return function(*given, **named)
+    except UserError:
+        raise
+    except FAILURES as error:
+        raise failure(what, error) from error
 
 
 def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None:
-    """Raise an error for an environment that policies cannot drive in.
-
-    Args:
-        env: The environment.
-        continuous: Whether actions may be arrays too.
+    """Refuse an environment that policies cannot drive in; arrays as actions may be allowed.
 
     Raises:
         UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
@@ -131,7 +136,17 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
     """
     actions, observations = env.action_space, env.observation_space
     if continuous and isinstance(actions, spaces.Box):
-        _check_bounds(actions)
+        if len(actions.shape) != 1 or not actions.shape[0] or actions.dtype.kind != "f":
+            raise UserError(
+                f"actions are a Box of {actions.dtype} of shape {actions.shape}: wrap the "
+                "environment so that they are one vector of floats"
+            )
+        is_finite = np.isfinite([actions.low, actions.high]).all()
+        if not (is_finite and (actions.low < actions.high).all()):
+            raise UserError(
+                "the Box of actions has no finite bounds, the lower below the upper one: wrap the "
+                "environment so that it has"
+            )
     elif continuous and not isinstance(actions, spaces.Discrete):
         raise UserError(
             f"actions of kind {type(actions).__name__} are not supported: wrap the environment so "
@@ -151,31 +166,10 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         )
 
 
-def _check_bounds(space: spaces.Box) -> None:
-    """Refuse a Box of actions without bounds, of several axes or of no number."""
-    if len(space.shape) != 1 or not space.shape[0] or space.dtype.kind != "f":
-        raise UserError(
-            f"actions are a Box of {space.dtype} of shape {space.shape}: wrap the environment so "
-            "that they are one vector of floats"
-        )
-    if not (np.isfinite([space.low, space.high]).all() and (space.low < space.high).all()):
-        raise UserError(
-            "the Box of actions has no finite bounds, the lower below the upper one: wrap the "
-            "environment so that it has"
-        )
-
-
 class UnitActions(gymnasium.ActionWrapper):
     """Environment whose actions are float32 vectors in [-1, 1], the ends being its own bounds.
 
-    Attributes:
-        bounds: The environment's own space of actions.
-
-    Args:
-        env: With a `Box` of actions within finite bounds.
-
-    Raises:
-        UserError: In a step, if an action is not such a vector.
+    Its own space, `bounds`, is a `Box` within finite bounds. A step refuses other actions.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
@@ -200,11 +194,7 @@ class UnitActions(gymnasium.ActionWrapper):
 
 
 def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:
-    """Return the space of flattened observations, float32.
-
-    Raises:
-        UserError: If it is not a `Box`.
-    """
+    """Return the space of flattened observations, float32; refuse what is no `Box`."""
     if not isinstance(space, spaces.Box):
         raise UserError("only observations of kind Box can be flattened")
     with np.errstate(over="ignore"):  # a bound beyond float32 is no bound
@@ -216,19 +206,6 @@ def flat(observation: Any) -> np.ndarray:
     return np.ravel(np.asarray(observation, np.float32))
 
 
-def _called(function: Callable[[Transition], Any], moment: Transition, what: str) -> Any:
-    try:
-        return function(moment)
-    except UserError:
-        raise
-    except FAILURES as error:
-        raise failure(what, error) from error
-
-
-def _name(kind: Ending | str) -> str:
-    return kind.name.lower() if isinstance(kind, Ending) else str(kind)
-
-
 class AbsorbingStates(gymnasium.Wrapper):
     """Environment in which a terminal state is followed by one that is never left.
 
@@ -237,10 +214,6 @@ class AbsorbingStates(gymnasium.Wrapper):
     follow, with reward 0 and whatever action, then the episode is truncated. Time limits stay as
     they are. A learner that bootstraps through them values the absorbing state by itself, of the
     demonstrations' and its own alike. r_env and r_social of the steps there are 0.
-
-    Args:
-        env: With observations that are arrays (`spaces.Box`).
-        stay: Steps in the absorbing state, at least 1.
 
     Raises:
         UserError: If `stay` is below 1, or observations are of another kind.
@@ -251,11 +224,13 @@ class AbsorbingStates(gymnasium.Wrapper):
             raise UserError(f"stay must be at least 1, got {stay}")
         super().__init__(env)
         inner = flat_space(env.observation_space)
-        low, high = (np.minimum(inner.low, 0.0), np.maximum(inner.high, 0.0))
+        low, high = np.minimum(inner.low, 0.0), np.maximum(inner.high, 0.0)
         low, high = np.append(low, np.float32(0)), np.append(high, np.float32(1))
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.stay = stay
         self._left: int | None = None  # steps left in the absorbing state; None outside it
+        self._absorbed = np.zeros_like(low)
+        self._absorbed[-1] = 1.0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -263,28 +238,17 @@ class AbsorbingStates(gymnasium.Wrapper):
         """Start an episode."""
         self._left = None
         observation, info = self.env.reset(seed=seed, options=options)
-        return marked(observation), info
+        return np.append(flat(observation), np.float32(0.0)), info
 
     def step(self, action: Any) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
         """Take one step, or stay in the absorbing state."""
         if self._left is not None:
             self._left -= 1
-            return self._absorbed, 0.0, False, self._left == 0, {"reward_pair": np.zeros(2)}
+            info = {"reward_pair": np.zeros(2)}
+            return self._absorbed.copy(), 0.0, False, self._left == 0, info
         observation, reward, terminated, truncated, info = self.env.step(action)
         if terminated:
             self._left = self.stay
-            return self._absorbed, reward, False, False, info
-        return marked(observation), reward, terminated, truncated, info
-
-    @property
-    def _absorbed(self) -> np.ndarray:
-        space = self.observation_space
-        assert space.shape is not None
-        state = np.zeros(space.shape, np.float32)
-        state[-1] = 1.0
-        return state
-
-
-def marked(observation: Any) -> np.ndarray:
-    """Return an observation outside the absorbing state: flat, float32, with a 0 at its end."""
-    return np.append(flat(observation), np.float32(0.0))
+            return self._absorbed.copy(), reward, False, False, info
+        after = np.append(flat(observation), np.float32(0.0))
+        return after, reward, terminated, truncated, info

@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from socialiq.worlds.highway.core import collisions
 from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.core.vehicle import collide as collide_kernel
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.intersection.state import VEHICLE
+from socialiq.worlds.intersection.options import VEHICLE
 
 DT = 0.1
 NORTH, EAST = -90.0, 0.0
 STRUCK, WAS_STRUCK = Contact.EGO_STRUCK, Contact.EGO_WAS_STRUCK
 NOTHING = Contact.NONE, -1
 
-collide = for_python(collisions.collide)
+collide = for_python(collide_kernel)
 
 
 def collided(*cars, ego=0, contact=NOTHING):

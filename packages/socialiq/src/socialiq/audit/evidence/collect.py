@@ -23,10 +23,10 @@ from socialiq.evaluation.episodes import CONFLICT_SECONDS
 from socialiq.statistics.comparisons import Difference, paired_difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.types import Policy
-from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.registry import INTERSECTIONS
+from socialiq.worlds.situation import ContextPolicy
 from socialiq.worlds.world import World
 
 REPEATED = 3  # episodes of an environment that are started twice, to check its seeding

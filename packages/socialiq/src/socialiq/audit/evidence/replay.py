@@ -16,8 +16,8 @@ from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
-from socialiq.worlds.highway.pictures import render
-from socialiq.worlds.highway.pictures.render import Scene
+from socialiq.worlds.highway import render
+from socialiq.worlds.highway.render import Scene
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.views import REACH
 from socialiq.worlds.world import World

@@ -21,7 +21,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymSimulator
 from socialiq.worlds import scene_named
 from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
-from socialiq.worlds.highway.gym import SceneEnv
+from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import World
 from socialiq.worlds.wrapper import RewardPairWrapper
@@ -83,7 +83,7 @@ class Environment(World):
     def scene_world(self) -> RoadWorld | None:
         """The compiled road of a scene of highway-env; None for environments of other code."""
         env = self.env.unwrapped
-        return env.world if scene_named(self.name) and isinstance(env, SceneEnv) else None
+        return env.world if scene_named(self.name) and isinstance(env, RoadEnv) else None
 
     @cached_property
     def description(  # pyright: ignore[reportIncompatibleMethodOverride]  made once

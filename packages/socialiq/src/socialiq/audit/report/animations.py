@@ -17,9 +17,9 @@ import numpy as np
 from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
 from socialiq.worlds import scene_named
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.highway.pictures import shapes
 from socialiq.worlds.highway.scenes import scene_of
 from socialiq.worlds.intersection.views import JUNCTION
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid

@@ -14,7 +14,7 @@ from socialiq.audit.evidence.replay import Road, Trace, replayer, road_of
 from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds.highway.pictures import render, sheet
+from socialiq.worlds.highway import render, sheet
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.world import World
 

@@ -18,9 +18,8 @@ from socialiq.learners.continuous.config import PRESETS
 from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import LEARNERS, check_fit, train
 from socialiq.worlds import CONTINUOUS
-from socialiq.worlds.environment import action_size, continuous_maker, sizes
-from socialiq.worlds.intersection.batch import width
-from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.environment import action_size, environment_maker, sizes
+from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options, refuse_file
 
@@ -181,7 +180,7 @@ class Task:
             return Standardisation.of(self.data.observation, scaling.leave_out)
         if not self.world:
             raise UserError("--standardise is by demonstrations or a world: name one with --world")
-        make = continuous_maker(self.world, None, self.allow_code)
+        make = environment_maker(self.world, None, self.allow_code, continuous=True)
         return Standardisation.of(explored(make(), seed), scaling.leave_out)
 
     def _acting(
@@ -200,13 +199,13 @@ class Task:
             options = continuous_options(self.world)
             listed = Intersection(options).n_features
             clock = static.times > 0 if data is None else data.n_features == listed + 1
-            env = intersections(options, len(runs) * SIDE_BY_SIDE, clock)
-            shape = (listed + clock, width(options))
+            env = learning_env(Intersection(options), len(runs) * SIDE_BY_SIDE, clock)
+            shape = (listed + clock, options.width)
             together = actors_together(static, runs)
             collector = VectorCollector(env, -(-steps // SIDE_BY_SIDE), runs, together)
         else:
             interface = (data.n_features, data.action_size) if data is not None else None
-            make = continuous_maker(self.world, interface, self.allow_code)
+            make = environment_maker(self.world, interface, self.allow_code, continuous=True)
             make = make if change is None else change.maker(make)
             first = make()
             shape = (sizes(first)[0], action_size(first))

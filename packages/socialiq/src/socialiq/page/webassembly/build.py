@@ -23,8 +23,7 @@ from socialiq.page.webassembly.layout import ARGUMENTS
 from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.highway.state import FEATURES, Buffers
 from socialiq.worlds.intersection.core import step
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import buffers_of
+from socialiq.worlds.intersection.options import Options, buffers_of
 
 
 def entry_of(options: Options) -> Callable[..., None]:
@@ -62,7 +61,7 @@ def entry_of(options: Options) -> Callable[..., None]:
             carray(trace, (traced, frames, capacity)),
         )
         inputs = carray(commands, (rows,)), carray(entropy, (rows,)), carray(seeded, (rows,))
-        run(buffers, *inputs, carray(actions, (rows,)), carray(settings, (1,)), 0, rows)
+        run(buffers, *inputs, carray(actions, (rows,)), carray(settings, (1,)), 0, 0, rows)
 
     return entry
 

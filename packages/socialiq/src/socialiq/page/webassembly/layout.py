@@ -12,8 +12,7 @@ from socialiq.worlds.highway import state
 from socialiq.worlds.highway.core import geometry
 from socialiq.worlds.highway.options import ENV_SIGNALS, SETTINGS, SIGNALS
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.options import Options, settings_of
-from socialiq.worlds.intersection.state import ACTIONS, VEHICLE, buffers_of
+from socialiq.worlds.intersection.options import ACTIONS, VEHICLE, Options, buffers_of, settings_of
 
 _RECORDS = {"vehicle": VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}
 _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")

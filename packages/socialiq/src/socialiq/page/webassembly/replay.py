@@ -17,9 +17,8 @@ from socialiq.errors import UserError
 from socialiq.page.webassembly.layout import layout
 from socialiq.types import Ending
 from socialiq.worlds.highway.state import EPISODE, Buffers
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import VEHICLE, buffers_of
+from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
+from socialiq.worlds.intersection.world import Batch
 
 CORE = Path(__file__).with_name("core.wasm")
 """The built core that ships with the package."""

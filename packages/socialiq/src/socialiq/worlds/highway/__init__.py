@@ -14,23 +14,13 @@ process starts.
 
 
 class Compared(NamedTuple):
-    """Differences of one episode between core and highway-env.
+    """Differences of one episode between core and highway-env."""
 
-    Attributes:
-        seed: Seed of the episode.
-        steps: Decisions compared; the comparison stops at the first discrete difference.
-        discrete_differences: 1 if vehicles, their order, lanes, flags, ending or contact differ
-            anywhere, else 0.
-        max_deviation: Greatest difference of any continuous field: m, rad, m/s, m/s².
-        max_observation_deviation: Greatest difference of any number of the observation.
-        max_reward_deviation: Greatest difference of r_env or r_social.
-        off_road: Whether the ego was off the road after a decision.
-    """
-
-    seed: int
-    steps: int
+    seed: int  # seed of the episode
+    steps: int  # decisions compared; the comparison stops at the first discrete difference
+    # 1 if vehicles, their order, lanes, flags, ending or contact differ anywhere, else 0
     discrete_differences: int
-    max_deviation: float
-    max_observation_deviation: float
-    max_reward_deviation: float
-    off_road: bool
+    max_deviation: float  # greatest difference of any continuous field: m, rad, m/s, m/s²
+    max_observation_deviation: float  # greatest difference of any number of the observation
+    max_reward_deviation: float  # greatest difference of r_env or r_social
+    off_road: bool  # whether the ego was off the road after a decision

@@ -4,32 +4,25 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64
+from jaxtyping import Float32
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import SIGNALS, RoadOptions
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
-from socialiq.worlds.world import Decisions, observed_with_time
+from socialiq.worlds.world import Decisions, observed_with_time, rows_of
 
 
 class State(NamedTuple):
-    """Complete state of some episodes, as plain arrays.
+    """Complete state of some episodes, as plain arrays."""
 
-    Attributes:
-        episodes: EPISODE records, (rows,).
-        vehicles: Records of vehicles, (rows, capacity).
-        observation: (rows, vehicles seen, 7).
-        waiting: Whether the episodes have ended and need a reset, (rows,).
-    """
-
-    episodes: np.ndarray
-    vehicles: np.ndarray
-    observation: np.ndarray
-    waiting: np.ndarray
+    episodes: np.ndarray  # EPISODE records, (rows,)
+    vehicles: np.ndarray  # records of vehicles, (rows, capacity)
+    observation: np.ndarray  # (rows, vehicles seen, 7)
+    waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
 
     def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
         """Return the state of the chosen episodes; indices may repeat."""
@@ -37,74 +30,71 @@ class State(NamedTuple):
 
 
 class RoadBatch(abc.ABC):
-    """Episodes of one road side by side.
+    """Episodes of one road side by side (`worlds.world.Batch`).
 
     Every episode has its own random stream, so results don't depend on the batch's size or the
     number of threads. By default `step` resets an episode that ends. The new episode continues the
-    stream, as in highway-env after a `reset()` without seed. A road's own batch says how a command
-    runs (`_run`) and which actions there are (`_checked`, `n_actions`).
+    stream, as in highway-env after a `reset()` without seed.
 
     Args:
         options: Options of the road.
         buffers: Arrays that the road's core reads and writes, with a row for each episode.
-
-    Attributes:
-        options: As given.
-        buffers: As given.
-        size: Number of episodes.
-        begun: Rows whose random stream has begun, bool (batch,).
+        settings: Record of the options, as the core reads it.
+        threads: Number of threads. A single thread is best for small batches.
     """
 
-    def __init__(self, options: RoadOptions, buffers: Buffers) -> None:
+    n_actions: ClassVar[int]  # of the road, discrete
+
+    def __init__(
+        self, options: RoadOptions, buffers: Buffers, settings: np.ndarray, threads: int
+    ) -> None:
+        if threads < 1:
+            raise UserError(f"threads must be at least 1, got {threads}")
         self.options, self.buffers = options, buffers
+        self._settings, self._threads = settings, threads
         self.size = size = len(buffers.episodes)
         self._waiting = np.ones(size, bool)  # for a reset
-        self.begun = np.zeros(size, bool)
-        self._everyone, self._unseeded = np.ones(size, bool), np.zeros(size, bool)
-        self._no_seeds = np.zeros(size, np.uint64)
+        self.begun = np.zeros(size, bool)  # rows whose random stream has begun
 
     @abc.abstractmethod
-    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        """Carry out one command for each episode.
-
-        Args:
-            commands: RESET, DECIDE, DECIDE_AND_RESET or SKIP, int8.
-            seeds: Seed of each episode's stream, uint64.
-            seeded: Whether to begin the stream from that seed, bool.
-            actions: As `_checked` returned them; int64 zeros for a reset.
-        """
+    def _core(self) -> tuple[Any, Any]:
+        """Return the entry point of the road's core, and its tables for that."""
 
     @abc.abstractmethod
     def like(self, size: int) -> RoadBatch:
         """Return a batch of so many episodes of the same road."""
-
-    def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
-        """Return a batch of copies of some episodes, which may repeat; this one is not changed.
-
-        A copy has the hidden state of the episode and its random numbers, so all copies meet the
-        same drivers and the same later traffic.
-        """
-        copies = self.like(len(rows))
-        copies.restore(self.save().rows(rows))
-        return copies
 
     @property
     @abc.abstractmethod
     def lanes(self) -> np.ndarray:
         """Records of the road's lanes."""
 
-    @property
-    @abc.abstractmethod
-    def n_actions(self) -> int:
-        """Number of discrete actions of the road."""
+    def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
+        """Return a batch of copies of some episodes, which may repeat; this one is not changed.
 
-    @abc.abstractmethod
-    def _checked(self, actions: Any) -> np.ndarray:
-        """Return one action for each episode.
-
-        Raises:
-            UserError: If they are not actions of the road.
+        Copies have the same hidden state and random numbers: the same drivers and later traffic.
         """
+        copies = self.like(len(rows))
+        copies.restore(self.save().rows(rows))
+        return copies
+
+    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode, as `core.step.run`."""
+        from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
+
+        run, road = self._core()
+        arguments = commands, seeds, seeded, actions, self._settings, road
+        run_in_parts(run, self._threads, self.size, self.buffers, *arguments)
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """Return a whole number for each episode, int64; refuse other actions."""
+        chosen = np.asarray(actions)
+        if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
+            raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
+        if chosen.min() < 0 or chosen.max() >= self.n_actions:
+            numbers = sorted({*chosen.tolist()})
+            raise UserError(f"actions must be 0 to {self.n_actions - 1}, got {numbers}")
+        return chosen.astype(np.int64)
 
     @property
     def observation(self) -> Float32[np.ndarray, "batch feature"]:
@@ -124,69 +114,47 @@ class RoadBatch(abc.ABC):
     def reset(
         self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
     ) -> Float32[np.ndarray, "batch feature"]:
-        """Start new episodes.
+        """Start new episodes in some rows, an index or a mask, and return all observations.
 
-        Args:
-            seeds: A seed for each row, or one number: row i gets seed + i. None continues the
-                rows' streams.
-            rows: Rows to reset, as an index or a mask; all by default.
-
-        Returns:
-            The observation of all rows.
+        The seeds are one for each row, or one number: row i gets seed + i. None continues the rows'
+        streams.
 
         Raises:
             UserError: If a seed is negative, or a stream to continue was never seeded.
         """
-        chosen = self._chosen(rows)
-        seeded = chosen & (seeds is not None)
+        chosen = rows_of(rows, self.size)
         if seeds is None and not self.begun[chosen].all():
             raise UserError("the first reset needs a seed")
         entropy = np.zeros(self.size, np.uint64)
         if seeds is not None:
             entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
         commands = np.where(chosen, RESET, SKIP).astype(np.int8)
-        self._run(commands, entropy, seeded, np.zeros(self.size, np.int64))
-        self._waiting[chosen] = False
-        self.begun[chosen] = True
+        self._run(commands, entropy, chosen & (seeds is not None), np.zeros(self.size, np.int64))
+        self._waiting[chosen], self.begun[chosen] = False, True
         return self.observation
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
-        """Take one decision in every episode, or in some.
+        """Take one decision in every episode, or in some rows, an index or a mask.
 
-        Args:
-            actions: An action for each episode.
-            auto_reset: Start a new episode where one ended; `observation` then belongs to it.
-                Otherwise episodes that ended must be reset before the next step.
-            rows: Episodes to advance, as an index or a mask; all by default. The results of the
-                others are those of their last decision.
+        Results of the others are those of their last decision. With `auto_reset` a new episode
+        starts where one ended, and `observation` belongs to it. Otherwise episodes that ended must
+        be reset before the next step.
 
         Raises:
             UserError: If an action is not one of the road, or an episode has not begun or has
                 ended.
         """
-        chosen = self._checked(actions)
-        deciding = self._chosen(rows)
-        if (self._waiting & deciding).any():
-            raise UserError("an episode has not begun, or has ended: reset it first")
-        commands = np.full(self.size, DECIDE_AND_RESET if auto_reset else DECIDE, np.int8)
-        if rows is not None:
-            commands[~deciding] = SKIP
-        self._run(commands, self._no_seeds, self._unseeded, chosen)
-        if not auto_reset:
-            self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
-        return self._decisions()
-
-    def _chosen(self, rows: Any) -> Bool[np.ndarray, " batch"]:
-        if rows is None:
-            return self._everyone
-        chosen = np.zeros(self.size, bool)
-        chosen[rows] = True
-        return chosen
-
-    def _decisions(self) -> Decisions:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
+        chosen, deciding = self._checked(actions), rows_of(rows, self.size)
+        if (self._waiting & deciding).any():
+            raise UserError("an episode has not begun, or has ended: reset it first")
+        command = DECIDE_AND_RESET if auto_reset else DECIDE
+        commands = np.where(deciding, command, SKIP).astype(np.int8)
+        self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
         buffers, left = self.buffers, np.zeros(self.size, bool)
+        if not auto_reset:
+            self._waiting |= deciding & (buffers.ending != int(Ending.NONE))
         step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
             observation=buffers.reached.reshape(self.size, -1).copy(),
@@ -200,24 +168,22 @@ class RoadBatch(abc.ABC):
             off_road=left,
         )
 
+    @property
+    def _columns(self) -> State:
+        buffers = self.buffers
+        return State(buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
+
     def save(self) -> State:
         """Return a copy of the state of every episode."""
-        buffers = self.buffers
-        columns = (buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
-        return State(*(column.copy() for column in columns))
+        return State(*(column.copy() for column in self._columns))
 
     def restore(self, state: State) -> None:
-        """Restore a saved state. Episodes continue from it with identical bits.
-
-        Args:
-            state: State with as many rows as the batch, saved with the same options;
-                `State.rows` repeats or picks rows, for branching.
+        """Restore a state saved with the same options; episodes go on from it with identical bits.
 
         Raises:
-            UserError: If the shapes differ.
+            UserError: If it has not as many rows as the batch, or other shapes.
         """
-        buffers = self.buffers
-        columns = (buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
+        columns = self._columns
         for column, saved in zip(columns, state, strict=True):
             if column.shape != saved.shape or column.dtype != saved.dtype:
                 raise UserError(
@@ -226,45 +192,11 @@ class RoadBatch(abc.ABC):
                 )
         for column, saved in zip(columns, state, strict=True):
             column[:] = saved
-        self.begun[:] = buffers.episodes["increment_low"] != 0  # odd in every stream
-
-
-def check_sizes(size: int, threads: int) -> None:
-    """Refuse numbers of episodes and of threads that are not positive.
-
-    Raises:
-        UserError: If one isn't.
-    """
-    for name, value in (("size", size), ("threads", threads)):
-        if value < 1:
-            raise UserError(f"{name} must be at least 1, got {value}")
-
-
-def checked_numbers(actions: Any, size: int, count: int) -> Int64[np.ndarray, " batch"]:
-    """Return the discrete actions of a batch.
-
-    Args:
-        actions: A whole number for each episode.
-        size: Number of episodes.
-        count: Number of actions.
-
-    Raises:
-        UserError: If they have another shape or type, or one is out of range.
-    """
-    chosen = np.asarray(actions)
-    if chosen.shape != (size,) or chosen.dtype.kind not in "iu":
-        raise UserError(f"actions must be {size} whole numbers, got {actions!r}")
-    if chosen.min() < 0 or chosen.max() >= count:
-        raise UserError(f"actions must be 0 to {count - 1}, got {sorted({*chosen.tolist()})}")
-    return chosen.astype(np.int64)
+        self.begun[:] = self.buffers.episodes["increment_low"] != 0  # odd in every stream
 
 
 def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
-    """Return a seed for each of `count` rows, uint64.
-
-    Args:
-        seeds: A seed for each, or the first of consecutive ones.
-        count: Number of rows.
+    """Return a seed for each of `count` rows, uint64, given each or the first of consecutive ones.
 
     Raises:
         UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,17 +62,11 @@ LANE = np.dtype(
 
 
 class Lane(NamedTuple):
-    """Shape of a lane and what it is for.
+    """Shape of a lane and what it is for."""
 
-    Attributes:
-        shape: Values of LANE's geometric fields.
-        kind: APPROACH, CONFLICT or EXIT.
-        forbidden: Whether changing to it is forbidden.
-    """
-
-    shape: Shape
-    kind: int
-    forbidden: bool = False
+    shape: Shape  # values of LANE's geometric fields
+    kind: int  # APPROACH, CONFLICT or EXIT
+    forbidden: bool = False  # whether changing to it is forbidden
 
 
 def straight(start: Point, end: Point) -> Shape:
@@ -105,6 +100,9 @@ def arc(centre: Point, radius: float, start: float, end: float, sense: int) -> S
     return {"straight": False, "length": length} | circle
 
 
+_ROOM = 0.01  # m around a lane's box; more than a point between two of the thousand can lie outside
+
+
 def _write_box(lane: np.ndarray) -> None:
     """Write the bounds of a lane's points, a little too wide; of a sine, of its whole band."""
     along = np.linspace(0.0, float(lane["length"]), 1000)
@@ -114,15 +112,10 @@ def _write_box(lane: np.ndarray) -> None:
         y = lane["y"] + along * lane["along_y"] + sides * lane["across_y"]
     else:
         phase = lane["sense"] * along / lane["radius"] + lane["phase"]
-        x, y = (
-            lane["x"] + lane["radius"] * np.cos(phase),
-            lane["y"] + lane["radius"] * np.sin(phase),
-        )
+        x = lane["x"] + lane["radius"] * np.cos(phase)
+        y = lane["y"] + lane["radius"] * np.sin(phase)
     for name, values in (("x", x), ("y", y)):
         lane[f"low_{name}"], lane[f"high_{name}"] = values.min() - _ROOM, values.max() + _ROOM
-
-
-_ROOM = 0.01  # m; more than a point between two of the thousand can lie outside
 
 
 class Network:
@@ -146,17 +139,12 @@ class Network:
 
     def lane(self, start: str, end: str, number: int) -> int:
         """Return the number of a lane among all."""
-        before = list(self.roads[: self.roads.index((start, end))])
+        before = self.roads[: self.roads.index((start, end))]
         return sum(len(self._graph[first][last]) for first, last in before) + number
 
-    def lanes(self, task: list[str] | None = None) -> np.ndarray:
-        """Return all lanes, LANE.
-
-        Args:
-            task: Nodes of the ego's way, if its progress is measured along roads.
-        """
-        nodes = self._nodes()
-        rows = []
+    def lanes(self, task: Sequence[str] = ()) -> np.ndarray:
+        """Return all lanes, LANE; progress is measured along the ego's way, given by its nodes."""
+        nodes, rows = sorted({node for road in self.roads for node in road}), []
         for number, (start, end) in enumerate(self.roads):
             parallel = self._graph[start][end]
             for rank, lane in enumerate(parallel):
@@ -170,18 +158,12 @@ class Network:
                 row["start"], row["end"] = nodes.index(start), nodes.index(end)
                 _write_box(row)
                 rows.append(row)
-        lanes = np.array(rows, LANE)
-        for road, metres in self._passed(task or [], lanes):
-            lanes["before"][lanes["road"] == road] = metres
-        return lanes
-
-    def _passed(self, task: list[str], lanes: np.ndarray) -> list[tuple[int, float]]:
-        passed, metres = [], 0.0
+        lanes, metres = np.array(rows, LANE), 0.0
         for road in itertools.pairwise(task):
-            number = self.roads.index(road)
-            passed.append((number, metres))
-            metres += float(lanes["length"][lanes["road"] == number][0])
-        return passed
+            on_road = lanes["road"] == self.roads.index(road)
+            lanes["before"][on_road] = metres
+            metres += float(lanes["length"][on_road][0])
+        return lanes
 
     def successors(self) -> np.ndarray:
         """Return the roads that follow each, -1 beyond the last, (roads, most)."""
@@ -194,33 +176,27 @@ class Network:
             row[: len(roads)] = roads
         return table
 
-    def routes(self, destinations: list[str]) -> np.ndarray:
-        """Return the shortest way from each road to each node, -1 beyond its last road.
+    def routes(self, destinations: Sequence[str]) -> np.ndarray:
+        """Return the shortest way from each road to each node, (roads, destinations, most).
 
-        Returns:
-            Roads, the first among them, (roads, destinations, most).
+        It is of roads, the first among them, and -1 beyond the last.
         """
         ways = [[self._way(road, node) for node in destinations] for road in self.roads]
         most = max((len(way) for row in ways for way in row), default=1)
         table = np.full((len(self.roads), max(len(destinations), 1), most), -1, np.int64)
         for road, row in enumerate(ways):
             for column, way in enumerate(row):
-                table[road, column, : len(way)] = [
-                    self.roads.index(road_of_way) for road_of_way in way
-                ]
+                table[road, column, : len(way)] = way
         return table
 
-    def _way(self, road: tuple[str, str], goal: str) -> list[tuple[str, str]]:
+    def _way(self, road: tuple[str, str], goal: str) -> list[int]:
         """Return the first way of a breadth-first search, ends in alphabetical order."""
         waiting = deque([[road[1]]])
         while waiting:
             path = waiting.popleft()
             for node in sorted(set(self._graph.get(path[-1], {})) - set(path)):
                 if node == goal:
-                    nodes = [*path, node]
-                    return [road, *itertools.pairwise(nodes)]
+                    roads = [road, *itertools.pairwise([*path, node])]
+                    return [self.roads.index(pair) for pair in roads]
                 waiting.append([*path, node])
-        return [road]
-
-    def _nodes(self) -> list[str]:
-        return sorted({node for road in self.roads for node in road})
+        return [self.roads.index(road)]

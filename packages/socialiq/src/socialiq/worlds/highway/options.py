@@ -32,19 +32,6 @@ class ClockOptions:
     policy_frequency: int = 1
     duration: float = 20.0
 
-    def _check_clock(self) -> None:
-        for name in ("simulation_frequency", "policy_frequency"):
-            value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
-                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
-        if self.simulation_frequency % self.policy_frequency:
-            raise UserError(
-                f"simulation_frequency {self.simulation_frequency} is not a multiple of "
-                f"policy_frequency {self.policy_frequency}: choose one that is"
-            )
-        if not (self.duration > 0 and math.isfinite(self.duration)):
-            raise UserError(f"duration must be a positive number of seconds, got {self.duration}")
-
     @property
     def frames(self) -> int:
         """Sub-steps of a decision."""
@@ -67,22 +54,6 @@ class EgoOptions:
 
     target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
     observed_vehicles: int = 10
-
-    def _check_ego(self) -> None:
-        speeds = np.array(self.target_speeds, np.float64)
-        rising = bool((np.diff(speeds) > 0).all() and np.isfinite(speeds).all())
-        if not (2 <= len(speeds) <= MOST_SPEEDS and rising and speeds[-1] > 0):
-            raise UserError(
-                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, the last above 0, "
-                f"got {self.target_speeds}"
-            )
-        if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
-            raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
-        if not (isinstance(self.observed_vehicles, int) and self.observed_vehicles >= 2):
-            raise UserError(
-                "observed_vehicles must be a whole number of at least 2, "
-                f"got {self.observed_vehicles}"
-            )
 
     @property
     def max_speed(self) -> float:
@@ -148,12 +119,34 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
     """
 
     def __post_init__(self) -> None:
-        for name, kind in get_type_hints(type(self)).items():
+        kinds = get_type_hints(type(self))
+        for name, kind in kinds.items():
             if get_args(kind) and isinstance(getattr(self, name), str):
                 one_of(name, getattr(self, name), get_args(kind))
-        self._check_clock()
-        self._check_ego()
-        for name, kind in get_type_hints(type(self)).items():
+        for name in ("simulation_frequency", "policy_frequency"):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value >= 1):
+                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
+        if self.simulation_frequency % self.policy_frequency:
+            raise UserError(
+                f"simulation_frequency {self.simulation_frequency} is not a multiple of "
+                f"policy_frequency {self.policy_frequency}: choose one that is"
+            )
+        if not (self.duration > 0 and math.isfinite(self.duration)):
+            raise UserError(f"duration must be a positive number of seconds, got {self.duration}")
+        speeds = np.array(self.target_speeds, np.float64)
+        rising = bool((np.diff(speeds) > 0).all() and np.isfinite(speeds).all())
+        if not (2 <= len(speeds) <= MOST_SPEEDS and rising and speeds[-1] > 0):
+            raise UserError(
+                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, the last above 0, "
+                f"got {self.target_speeds}"
+            )
+        if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
+            raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
+        rows = self.observed_vehicles
+        if not (isinstance(rows, int) and rows >= 2):
+            raise UserError(f"observed_vehicles must be a whole number of at least 2, got {rows}")
+        for name, kind in kinds.items():
             if kind is float and not math.isfinite(getattr(self, name)):
                 raise UserError(f"{name} must be a finite number, got {getattr(self, name)}")
         for name in ("progress_unit", "conflict_distance", "speed_cap"):
@@ -161,9 +154,14 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
                 raise UserError(f"{name} must be positive, got {getattr(self, name)}")
 
     @property
+    def width(self) -> int:
+        """Number of values of a continuous action; 0 if actions are discrete."""
+        return 0
+
+    @property
     def continuous(self) -> bool:
         """Whether the ego's actions are continuous."""
-        return False
+        return self.width > 0
 
 
 SIGNALS = (
@@ -238,16 +236,12 @@ def settings_of(options: RoadOptions) -> np.ndarray:
 
 _NAMED = {"zone": Zone, "counted": Counted, "disruption": Disruption, "crash": Crash}
 
-
 _UNITS = (
     "policy_frequency",  # rewards come with each decision
     "duration",
     "target_speeds",  # the fastest is what speeds are relative to
     "progress_unit",
-    "zone",
-    "counted",
-    "disruption",
-    "crash",
+    *_NAMED,
     "conflict_distance",
     "speed_threshold",
     "speed_cap",

@@ -11,12 +11,36 @@ from typing import NamedTuple
 
 import numpy as np
 
+from socialiq.errors import UserError
 from socialiq.worlds.highway.options import SIGNALS, RoadOptions
 
 MAX_SPEED = 40.0  # m/s of any vehicle, either way
 
 FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 """Numbers of one row of the observation."""
+
+
+MOTION = [
+    ("x", np.float64),  # centre, m; x to the east, y to the south
+    ("y", np.float64),
+    ("heading", np.float64),  # rad, clockwise as drawn, from east
+    ("along_x", np.float64),  # cosine and sine of the heading: its unit vector
+    ("along_y", np.float64),
+    ("speed", np.float64),  # m/s, negative in reverse
+    ("steering", np.float64),  # held command: front wheel angle, rad
+    ("acceleration", np.float64),  # held command, m/s²
+    ("target_speed", np.float64),  # m/s
+]
+DRIVER = [
+    ("time_headway", np.float64),  # s
+    ("jam_distance", np.float64),  # m
+    ("max_acceleration", np.float64),  # m/s²
+    ("comfort_deceleration", np.float64),  # m/s², positive
+    ("exponent", np.float64),  # of the free-road term
+]
+PUSH = [("push_x", np.float64), ("push_y", np.float64)]  # m, by a collision, in the next sub-step
+FLAGS = [("crashed", np.bool_), ("pushed", np.bool_)]  # a push is pending
+"""Fields of the records of vehicles of all roads."""
 
 
 class Contact(enum.IntEnum):
@@ -54,42 +78,25 @@ RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
 
 
 class Buffers(NamedTuple):
-    """Arrays that an engine reads and writes, each with one row for an episode.
+    """Arrays that an engine reads and writes, each with one row for an episode."""
 
-    Attributes:
-        episodes: EPISODE records, shape (batch,).
-        vehicles: Current records of vehicles, (batch, capacity).
-        before: Vehicles at the last decision, (batch, capacity).
-        after: Vehicles after the sub-steps of that decision, (batch, capacity).
-        present: Number of vehicles in `before` and `after`, and the ego's slot, (batch, 2).
-        reached: Observation of the state that the decision led to, float32.
-        observation: Observation of the current state, which differs after a reset.
-        signals: In the order of `SIGNALS`, unweighted.
-        rewards: r_env and r_social, (batch, 2).
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
-        speed: The ego's, m/s.
-        ending: Values of `Ending`, int8.
-        contact: Values of `Contact`, int8: which vehicle struck, if the ego collided.
-        neighbours_collided: Number of other vehicles that collided with each other.
-        braking: Whether a vehicle's braking was charged to the ego, (batch, capacity).
-        trace: Vehicles after each sub-step, (batch, frames, capacity); empty if not traced.
-    """
-
-    episodes: np.ndarray
-    vehicles: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
+    episodes: np.ndarray  # EPISODE records, shape (batch,)
+    vehicles: np.ndarray  # current records of vehicles, (batch, capacity)
+    before: np.ndarray  # vehicles at the last decision, (batch, capacity)
+    after: np.ndarray  # vehicles after the sub-steps of that decision, (batch, capacity)
+    # number of vehicles in `before` and `after`, and the ego's slot, (batch, 2)
     present: np.ndarray
-    reached: np.ndarray
-    observation: np.ndarray
-    signals: np.ndarray
-    rewards: np.ndarray
-    classical: np.ndarray
-    speed: np.ndarray
-    ending: np.ndarray
-    contact: np.ndarray
-    neighbours_collided: np.ndarray
-    braking: np.ndarray
+    reached: np.ndarray  # observation of the state that the decision led to, float32
+    observation: np.ndarray  # observation of the current state, which differs after a reset
+    signals: np.ndarray  # in the order of `SIGNALS`, unweighted
+    rewards: np.ndarray  # r_env and r_social, (batch, 2)
+    classical: np.ndarray  # the ego's own reward and its neighbours' mean (thesis A.1), (batch, 2)
+    speed: np.ndarray  # the ego's, m/s
+    ending: np.ndarray  # values of `Ending`, int8
+    contact: np.ndarray  # values of `Contact`, int8: which vehicle struck, if the ego collided
+    neighbours_collided: np.ndarray  # number of other vehicles that collided with each other
+    braking: np.ndarray  # whether a vehicle's braking was charged to the ego, (batch, capacity)
+    # vehicles after each sub-step, (batch, frames, capacity); empty if not traced
     trace: np.ndarray
 
     @staticmethod
@@ -104,7 +111,12 @@ class Buffers(NamedTuple):
             most: Largest number of vehicles of an episode.
             size: Number of episodes.
             traced: Whether there is space for every sub-step.
+
+        Raises:
+            UserError: If the size is not positive.
         """
+        if size < 1:
+            raise UserError(f"size must be at least 1, got {size}")
         rows, capacity = (size,), (size, most)
         observed = (size, options.observed_vehicles, len(FEATURES))
         frames = (size if traced else 0, options.frames, most)

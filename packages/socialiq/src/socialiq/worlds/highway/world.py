@@ -11,25 +11,20 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import one_of
-from socialiq.worlds.highway.episodes import RoadBatch, check_sizes, checked_numbers
-from socialiq.worlds.highway.options import SIGNALS, RoadOptions, reward_definition, settings_of
-from socialiq.worlds.highway.scene import ACTIONS, CAR, Scene
-from socialiq.worlds.highway.scenes import scene_of
+from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.options import RoadOptions, reward_definition, settings_of
+from socialiq.worlds.highway.scenes import ACTIONS, CAR, Scene, scene_of
 from socialiq.worlds.highway.state import FEATURES, Buffers
 from socialiq.worlds.world import World
 
 if TYPE_CHECKING:
-    from socialiq.worlds.highway.pictures.render import View
+    from socialiq.worlds.highway.render import View
 
 _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
 
 
 class RoadWorld(World):
-    """Compiled road with the thesis' reward pair.
-
-    Attributes:
-        options: Its options.
-    """
+    """Compiled road with the thesis' reward pair."""
 
     options: RoadOptions
     draws_by_seed: ClassVar[bool] = True
@@ -38,11 +33,6 @@ class RoadWorld(World):
     def n_features(self) -> int:
         """Length of an observation."""
         return self.options.observed_vehicles * len(FEATURES)
-
-    @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of all signals, those of r_env first."""
-        return SIGNALS
 
     @property
     def description(self) -> str:
@@ -67,40 +57,23 @@ class RoadWorld(World):
 class Batch(RoadBatch):
     """Episodes of one scene side by side; see `RoadBatch`.
 
-    Args:
-        scene: The scene.
-        options: Its options.
-        size: Number of episodes.
-        threads: Number of threads.
-        traced: Record the vehicles of every sub-step in `buffers.trace`, for films.
-
-    Attributes:
-        scene: The scene.
-
-    Raises:
-        UserError: If a number is not positive.
+    With `traced`, `buffers.trace` has the vehicles of every sub-step, for films.
     """
 
+    n_actions = len(ACTIONS)
+
     def __init__(
-        self,
-        scene: Scene,
-        options: RoadOptions,
-        size: int,
-        threads: int = 1,
-        traced: bool = False,
+        self, scene: Scene, options: RoadOptions, size: int, threads: int = 1, traced: bool = False
     ) -> None:
-        check_sizes(size, threads)
+        self.scene = scene
         most = len(scene.road.entries) + len(scene.road.obstacles)
-        super().__init__(options, Buffers.of(options, CAR, most, size, traced))
-        self.scene, self._threads = scene, threads
-        self._settings = settings_of(options)
+        buffers = Buffers.of(options, CAR, most, size, traced)
+        super().__init__(options, buffers, settings_of(options), threads)
 
-    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+    def _core(self) -> tuple[Any, Any]:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
-        from socialiq.worlds.highway.core.compile import run_in_parts
 
-        arguments = commands, seeds, seeded, actions, self._settings, self.scene.road
-        run_in_parts(step.run, self._threads, self.size, self.buffers, *arguments)
+        return step.run, self.scene.road
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scene."""
@@ -111,24 +84,10 @@ class Batch(RoadBatch):
         """Records of the scene's lanes."""
         return self.scene.road.lanes
 
-    @property
-    def n_actions(self) -> int:
-        """Number of discrete actions."""
-        return len(ACTIONS)
-
-    def _checked(self, actions: Any) -> np.ndarray:
-        """Return actions, numbers of `scene.ACTIONS`, as int64."""
-        return checked_numbers(actions, self.size, len(ACTIONS))
-
 
 @dataclass(frozen=True)
 class SceneWorld(RoadWorld):
-    """Scene of highway-env.
-
-    Attributes:
-        scene: The scene.
-        options: Its options.
-    """
+    """Scene of highway-env."""
 
     scene: Scene
     options: RoadOptions
@@ -139,11 +98,6 @@ class SceneWorld(RoadWorld):
         return self.scene.name
 
     @property
-    def actions(self) -> tuple[str, ...]:
-        """Names of the actions, in the order of their numbers."""
-        return ACTIONS
-
-    @property
     def action_space(self) -> spaces.Discrete:
         """Space of one action."""
         return spaces.Discrete(len(ACTIONS))
@@ -151,7 +105,7 @@ class SceneWorld(RoadWorld):
     @property
     def view(self) -> View:
         """The road as pictures show it."""
-        from socialiq.worlds.highway.pictures.views import Lanes  # imports Numba
+        from socialiq.worlds.highway.views import Lanes  # imports Numba
 
         return Lanes(self.scene)
 
@@ -161,11 +115,7 @@ class SceneWorld(RoadWorld):
 
 
 def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
-    """Return a scene as a world.
-
-    Args:
-        scene: A scene, or the name of one of `scenes.SCENES`.
-        options: Fields of `RoadOptions`; the others are the scene's own.
+    """Return a scene, or one of `SCENES` by name, as a world; other options are the scene's own.
 
     Raises:
         UserError: If the scene, an option or a value is unknown.

@@ -5,6 +5,7 @@ They are stored beside the committed results of the studies that made them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results, read_json
-from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"
@@ -47,25 +47,20 @@ def load(name: str) -> QPolicy | EnsemblePolicy:
     Raises:
         UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
     """
-    path = path_of(name)
-    return _checked(load_values(path), path, manifest()[name])
+    return _checked(load_values, name, STUDIES)
 
 
 def load_continuous(name: str) -> ActorPolicy:
-    """Load a policy of the atlas with continuous actions.
-
-    Raises:
-        UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
-    """
-    path = path_of(name, CONTINUOUS_STUDIES)
-    return _checked(ActorPolicy.load(path), path, manifest(CONTINUOUS_STUDIES)[name])
+    """Load a policy of the atlas with continuous actions; errors are as of `load`."""
+    return _checked(ActorPolicy.load, name, CONTINUOUS_STUDIES)
 
 
-def _checked(policy: Any, path: Path, entry: dict[str, Any]) -> Any:
-    """Return a policy, after a check that its file is that of the manifest's entry."""
-    if policy.sha256 != entry["sha256"]:
+def _checked(read: Callable[[Path], Any], name: str, studies: tuple[str, ...]) -> Any:
+    path = path_of(name, studies)
+    loaded = read(path)
+    if loaded.sha256 != manifest(studies)[name]["sha256"]:
         raise UserError(f"{path} is not the file of its manifest: install the package again")
-    return policy
+    return loaded
 
 
 def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
@@ -75,11 +70,9 @@ def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
         UserError: If the name is unknown.
     """
     one_of("policy of the atlas", name, names(studies))
-    studies_of = _parts(studies)
-    folder, entry = next(
-        (folder, policies[name]) for folder, policies in studies_of if name in policies
-    )
-    return folder / entry["file"]
+    of_study = [(folder, policies) for folder, policies in _parts(studies) if name in policies]
+    folder, policies = of_study[0]
+    return folder / policies[name]["file"]
 
 
 def path_for(name: str, options: Options) -> Path:
@@ -89,7 +82,7 @@ def path_for(name: str, options: Options) -> Path:
         UserError: If the name is unknown, or the scenario steers: no policy of the atlas does.
     """
     path = path_of(name, CONTINUOUS_STUDIES if options.continuous else STUDIES)
-    if width(options) == 2:
+    if options.width == 2:
         raise UserError(
             f"atlas:{name} accelerates and doesn't steer: name a rule or a policy file that was "
             "trained with steering"

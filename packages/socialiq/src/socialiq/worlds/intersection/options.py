@@ -1,4 +1,4 @@
-"""Options of the intersection, the populations of its drivers, and the core's record of them."""
+"""Options of the intersection, the populations of its drivers, and the records of its core."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.worlds.highway import options as road_options
 from socialiq.worlds.highway.options import ClockOptions, EgoOptions, RewardOptions, RoadOptions
+from socialiq.worlds.highway.scenes import sight
+from socialiq.worlds.highway.state import DRIVER, FLAGS, MOTION, PUSH, Buffers
 
 
 class Normal(NamedTuple):
@@ -26,21 +28,15 @@ class Population(NamedTuple):
 
     The exponent of the free-road term is always drawn first, uniformly from 3.5 to 4.5, as
     highway-env does. A field with deviation 0 draws nothing.
-
-    Attributes:
-        desired_speed: m/s. Infinite: the driver starts with the speed it enters at, and takes the
-            road's limit after its first yield, as in highway-env.
-        time_headway: s.
-        jam_distance: m.
-        max_acceleration: m/s².
-        comfort_deceleration: m/s², positive.
     """
 
+    # m/s. Infinite: the driver starts with the speed it enters at, and takes the road's limit after
+    # its first yield, as in highway-env
     desired_speed: Normal
-    time_headway: Normal
-    jam_distance: Normal
-    max_acceleration: Normal
-    comfort_deceleration: Normal
+    time_headway: Normal  # s
+    jam_distance: Normal  # m
+    max_acceleration: Normal  # m/s²
+    comfort_deceleration: Normal  # m/s², positive
 
 
 def _fixed(value: float) -> Normal:
@@ -115,15 +111,6 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
     """
 
     def __post_init__(self) -> None:
-        self._check_spawns()
-        super().__post_init__()
-        one_of("population", self.population, tuple(POPULATIONS))
-        if self.simulation_frequency < 2:
-            raise UserError(
-                "simulation_frequency must be at least 2: road rules apply twice a second"
-            )
-
-    def _check_spawns(self) -> None:
         if not (isinstance(self.initial_vehicle_count, int) and self.initial_vehicle_count >= 1):
             raise UserError(
                 "initial_vehicle_count must be a whole number of at least 1, "
@@ -132,6 +119,12 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
         if not 0 <= self.spawn_probability <= 1:
             raise UserError(
                 f"spawn_probability must lie between 0 and 1, got {self.spawn_probability}"
+            )
+        super().__post_init__()
+        one_of("population", self.population, tuple(POPULATIONS))
+        if self.simulation_frequency < 2:
+            raise UserError(
+                "simulation_frequency must be at least 2: road rules apply twice a second"
             )
 
     @property
@@ -172,9 +165,9 @@ class ContinuousOptions(Options):
             )
 
     @property
-    def continuous(self) -> bool:
-        """Whether the ego's actions are continuous."""
-        return True
+    def width(self) -> int:
+        """Number of values of a continuous action."""
+        return 2 if self.actions == "continuous_steering" else 1
 
 
 TIE = 1e-9
@@ -198,3 +191,41 @@ def settings_of(options: Options) -> np.ndarray:
 
 
 _ARMS: dict[Destination, int] = {"random": 0, "left": 1, "straight": 2, "right": 3}
+
+
+ACCELERATION_RANGE = (-5.0, 5.0)  # m/s², of continuous actions -1 and 1
+
+ACTIONS = ("slower", "idle", "faster")
+"""Actions: one target speed down, keep, one up, counted from the present speed."""
+
+SLOWER, IDLE, FASTER = range(len(ACTIONS))
+
+SPEED_LIMIT = 10.0  # of every lane, m/s
+POSITION_RANGE = 100.0  # m, seen as 1
+SPEED_RANGE = 20.0  # m/s, seen as 1
+
+SIGHT = sight(POSITION_RANGE, POSITION_RANGE, SPEED_RANGE, SPEED_RANGE, relative=False)
+VEHICLE = np.dtype(
+    [
+        *MOTION,  # the target speed is 0 while yielding
+        ("desired_speed", np.float64),  # m/s; infinity: only the road's limit binds
+        *DRIVER,
+        *PUSH,
+        ("identity", np.int32),  # unique in its episode
+        ("lane", np.int8),  # closest lane, 0 to 19
+        ("target_lane", np.int8),  # lane it steers along
+        ("origin", np.int8),  # arm it comes from, 0 to 3
+        ("destination", np.int8),  # arm it leaves by
+        ("leg", np.int8),  # completed legs of its route: 0 to 3
+        ("yielding", np.bool_),
+        *FLAGS,
+    ],
+    align=True,
+)
+"""Vehicle record. The vehicles of an episode are one row in highway-env's list order: those that
+entered before the ego, the ego, those that entered later."""
+
+
+def buffers_of(options: Options, size: int, traced: bool = False) -> Buffers:
+    """Return empty buffers for `size` episodes, with space for every sub-step if traced."""
+    return Buffers.of(options, VEHICLE, options.capacity, size, traced)

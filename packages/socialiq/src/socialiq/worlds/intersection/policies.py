@@ -14,15 +14,16 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import one_of
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.intersection.batch import ACCELERATION_RANGE, width
-from socialiq.worlds.intersection.options import POPULATIONS, Options
-from socialiq.worlds.intersection.state import (
+from socialiq.worlds.intersection.options import (
+    ACCELERATION_RANGE,
     ACTIONS,
     FASTER,
     IDLE,
+    POPULATIONS,
     POSITION_RANGE,
     SLOWER,
     SPEED_RANGE,
+    Options,
 )
 
 STOP_LINE = 11.0  # m south of the centre
@@ -56,9 +57,8 @@ def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
 class RulePolicy:
     """Policy defined by a rule.
 
-    Args:
-        rule: Function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
-            numbers, or vectors in [-1, 1].
+    The rule is a function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
+    numbers, or vectors in [-1, 1].
     """
 
     def __init__(self, rule: Rule) -> None:
@@ -97,11 +97,7 @@ def stop_line(seen: Seen) -> Int64[np.ndarray, " batch"]:
 
 
 def gap(seconds: float) -> Rule:
-    """Return a rule that enters when no crossing vehicle is within some seconds of the junction.
-
-    Args:
-        seconds: Smallest accepted gap.
-    """
+    """Return a rule that enters when no crossing vehicle is within some seconds of the junction."""
     return lambda seen: np.where(_gives_way(seen, seconds), SLOWER, FASTER)
 
 
@@ -137,11 +133,6 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
 
     `idm` takes the model's acceleration. The others drive towards 9 m/s where they choose FASTER,
     towards 0 where they choose SLOWER. None drives backwards. `random` draws uniformly.
-
-    Args:
-        name: One of `NAMES`.
-        size: Length of an action.
-        seed: Seed of the random rule.
     """
     rng = np.random.default_rng(seed)
 
@@ -160,27 +151,18 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
     return act
 
 
-def random(seed: int) -> Rule:
-    """Return a rule that draws a uniform action at each call."""
-    rng = np.random.default_rng(seed)
-    return lambda seen: rng.integers(len(ACTIONS), size=len(seen))
-
-
 def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePolicy:
-    """Return a reference policy by name.
-
-    Args:
-        name: One of `NAMES`.
-        seed: Seed of the random policy.
-        options: Scenario, which says whether actions are continuous; by default discrete.
+    """Return a reference policy of `NAMES`; the scenario may have continuous actions.
 
     Raises:
         UserError: If the name is unknown.
     """
     one_of("reference policy", name, NAMES)
     if options is not None and options.continuous:
-        return RulePolicy(accelerating(name, width(options), seed))
-    return RulePolicy(random(seed) if name == "random" else _RULES[name])
+        return RulePolicy(accelerating(name, options.width, seed))
+    rng = np.random.default_rng(seed)
+    rules = _RULES | {"random": lambda seen: rng.integers(len(ACTIONS), size=len(seen))}
+    return RulePolicy(rules[name])
 
 
 _RULES: dict[str, Rule] = {

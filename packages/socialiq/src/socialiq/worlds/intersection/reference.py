@@ -1,8 +1,8 @@
-"""Real highway-env as a reference for the project's core.
+"""Real highway-env as a reference for the intersection's core.
 
-Checked with highway-env 1.12.1; needs the extra `highway`, and nothing else imports this module.
-highway-env's classes are subclassed, never changed: an episode of the population `highway_env` is,
-draw for draw, the episode of a plain `IntersectionEnv` with the same configuration and seed.
+Checked with highway-env 1.12.1; needs the extra `highway`. highway-env's classes are subclassed,
+never changed: an episode of the population `highway_env` is, draw for draw, the episode of a plain
+`IntersectionEnv` with the same configuration and seed.
 
 Its results differ in the last bits between CPUs with and without AVX-512: there NumPy uses other
 routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums. They differ by an
@@ -19,9 +19,10 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.highway.core import collisions
+from socialiq.worlds.conformance import write_commands, write_motion
+from socialiq.worlds.gym import TERMINAL
+from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq.worlds.highway.gym import TERMINAL
 from socialiq.worlds.highway.state import (
     ANNOTATE,
     DECIDE,
@@ -32,18 +33,18 @@ from socialiq.worlds.highway.state import (
     Buffers,
     Contact,
 )
-from socialiq.worlds.intersection.batch import width
 from socialiq.worlds.intersection.core import step, traffic
-from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
 from socialiq.worlds.intersection.options import (
     POPULATIONS,
+    POSITION_RANGE,
+    SPEED_LIMIT,
+    SPEED_RANGE,
+    VEHICLE,
     ContinuousOptions,
-    Normal,
     Options,
     Population,
     settings_of,
 )
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
 
 try:
     # Type checks also run where the extra is not installed.
@@ -86,23 +87,18 @@ class Driver(IDMVehicle):
     def randomize_behavior(self) -> None:
         """Draw the exponent, then the fields of the population in their order."""
         super().randomize_behavior()
-        desired, headway, gap, acceleration, deceleration = (
-            _drawn(normal, self.road.np_random) for normal in self.population
-        )
-        self.TIME_WANTED = headway
-        self.DISTANCE_WANTED = gap
-        self.COMFORT_ACC_MAX = acceleration
-        self.COMFORT_ACC_MIN = -deceleration
+        values = []
+        for normal in self.population:
+            value = normal.mean
+            if normal.deviation:
+                value = normal.mean + normal.deviation * self.road.np_random.normal()
+                value = min(max(value, normal.low), normal.high)
+            values.append(value)
+        desired, self.TIME_WANTED, self.DISTANCE_WANTED, self.COMFORT_ACC_MAX, braking = values
+        self.COMFORT_ACC_MIN = -braking
         self.desired_speed = desired
         if math.isfinite(desired):
             self.target_speed = desired  # pyright: ignore[reportIncompatibleVariableOverride]
-
-
-def _drawn(normal: Normal, random: Any) -> float:
-    if normal.deviation == 0:
-        return normal.mean
-    value = normal.mean + normal.deviation * random.normal()
-    return min(max(value, normal.low), normal.high)
 
 
 DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
@@ -115,22 +111,23 @@ DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
 globals().update({driver.__name__: driver for driver in DRIVERS.values()})
 
 
-ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
-
-contact_of = for_python(collisions.contact_of)
+contact_of = for_python(kernels.contact_of)
+route_coordinate = for_python(traffic.route_coordinate)
 
 
 def environment_config(options: Options) -> dict[str, Any]:
-    """Return the configuration of highway-env's `IntersectionEnv` for the given options.
+    """Return the configuration of highway-env's `IntersectionEnv` for a scenario.
 
     Nested dictionaries are complete, because highway-env replaces them and adds no defaults.
     `flatten` is left out: highway-env accepts the key and ignores it.
-
-    Args:
-        options: The scenario; reward options are ignored.
     """
     metres, speed = [-POSITION_RANGE, POSITION_RANGE], [-SPEED_RANGE, SPEED_RANGE]
     driver = DRIVERS[options.population]
+    action = {"type": "ContinuousAction", "longitudinal": True, "lateral": options.width == 2}
+    if not options.continuous:
+        speeds = list(options.target_speeds)
+        action |= {"type": "DiscreteMetaAction", "lateral": False, "target_speeds": speeds}
+    arms = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
     return {
         "observation": {
             "type": "Kinematics",
@@ -144,28 +141,17 @@ def environment_config(options: Options) -> dict[str, Any]:
             "see_behind": False,
             "observe_intentions": False,
         },
-        "action": _action_config(options),
+        "action": action,
         "simulation_frequency": options.simulation_frequency,
         "policy_frequency": options.policy_frequency,
         "duration": options.duration,
         "initial_vehicle_count": options.initial_vehicle_count,
         "spawn_probability": options.spawn_probability,
-        "destination": ARMS[options.destination],
+        "destination": arms[options.destination],
         "controlled_vehicles": 1,
         "offroad_terminal": isinstance(options, ContinuousOptions) and options.offroad_terminal,
         "neighbour_vehicles_connected_lanes": options.connected_lanes,
         "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
-    }
-
-
-def _action_config(options: Options) -> dict[str, Any]:
-    if options.continuous:
-        return {"type": "ContinuousAction", "longitudinal": True, "lateral": width(options) == 2}
-    return {
-        "type": "DiscreteMetaAction",
-        "longitudinal": True,
-        "lateral": False,
-        "target_speeds": list(options.target_speeds),
     }
 
 
@@ -237,38 +223,23 @@ class _WatchedRoad(RegulatedRoad):
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""
         records = np.zeros(len(self.vehicles), VEHICLE)
         for row, vehicle in zip(records, self.vehicles, strict=True):
-            self._write(row, vehicle)
-            _write_driver(row, vehicle)
+            write_motion(row, vehicle)
+            write_commands(row, vehicle)
+            row["target_speed"] = getattr(vehicle, "target_speed", SPEED_LIMIT)
+            row["identity"], row["origin"], row["destination"] = self._entries[vehicle]
+            row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
+            target = getattr(vehicle, "target_lane_index", _ENTRY)
+            row["target_lane"] = self._lane_numbers[target[:2]]
+            row["leg"] = 3 - len(getattr(vehicle, "route", _WHOLE_ROUTE))
+            row["yielding"] = getattr(vehicle, "is_yielding", False)
+            row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
+            if isinstance(vehicle, IDMVehicle):  # the ego has no driver model, and keeps zeros
+                row["time_headway"] = vehicle.TIME_WANTED
+                row["jam_distance"] = vehicle.DISTANCE_WANTED
+                row["max_acceleration"] = vehicle.COMFORT_ACC_MAX
+                row["comfort_deceleration"] = -vehicle.COMFORT_ACC_MIN
+                row["exponent"] = vehicle.DELTA
         return records
-
-    def _write(self, row: np.void, vehicle: Any) -> None:
-        row["x"], row["y"] = vehicle.position
-        row["heading"], row["speed"] = vehicle.heading, vehicle.speed
-        row["along_x"], row["along_y"] = vehicle.direction
-        row["steering"] = vehicle.action["steering"]
-        row["acceleration"] = vehicle.action["acceleration"]
-        row["target_speed"] = getattr(vehicle, "target_speed", SPEED_LIMIT)
-        row["pushed"] = vehicle.impact is not None
-        if vehicle.impact is not None:
-            row["push_x"], row["push_y"] = vehicle.impact
-        entry = self._entries[vehicle]
-        row["identity"] = entry.identity
-        row["origin"], row["destination"] = entry.origin, entry.destination
-        row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
-        row["target_lane"] = self._lane_numbers[getattr(vehicle, "target_lane_index", _ENTRY)[:2]]
-        row["leg"] = 3 - len(getattr(vehicle, "route", _WHOLE_ROUTE))
-        row["yielding"] = getattr(vehicle, "is_yielding", False)
-        row["crashed"] = vehicle.crashed
-
-
-def _write_driver(row: np.void, vehicle: Any) -> None:
-    row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
-    if isinstance(vehicle, IDMVehicle):  # the ego has no driver model, and keeps zeros
-        row["time_headway"] = vehicle.TIME_WANTED
-        row["jam_distance"] = vehicle.DISTANCE_WANTED
-        row["max_acceleration"] = vehicle.COMFORT_ACC_MAX
-        row["comfort_deceleration"] = -vehicle.COMFORT_ACC_MIN
-        row["exponent"] = vehicle.DELTA
 
 
 class _WatchedEnv(IntersectionEnv):
@@ -315,9 +286,6 @@ class HighwayIntersection:
         after: Vehicles after the sub-steps, before clearing and spawning,
             VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
         terminated: Whether highway-env says that the last step led to a terminal state.
-
-    Args:
-        options: The scenario.
     """
 
     def __init__(self, options: Options) -> None:
@@ -326,27 +294,13 @@ class HighwayIntersection:
         self.reset()
 
     def reset(self, seed: int | None = None) -> np.ndarray:
-        """Start an episode.
-
-        Args:
-            seed: Seed of highway-env's generator; None continues its stream.
-
-        Returns:
-            The observation, float32 (observed vehicles * 7,).
-        """
+        """Start an episode, or without a seed continue the stream; return the observation."""
         observation, _ = self.environment.reset(seed=seed)
         self.before = self.after = self.vehicles
         return observation.reshape(-1)
 
     def step(self, action: Any) -> np.ndarray:
-        """Take one decision.
-
-        Args:
-            action: 0 slower, 1 idle, 2 faster; or the values of a continuous action.
-
-        Returns:
-            The observation, float32 (observed vehicles * 7,).
-        """
+        """Take one decision, and return the observation."""
         self.before = self.vehicles
         observation, _, self.terminated, _, _ = self.environment.step(action)
         self.after = self.environment.after
@@ -367,88 +321,57 @@ class HighwayIntersection:
         """The ego's slot in `after`."""
         return self._slot(self.after)
 
-    @property
-    def contact(self) -> int:
-        """Last `Contact` of the ego: which vehicle struck."""
-        return self.environment.road.contact
-
-    @property
-    def touched(self) -> int:
-        """Identity of the vehicle that the ego last touched, -1 if none."""
-        return self.environment.road.touched
-
-    @property
-    def time(self) -> float:
-        """Seconds since the reset."""
-        return float(self.environment.time)
-
     def _slot(self, vehicles: np.ndarray) -> int:
         return int(np.flatnonzero(vehicles["identity"] == self.environment.ego_identity)[0])
 
 
-route_coordinate = for_python(traffic.route_coordinate)
-
-
 class Reference:
-    """One highway-env for each row of the buffers.
-
-    Args:
-        options: Scenario and reward options.
-        buffers: Arrays to fill.
-
-    Raises:
-        UserError: If highway-env is not installed.
-    """
+    """One highway-env for each row of the buffers, in the place of the core."""
 
     def __init__(self, options: Options, buffers: Buffers) -> None:
         self._buffers, self._settings = buffers, settings_of(options)
-        self._rows = [HighwayIntersection(options) for _ in buffers.episodes]
+        self.rows = [HighwayIntersection(options) for _ in buffers.episodes]
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        """Carry out one command for each episode."""
+        """Carry out one command for each episode.
+
+        The core computes endings and rewards of highway-env's states. An ending that is terminal
+        here and not in highway-env, or the other way round, is corrected, so that a comparison
+        finds the difference.
+        """
         buffers = self._buffers
         decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
         observation = np.zeros_like(buffers.reached)
         for row in np.flatnonzero(decided):
-            observation[row] = self._rows[row].step(actions[row]).reshape(observation[row].shape)
-            self._write_decision(int(row))
+            real = self.rows[row]
+            observation[row] = real.step(actions[row]).reshape(observation[row].shape)
+            buffers.before[row, : len(real.before)] = real.before
+            buffers.after[row, : len(real.after)] = real.after
+            buffers.present[row] = len(real.after), real.ego_after
+            self._write(row)
         annotated = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
-        step.on_threads(1, buffers, annotated, seeds, unseeded, unused, self._settings)
+        rows = 0, 0, len(commands)
+        step.run(buffers, annotated, seeds, unseeded, unused, self._settings, *rows)
         for row in np.flatnonzero(decided):
-            self._take_ending(int(row))
+            terminated = self.rows[row].terminated
+            if terminated != (buffers.ending[row] in TERMINAL):
+                buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
         buffers.reached[decided] = observation[decided]
         buffers.observation[decided] = observation[decided]
         ended = (commands == DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
         for row in np.flatnonzero((commands == RESET) | ended):
-            self._reset(int(row), int(seeds[row]) if seeded[row] else None)
+            begun = self.rows[row].reset(int(seeds[row]) if seeded[row] else None)
+            buffers.observation[row] = begun.reshape(buffers.observation[row].shape)
+            self._write(row)
+            ego = buffers.vehicles[row][self.rows[row].ego]
+            buffers.episodes[row]["start"] = route_coordinate(ego, 0)
 
-    def _take_ending(self, row: int) -> None:
-        """Correct an ending that is terminal here and not in highway-env, or the other way round.
-
-        A comparison then finds the difference.
-        """
-        buffers, terminated = self._buffers, self._rows[row].terminated
-        if terminated != (buffers.ending[row] in TERMINAL):
-            buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
-
-    def _reset(self, row: int, seed: int | None) -> None:
-        buffers, real = self._buffers, self._rows[row]
-        buffers.observation[row] = real.reset(seed).reshape(buffers.observation[row].shape)
-        self._write_now(row)
-        buffers.episodes[row]["start"] = route_coordinate(buffers.vehicles[row][real.ego])
-
-    def _write_decision(self, row: int) -> None:
-        buffers, real = self._buffers, self._rows[row]
-        buffers.before[row, : len(real.before)] = real.before
-        buffers.after[row, : len(real.after)] = real.after
-        buffers.present[row] = len(real.after), real.ego_after
-        self._write_now(row)
-
-    def _write_now(self, row: int) -> None:
-        buffers, real = self._buffers, self._rows[row]
-        vehicles, episode = real.vehicles, buffers.episodes[row]
-        buffers.vehicles[row, : len(vehicles)] = vehicles
+    def _write(self, row: Any) -> None:
+        """Write the present vehicles and the facts of the episode."""
+        real, episode = self.rows[row], self._buffers.episodes[row]
+        vehicles, environment = real.vehicles, real.environment
+        self._buffers.vehicles[row, : len(vehicles)] = vehicles
         episode["vehicles"], episode["ego"] = len(vehicles), real.ego
-        episode["time"] = real.time
-        episode["contact"], episode["touched"] = real.contact, real.touched
+        episode["time"] = environment.time
+        episode["contact"], episode["touched"] = environment.road.contact, environment.road.touched

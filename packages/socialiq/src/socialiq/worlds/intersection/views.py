@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH
-from socialiq.worlds.highway.pictures.render import Frame, Scene, View
-from socialiq.worlds.highway.pictures.shapes import (
-    ASPHALT,
-    GRASS,
-    PAINT,
-    ZONE_APPROACH,
-    Pose,
-    band,
-    route,
-    way,
-)
+from socialiq.worlds.highway.render import Frame, Scene, View
+from socialiq.worlds.highway.shapes import Pose
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, STRAIGHT
 from socialiq.worlds.intersection.core.traffic import EXIT_DISTANCE
 
@@ -47,8 +38,44 @@ class Crossing:
         self._reach = reach
 
     def ground(self, axes: Any) -> None:
-        """Draw the empty crossing."""
-        road(axes, 2 * self._reach)
+        """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks."""
+        from matplotlib.collections import LineCollection, PolyCollection
+        from matplotlib.patches import Polygon, Rectangle
+
+        reach = 2 * self._reach
+        axes.add_artist(Rectangle((-reach, -reach), 2 * reach, 2 * reach, color=shapes.GRASS))
+        # One quarter of the kerb: in along an arm, round the corner, out along the next.
+        bend = np.linspace(math.pi, 1.5 * math.pi, 12)
+        x = [LANE_WIDTH, *(JUNCTION + _CORNER * np.cos(bend)), reach]
+        y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
+        quarter, corners = (
+            list(zip(x, y, strict=True)),
+            [math.pi / 2 * corner for corner in range(4)],
+        )
+        kerb = np.concatenate([Pose(0.0, 0.0, corner).place(quarter)[::-1] for corner in corners])
+        axes.add_artist(
+            Polygon(
+                kerb,
+                facecolor=shapes.ASPHALT,
+                edgecolor=shapes.PAINT,
+                linewidth=1.2,
+                joinstyle="round",
+            )
+        )
+        arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
+        centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
+        dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
+        stop = [arm.place([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
+        # Triangles before the stop line point at the drivers who must give way.
+        base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
+        teeth = [
+            arm.place([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
+            for arm in arms[::2]
+            for left in (-width * number for number in range(4))
+        ]
+        for marking in (dashed, LineCollection(stop, linewidths=[2.0, 1.0]), PolyCollection(teeth)):
+            marking.set(color=shapes.PAINT, zorder=2)
+            axes.add_artist(marking)
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  it never moves
         """Return the visible part of the world."""
@@ -58,58 +85,13 @@ class Crossing:
     def way(self, axes: Any, scene: Scene) -> None:
         """Draw the ego's influence zone and the rest of its route."""
         ego = scene.vehicles[scene.ego]
-        approach, across, leave = (LANES[lane] for lane in _route(ego))
-        start = float(approach["length"]) - ZONE_APPROACH
-        band(axes, np.concatenate([way(approach, start), way(across)]))
-        line = np.concatenate([way(approach), way(across), way(leave, end=EXIT_DISTANCE)])
-        route(axes, line, float(ego["x"]), float(ego["y"]))
-
-
-def _route(ego: Any) -> Sequence[int]:
-    return ROUTES[ego["origin"], ego["destination"]].tolist()
+        approach, across, leave = (LANES[n] for n in ROUTES[ego["origin"], ego["destination"]])
+        start = float(approach["length"]) - shapes.ZONE_APPROACH
+        shapes.band(axes, np.concatenate([shapes.way(approach, start), shapes.way(across)]))
+        line = np.concatenate(
+            [shapes.way(approach), shapes.way(across), shapes.way(leave, end=EXIT_DISTANCE)]
+        )
+        shapes.route(axes, line, float(ego["x"]), float(ego["y"]))
 
 
 VIEW: View = Crossing()
-
-
-def road(axes: Any, reach: float) -> None:
-    """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks.
-
-    Args:
-        axes: Matplotlib axes.
-        reach: Metres from the centre to the end of the road.
-    """
-    from matplotlib.collections import LineCollection, PolyCollection
-    from matplotlib.patches import Polygon, Rectangle
-
-    axes.add_artist(Rectangle((-reach, -reach), 2 * reach, 2 * reach, color=GRASS))
-    kerb = np.concatenate([_kerb(math.pi / 2 * corner, reach) for corner in range(4)])
-    axes.add_artist(
-        Polygon(kerb, facecolor=ASPHALT, edgecolor=PAINT, linewidth=1.2, joinstyle="round")
-    )
-    arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
-    centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
-    dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
-    stop = [arm.place([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
-    teeth = [tooth for arm in arms[::2] for tooth in _teeth(arm)]
-    for marking in (dashed, LineCollection(stop, linewidths=[2.0, 1.0]), PolyCollection(teeth)):
-        marking.set(color=PAINT, zorder=2)
-        axes.add_artist(marking)
-
-
-def _kerb(angle: float, reach: float) -> np.ndarray:
-    """Return one quarter of the kerb: in along an arm, round the corner, out along the next."""
-    bend = np.linspace(math.pi, 1.5 * math.pi, 12)
-    x = [LANE_WIDTH, *(JUNCTION + _CORNER * np.cos(bend)), reach]
-    y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
-    return Pose(0.0, 0.0, angle).place(list(zip(x, y, strict=True)))[::-1]
-
-
-def _teeth(arm: Pose) -> list[np.ndarray]:
-    """Return triangles before the stop line that point at the drivers who must give way."""
-    base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
-    lefts = [-width * number for number in range(4)]
-    return [
-        arm.place([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
-        for left in lefts
-    ]

@@ -1,32 +1,155 @@
-"""Intersection as a world, and the limits of an episode's rewards there."""
+"""The intersection: episodes side by side, the world, and the limits of its rewards."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from gymnasium import spaces
+from jaxtyping import Float
 
+from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
-from socialiq.worlds.highway.state import MAX_SPEED
+from socialiq.worlds.highway.episodes import RoadBatch, State
+from socialiq.worlds.highway.state import MAX_SPEED, SKIP
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.batch import ACCELERATION_RANGE, BackEnd, Batch, space_of
-from socialiq.worlds.intersection.options import POPULATIONS, Options
-from socialiq.worlds.intersection.state import ACTIONS, SPEED_LIMIT
+from socialiq.worlds.intersection.options import (
+    ACCELERATION_RANGE,
+    ACTIONS,
+    POPULATIONS,
+    SPEED_LIMIT,
+    Options,
+    buffers_of,
+    settings_of,
+)
 
 if TYPE_CHECKING:
-    from socialiq.worlds.highway.pictures.render import View
+    from socialiq.worlds.highway.render import View
+
+STEERING_RANGE = (-math.pi / 4, math.pi / 4)  # rad, of actions -1 and 1
+
+BackEnd = Literal["core", "highway_env"]
+
+
+def commands(actions: Float[np.ndarray, "batch value"]) -> list[Float[np.ndarray, " batch"]]:
+    """Return the acceleration, m/s², and the front wheels' angle, rad, of continuous actions.
+
+    They are computed in highway-env's order of operations and in the actions' own precision;
+    float32 rounds differently from float64. Without a second column the wheels stand straight.
+    """
+    held = [
+        low + (values - -1) * (high - low) / (1 - -1)
+        for values, (low, high) in zip(
+            actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False
+        )
+    ]
+    return held if len(held) == 2 else [*held, np.zeros(len(actions))]
+
+
+class Batch(RoadBatch):
+    """Episodes of one scenario side by side; see `RoadBatch`.
+
+    The back end "highway_env" is the real environment, hundreds of times slower. With `traced`,
+    `buffers.trace` has the vehicles of every sub-step, for films.
+
+    Raises:
+        UserError: If a number is not positive, or highway-env is requested and not installed.
+    """
+
+    n_actions = len(ACTIONS)
+
+    def __init__(
+        self,
+        options: Options,
+        size: int,
+        threads: int = 1,
+        back_end: BackEnd = "core",
+        traced: bool = False,
+    ) -> None:
+        one_of("back end", back_end, ("core", "highway_env"))
+        super().__init__(options, buffers_of(options, size, traced), settings_of(options), threads)
+        self.options: Options = options
+        self._real: Any = None
+        if back_end == "highway_env":
+            from socialiq.worlds.intersection.reference import Reference
+
+            self._real = Reference(options, self.buffers)
+
+    def _core(self) -> tuple[Any, Any]:
+        from socialiq.worlds.intersection.core import step  # import Numba only when it is needed
+
+        return step.run, 0
+
+    def _run(self, commands_of_rows: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        if self._real is not None:
+            self._real.run(commands_of_rows, seeds, seeded, actions)
+            return
+        if actions.ndim == 2:  # held in the egos' records
+            rows = np.flatnonzero(commands_of_rows != SKIP)
+            ego = rows, self.buffers.episodes["ego"][rows]
+            acceleration, steering = commands(actions[rows])
+            self.buffers.vehicles["acceleration"][ego] = acceleration
+            self.buffers.vehicles["steering"][ego] = steering
+            actions = np.zeros(len(actions), np.int64)
+        super()._run(commands_of_rows, seeds, seeded, actions)
+
+    def like(self, size: int) -> Batch:
+        """Return a batch of so many episodes of the same scenario, on the core."""
+        return type(self)(self.options, size, self._threads)
+
+    @property
+    def lanes(self) -> np.ndarray:
+        """Records of the crossing's lanes."""
+        from socialiq.worlds.intersection.core.geometry import LANES
+
+        return LANES
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """Return numbers, or if actions are continuous float32 or float64 in [-1, 1].
+
+        Raises:
+            UserError: If they have another shape or type, or one is out of range or NaN.
+        """
+        if not self.options.continuous:
+            return super()._checked(actions)
+        chosen, shape = np.asarray(actions), (self.size, self.options.width)
+        if chosen.shape != shape or chosen.dtype not in (np.float32, np.float64):
+            raise UserError(
+                f"actions must be float32 or float64 of the shape {shape}, got {chosen.dtype} of "
+                f"the shape {chosen.shape}"
+            )
+        wrong = chosen[~(np.abs(chosen) <= 1.0)]
+        if len(wrong):
+            raise UserError(f"actions must lie between -1 and 1, got {wrong[0]}: clip them")
+        return chosen
+
+    def save(self) -> State:
+        """Return a copy of the state of every episode.
+
+        Raises:
+            UserError: On the back end highway_env, whose state is held in Python objects.
+        """
+        if self._real is not None:
+            raise UserError("the state of highway-env can't be saved: use the core")
+        return super().save()
+
+    def restore(self, state: State) -> None:
+        """Restore a saved state; see `RoadBatch.restore`.
+
+        Raises:
+            UserError: If the shapes differ, or on the back end highway_env.
+        """
+        if self._real is not None:
+            raise UserError("the state of highway-env can't be restored: use the core")
+        super().restore(state)
 
 
 @dataclass(frozen=True)
 class Intersection(RoadWorld):
-    """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3).
-
-    Attributes:
-        options: Scenario and reward options.
-        name: Name in the registry.
-    """
+    """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3)."""
 
     options: Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
         default_factory=Options
@@ -37,14 +160,11 @@ class Intersection(RoadWorld):
     references: ClassVar[tuple[str, ...]] = ("go", "wait", "idm")
 
     @property
-    def actions(self) -> tuple[str, ...]:
-        """Names of the actions, in the order of their numbers."""
-        return ACTIONS
-
-    @property
     def action_space(self) -> spaces.Discrete | spaces.Box:
         """Space of one action: `n_actions` numbers, or values in [-1, 1]."""
-        return space_of(self.options)
+        if not self.options.continuous:
+            return spaces.Discrete(len(ACTIONS))
+        return spaces.Box(-1.0, 1.0, (self.options.width,), np.float32)
 
     @property
     def view(self) -> View:
@@ -60,16 +180,16 @@ class Intersection(RoadWorld):
         return Batch(self.options, size, threads, back_end, traced)
 
     def driver(self, name: str, seed: int = 0) -> Policy:
-        """Return a rule-based driver of `policies.NAMES`.
-
-        Raises:
-            UserError: If the name is unknown.
-        """
+        """Return a rule-based driver of `policies.NAMES`."""
         return policies.policy(name, seed, self.options)
 
     def largest_difference(self, weights: tuple[float, float]) -> float | None:
-        """Return the most by which two episodes can differ; None where nothing limits progress."""
-        if is_unlimited(self.options):
+        """Return the most by which two episodes can differ; None where nothing limits progress.
+
+        An ego that steers may pass near the centre of a turn, where a metre driven is any part of
+        it.
+        """
+        if self.options.continuous and self.options.destination != "straight":
             return None
         sides = env_range(self.options), social_range(self.options)
         return sum(abs(w) * side.width for w, side in zip(weights, sides, strict=True))
@@ -83,11 +203,6 @@ class Intersection(RoadWorld):
             **{f"drivers of population {name}": {"population": name} for name in populations},
             f"drivers {sight}": {"connected_lanes": connected},
         }
-
-
-def make(options: Options) -> Intersection:
-    """Build the world."""
-    return Intersection(options)
 
 
 _INSIDE_TURN = 1.3
@@ -114,14 +229,6 @@ def decisions(options: Options) -> int:
         time += 1 / options.policy_frequency
         count += 1
     return count
-
-
-def is_unlimited(options: Options) -> bool:
-    """Whether nothing limits the advance of a decision.
-
-    An ego that steers may pass near the centre of a turn, where a metre driven is any part of it.
-    """
-    return options.continuous and options.destination != "straight"
 
 
 def largest_progress(options: Options) -> float:

@@ -1,4 +1,7 @@
-"""Compilation of the core: strict float64, no fused operations, a cache that detects edits."""
+"""Compilation of the core: strict float64, no fused operations, a cache that detects edits.
+
+Functions are unwrapped of the run-time type checks of tests, which Numba can't compile.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = ("network", "options", "scene", "state")  # that kernels read
+_TABLES = ("network", "options", "scenes", "state")  # that kernels read
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -36,7 +39,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     no wrapper for Python, which would be a third of the compilation; see `for_python`.
     """
     options = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return numba.extending.register_jitable(**options)(_unchecked(function))
+    return numba.extending.register_jitable(**options)(inspect.unwrap(function))
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:
@@ -45,7 +48,7 @@ def inlined_kernel(function: Callable[..., Any]) -> Any:
     For large kernels with one caller: compiled by themselves they would be optimised twice, with
     everything that they call.
     """
-    return numba.njit(_unchecked(function), error_model="numpy", inline="always")
+    return numba.njit(inspect.unwrap(function), error_model="numpy", inline="always")
 
 
 def for_python(function: Callable[..., Any]) -> Any:
@@ -60,22 +63,11 @@ def entry_point(function: Callable[..., Any]) -> Any:
     """
     # Numba's own threads (parallel=True) would compile every kernel below a second time.
     options = {"error_model": "numpy", "nogil": True, "cache": True}
-    return numba.njit(_unchecked(function), **options)
-
-
-def _unchecked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function without the run-time type checks of tests, which Numba can't compile."""
-    return inspect.unwrap(function)
+    return numba.njit(inspect.unwrap(function), **options)
 
 
 def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
-    """Call an entry point on equal parts of the rows, each on a thread of its own.
-
-    Args:
-        run: Entry point whose last two arguments are the first row and the end of its part.
-        threads: Number of threads; 0 takes all there are.
-        rows: Number of rows.
-        arguments: The entry point's other arguments.
+    """Call an entry point on equal parts of the rows, each on a thread of its own; 0 takes all.
 
     Raises:
         UserError: If there are fewer threads.
@@ -93,10 +85,9 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
         run(*arguments, 0, rows)
         return
     with ThreadPoolExecutor(count) as pool:
-        for done in [
-            pool.submit(run, *arguments, *interval) for interval in itertools.pairwise(ends)
-        ]:
-            done.result()
+        intervals = [pool.submit(run, *arguments, *ends_of) for ends_of in itertools.pairwise(ends)]
+        for interval in intervals:
+            interval.result()
 
 
 @contextlib.contextmanager
@@ -106,11 +97,10 @@ def _announced() -> Iterator[None]:
     Code that is in the cache loads in less. Only whole lines are written, each at once, so that
     a progress bar stays below them. Garbage collection, a tenth of the time, waits.
     """
-    begun = time.monotonic()
+    begun, collecting = time.monotonic(), gc.isenabled()
     notice = threading.Timer(_MOMENT, lambda: sys.stderr.write(f"{NOTICE}\n"))
     notice.daemon = True
     notice.start()
-    collecting = gc.isenabled()
     gc.disable()
     try:
         yield
@@ -127,11 +117,8 @@ def fingerprint(*files: str) -> int:
     """Return a number that changes with any source file that an entry point depends on.
 
     Numba's cache checks the file of the entry point only; it would miss an edit to a kernel that
-    the entry point calls. The entry point therefore closes over this number.
-
-    Args:
-        files: Of the entry point and what it calls beyond the shared kernels: all files of their
-            folders count, and the tables above.
+    the entry point calls. The entry point therefore closes over this number. The files are those
+    beyond the shared kernels: all files of their folders count, and the tables above.
     """
     digest = hashlib.sha256()
     for folder in sorted({Path(name).parent for name in (__file__, *files)}):

@@ -26,14 +26,7 @@ from socialiq.worlds.highway.core.vehicle import (
     speed_index,
     steering,
 )
-from socialiq.worlds.highway.scene import (
-    FASTER,
-    LANE_LEFT,
-    LANE_RIGHT,
-    NORMAL,
-    SLOWER,
-    UNIFORM,
-)
+from socialiq.worlds.highway.scenes import FASTER, LANE_LEFT, LANE_RIGHT, NORMAL, SLOWER, UNIFORM
 from socialiq.worlds.highway.state import Contact
 
 CHANGE_EVERY = 1.0  # s
@@ -122,14 +115,14 @@ def _stand(car, x, y, heading, speed, road):
 
 
 @kernel
-def at_end(car, lanes):
+def _at_end(car, lanes):
     """Whether a vehicle is beyond 2.5 m before the end of its target lane."""
     lane = lanes[car.target_lane]
     return longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2
 
 
 @kernel
-def neighbours(cars, me, number, lanes):
+def _neighbours(cars, me, number, lanes):
     """Return the slots of the nearest vehicles or obstacles ahead and behind on a lane, or -1."""
     lane = lanes[number]
     here = longitudinal(lane, cars[me].x, cars[me].y)
@@ -147,15 +140,10 @@ def neighbours(cars, me, number, lanes):
 
 
 @kernel
-def acceleration(cars, slot, front, exponent, lanes):
-    """Return the acceleration in m/s² of the Intelligent Driver Model.
+def _acceleration(cars, slot, front, exponent, lanes):
+    """Return the acceleration of the Intelligent Driver Model, m/s²; 0 of none or an obstacle.
 
-    Args:
-        cars: CAR records.
-        slot: The vehicle; -1 or an obstacle accelerates by 0.
-        front: Its leader, -1 if none.
-        exponent: Of the free-road term; a driver attributes its own to others.
-        lanes: LANE records.
+    A driver attributes the exponent of its own free-road term to others.
     """
     if slot < 0 or cars[slot].obstacle:
         return 0.0
@@ -172,27 +160,39 @@ def drive(cars, count, me, road):
     if car.crashed:
         return
     lanes = road.lanes
-    if at_end(car, lanes):
+    if _at_end(car, lanes):
         car.target_lane = following(car, road)
     if road.entries[me].changes:
         _change_lane(cars, count, me, lanes)
     car.steering = steering(car, lanes[car.target_lane])
-    front, _ = neighbours(cars, me, car.lane, lanes)
-    rate = acceleration(cars, me, front, car.exponent, lanes)
+    front, _ = _neighbours(cars, me, car.lane, lanes)
+    rate = _acceleration(cars, me, front, car.exponent, lanes)
     if car.lane != car.target_lane:
-        front, _ = neighbours(cars, me, car.target_lane, lanes)
-        rate = min(rate, acceleration(cars, me, front, car.exponent, lanes))
+        front, _ = _neighbours(cars, me, car.target_lane, lanes)
+        rate = min(rate, _acceleration(cars, me, front, car.exponent, lanes))
     car.acceleration = clip(rate, -MAX_ACCELERATION, MAX_ACCELERATION)
 
 
 @kernel
 def _change_lane(cars, count, me, lanes):
-    """Begin a lane change, at most once a second, or give one up that another makes too."""
+    """Begin a lane change, at most once a second, or give one up that another makes too.
+
+    A change is given up if a vehicle close ahead changes to the same lane.
+    """
     car = cars[me]
     lane = lanes[car.lane]
     if car.lane != car.target_lane:
-        if lane.road == lanes[car.target_lane].road:
-            _give_up(cars, count, me, lanes)
+        if lane.road != lanes[car.target_lane].road:
+            return
+        for slot in range(count):
+            neighbour = cars[slot]
+            same = neighbour.target_lane == car.target_lane and neighbour.lane != car.target_lane
+            if slot == me or not same:
+                continue
+            gap = longitudinal(lane, neighbour.x, neighbour.y) - longitudinal(lane, car.x, car.y)
+            if 0 < gap < desired_gap(car, neighbour):
+                car.target_lane = car.lane
+                return
         return
     if not car.timer > CHANGE_EVERY:
         return
@@ -210,40 +210,25 @@ def _change_lane(cars, count, me, lanes):
 
 
 @kernel
-def _give_up(cars, count, me, lanes):
-    """Return to the present lane if a vehicle close ahead changes to the same lane."""
-    car = cars[me]
-    lane = lanes[car.lane]
-    for slot in range(count):
-        neighbour = cars[slot]
-        same = neighbour.target_lane == car.target_lane and neighbour.lane != car.target_lane
-        if slot == me or not same:
-            continue
-        gap = longitudinal(lane, neighbour.x, neighbour.y) - longitudinal(lane, car.x, car.y)
-        if 0 < gap < desired_gap(car, neighbour):
-            car.target_lane = car.lane
-            return
-
-
-@kernel
 def _worthwhile(cars, me, here, candidate, lanes):
     """Whether MOBIL (Kesting et al. 2007) recommends a lane, without politeness."""
     car = cars[me]
-    front, rear = neighbours(cars, me, candidate, lanes)
-    if acceleration(cars, rear, me, car.exponent, lanes) < -MOST_IMPOSED:
+    front, rear = _neighbours(cars, me, candidate, lanes)
+    if _acceleration(cars, rear, me, car.exponent, lanes) < -MOST_IMPOSED:
         return False
-    after = acceleration(cars, me, front, car.exponent, lanes)
+    after = _acceleration(cars, me, front, car.exponent, lanes)
     if car.route >= 0 and car.leg == 0:
         # Its way prescribes the lane on which it began.
         return False
-    front, _ = neighbours(cars, me, here, lanes)
-    return not after - acceleration(cars, me, front, car.exponent, lanes) < LEAST_GAIN
+    front, _ = _neighbours(cars, me, here, lanes)
+    return not after - _acceleration(cars, me, front, car.exponent, lanes) < LEAST_GAIN
 
 
 @kernel
-def choose(car, action, road, settings):
+def choose(_episode, cars, action, road, settings):
     """Carry out the ego's action: a target lane or a target speed."""
-    if at_end(car, road.lanes):
+    car = cars[0]
+    if _at_end(car, road.lanes):
         car.target_lane = following(car, road)
     if action in (FASTER, SLOWER):
         level = speed_index(car.speed, settings) + (1 if action == FASTER else -1)
@@ -259,7 +244,7 @@ def choose(car, action, road, settings):
 @kernel
 def control(car, road):
     """Set the ego's steering and an unbounded proportional acceleration for a sub-step."""
-    if at_end(car, road.lanes):
+    if _at_end(car, road.lanes):
         car.target_lane = following(car, road)
     car.steering = steering(car, road.lanes[car.target_lane])
     car.acceleration = SPEED_GAIN * (car.target_speed - car.speed)

@@ -178,8 +178,17 @@ def _boxed_misfit(lane, x, y, heading, enough):
 @kernel
 def following(car, road):
     """Return the lane after a vehicle's target lane, by its way, else the closest; drop a leg."""
-    lane = road.lanes[car.target_lane]
-    planned = _next_road(car, lane, road)
+    lane, planned = road.lanes[car.target_lane], -1
+    if car.route >= 0:
+        way = road.routes[car.route, car.destination]
+        if car.leg < len(way) and way[car.leg] == lane.road:
+            car.leg += 1
+        if car.leg < len(way) and way[car.leg] >= 0:
+            first = 0
+            while first < len(road.lanes) and road.lanes[first].road != way[car.leg]:
+                first += 1
+            if first < len(road.lanes) and road.lanes[first].start == lane.end:
+                planned = way[car.leg]
     x, y = position(lane, longitudinal(lane, car.x, car.y))
     if planned >= 0:
         return _lane_of(planned, lane, road.lanes, x, y)
@@ -193,22 +202,6 @@ def following(car, road):
         if away < least:
             best, least = candidate, away
     return best
-
-
-@kernel
-def _next_road(car, lane, road):
-    """Return the road by which a vehicle's way goes on, -1 if it has none."""
-    if car.route < 0:
-        return -1
-    way = road.routes[car.route, car.destination]
-    if car.leg < len(way) and way[car.leg] == lane.road:
-        car.leg += 1
-    if car.leg < len(way) and way[car.leg] >= 0:
-        planned = way[car.leg]
-        for number in range(len(road.lanes)):
-            if road.lanes[number].road == planned:
-                return planned if road.lanes[number].start == lane.end else -1
-    return -1
 
 
 @kernel

@@ -1,8 +1,7 @@
 """Reward pair of thesis 4.1: influence zone, and named signals of a decision, weighted and summed.
 
-Nothing here depends on a road. Road-dependent quantities (the advance along the route, the zone,
-which neighbours count) are arguments: `shell` computes them for
-simulated roads, `recordings` for recorded traffic. The same code therefore rewards all.
+Nothing here depends on a road. Quantities of a road (the advance along the route, the zone, which
+neighbours count) are arguments, so the same code rewards simulated roads and recorded traffic.
 """
 
 from __future__ import annotations
@@ -26,12 +25,8 @@ _ALL, _CROSS, _APPROACHING = range(len(get_args(Counted)))
 def in_zone(kind, along, length, travelled, settings):
     """Whether the ego is in the influence zone: the end of its approach, or the junction.
 
-    Args:
-        kind: Kind of the ego's lane: APPROACH, EXIT, or another.
-        along: Coordinate along that lane, m.
-        length: Length of that lane, m.
-        travelled: Metres along its route since the episode began.
-        settings: SETTINGS record.
+    Kind, coordinate and length, m, are those of its lane; it has travelled so many metres along its
+    route since the episode began.
     """
     if kind == EXIT:
         return False
@@ -50,11 +45,8 @@ def in_zone(kind, along, length, travelled, settings):
 def counts(apart, same_origin, kind, settings):
     """Whether a neighbour is within the conflict distance and of the kind that counts.
 
-    Args:
-        apart: Distance from the ego, m.
-        same_origin: Whether the neighbour entered by the ego's approach.
-        kind: Kind of the neighbour's target lane: APPROACH, EXIT, or another.
-        settings: SETTINGS record.
+    It is so far from the ego, m, and may have entered by the ego's approach; the kind is of its
+    target lane: APPROACH, EXIT, or another.
     """
     if apart > settings.conflict_distance:
         return False
@@ -68,17 +60,8 @@ def counts(apart, same_origin, kind, settings):
 _N_ENV, _N_SIGNALS = len(ENV_SIGNALS), len(SIGNALS)
 _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
 _OVERRIDE, _ADD = range(len(get_args(Crash)))
-(
-    _PROGRESS,
-    _SPEED,
-    _STEP,
-    _COLLISION,
-    _ARRIVAL,
-    _TIMEOUT,
-    _YIELDING,
-    _DISRUPTION,
-    _NEIGHBOUR_COLLISION,
-) = range(len(SIGNALS))
+_PROGRESS, _SPEED, _STEP, _COLLISION, _ARRIVAL, _TIMEOUT = range(_N_ENV)
+_YIELDING, _DISRUPTION, _NEIGHBOUR_COLLISION = range(_N_ENV, _N_SIGNALS)
 _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = (
     int(kind)
     for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER)
@@ -87,14 +70,7 @@ _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = (
 
 @kernel
 def ending_of(crashed, left, arrived, out_of_time):
-    """Return the ending of the episode at this snapshot; of several, the first in this order.
-
-    Args:
-        crashed: Whether the ego has crashed.
-        left: Whether it is off the road, and that ends an episode.
-        arrived: Whether it is so far along an exit, on its lane or beside it.
-        out_of_time: Whether the time is over.
-    """
+    """Return the ending of the episode at this snapshot; of several, the first in this order."""
     if crashed:
         return _COLLIDED
     if left:
@@ -159,26 +135,15 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
     for slot in range(len(counted)):
         if counted[slot]:
             neighbours += 1
-            share = disruption(lost[slot], settings)
+            share = _disruption(lost[slot], settings)
             signals[_DISRUPTION] += share
             braking[slot] = share > 0
-    signals[_YIELDING] = yielding(speed, neighbours, settings)
+    signals[_YIELDING] = (1.0 - clip(speed / settings.max_speed, 0.0, 1.0)) * neighbours
 
 
 @kernel
-def yielding(speed, neighbours, settings):
-    """Return the first term of Eq 4.2: (1 - v_ratio) n."""
-    return (1.0 - clip(speed / settings.max_speed, 0.0, 1.0)) * neighbours
-
-
-@kernel
-def disruption(lost, settings):
-    """Return a neighbour's contribution to the second term of Eq 4.2.
-
-    Args:
-        lost: Its loss of speed between two decisions, m/s.
-        settings: SETTINGS record.
-    """
+def _disruption(lost, settings):
+    """Return the second term of Eq 4.2 of a neighbour that lost so much speed, m/s."""
     if settings.disruption == _LITERAL:
         lost = max(lost, settings.speed_threshold)
     elif lost <= settings.speed_threshold:
@@ -205,27 +170,22 @@ def classical(before, after, on_road, count, ego, settings):
     step's reward. A snapshot has the vehicles at a decision (before) or after its sub-steps
     (after), before clearing and spawning, so a vehicle has the same slot in both.
     """
-    ego_reward, neighbours = 0.0, 0.0
+    ego_reward, neighbours, weights = 0.0, 0.0, settings.weights
     for slot in range(count):
-        paid = _paid(before[slot], after[slot], on_road[slot], settings)
+        vehicle, reward = after[slot], weights[_COLLISION]
+        if not vehicle.crashed or before[slot].crashed:
+            reward = 0.0
+            if on_road[slot]:
+                advance = distance(vehicle.x, vehicle.y, before[slot].x, before[slot].y)
+                ratio = clip(vehicle.speed / settings.max_speed, 0.0, 1.0)
+                reward = weights[_PROGRESS] * advance / settings.progress_unit
+                reward = reward + weights[_SPEED] * ratio
+            reward = reward + weights[_STEP]
         if slot == ego:
-            ego_reward = paid
+            ego_reward = reward
         else:
-            neighbours += paid
+            neighbours += reward
     return ego_reward, neighbours / max(count - 1, 1)
-
-
-@kernel
-def _paid(before, after, on_road, settings):
-    weights = settings.weights
-    if after.crashed and not before.crashed:
-        return weights[_COLLISION]
-    earned = 0.0
-    if on_road:
-        advance = distance(after.x, after.y, before.x, before.y)
-        ratio = clip(after.speed / settings.max_speed, 0.0, 1.0)
-        earned = weights[_PROGRESS] * advance / settings.progress_unit + weights[_SPEED] * ratio
-    return earned + weights[_STEP]
 
 
 @kernel
@@ -239,7 +199,7 @@ def neighbours_collided(before, after, count, ego, touched):
     return crashed
 
 
-PERCEPTION = 200.0  # m
+_PERCEPTION = 200.0  # m
 
 
 @kernel
@@ -267,7 +227,7 @@ def observe(vehicles, count, ego, along, tie, sight, observation):
         if slot == ego:
             continue
         vehicle = vehicles[slot]
-        if not distance(vehicle.x, vehicle.y, me.x, me.y) < PERCEPTION:
+        if not distance(vehicle.x, vehicle.y, me.x, me.y) < _PERCEPTION:
             continue
         ahead = along[slot] - along[ego]
         if not ahead > -2 * VEHICLE_LENGTH:
@@ -298,5 +258,4 @@ def _write(vehicle, x, y, vx, vy, sight, row):
 
 @kernel
 def _scaled(value, bound):
-    """Map [-bound, bound] to [-1, 1], and clip."""
     return clip(-1.0 + (value + bound) * 2.0 / (2.0 * bound), -1.0, 1.0)

@@ -1,26 +1,170 @@
-"""Scenes of highway-env as the shell runs them: their kernels, and the compiled entry points."""
+"""One decision of an episode of any road, and the scenes of highway-env, which run through it."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.collisions import collide
+import numpy as np
+
+from socialiq.types import Ending
+from socialiq.worlds.highway.core import drivers, rewards, stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
-from socialiq.worlds.highway.core.drivers import choose, control, drive, reset
-from socialiq.worlds.highway.core.geometry import closest_lane, longitudinal, on_lane
-from socialiq.worlds.highway.core.shell import RoadKernels, shell_of
-from socialiq.worlds.highway.core.vehicle import advance
+from socialiq.worlds.highway.core.geometry import closest_lane, distance, longitudinal, on_lane
+from socialiq.worlds.highway.core.vehicle import advance, collide
 from socialiq.worlds.highway.network import EXIT
+from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
+
+_NO_ENDING, _NO_CONTACT = int(Ending.NONE), int(Contact.NONE)
+
+
+class RoadKernels(NamedTuple):
+    """Kernels by which a road differs from others; `road` is its tables."""
+
+    lane: Callable[..., Any]  # (number, road) -> record of a lane
+    kind: Callable[..., Any]  # (number, road) -> kind of a lane: APPROACH, EXIT, or another
+    coordinate: Callable[..., Any]  # (vehicle, road) -> its metres along the task
+    # (vehicles, slot, ego, road) -> whether it entered by the ego's approach
+    same_origin: Callable[..., Any]
+    arrived: Callable[..., Any]  # (vehicle, road) -> whether it has arrived
+    sight: Callable[..., Any]  # (road) -> SIGHT record
+    # (episode, vehicles, action, road, settings): begin an action of the ego
+    choose: Callable[..., Any]
+    sub_step: Callable[..., Any]  # (episode, vehicles, road, settings): advance all by a sub-step
+    # (episode, vehicles, road, settings): remove and add vehicles after a decision
+    renew: Callable[..., Any]
+    # (episode, vehicles, road, settings): start an episode from its stream
+    reset: Callable[..., Any]
+    # (count, vehicles) -> number of records in use, obstacles among them
+    records: Callable[..., Any]
 
 
 @kernel
-def sub_step(episode, cars, road, settings):
+def _copy(vehicles, count, target):
+    for slot in range(count):
+        target[slot] = vehicles[slot]
+
+
+def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
+    """Return the kernel (buffers, row, command, action, road, settings) of a road's commands."""
+    lane_of, sight, records = kernels.lane, kernels.sight, kernels.records
+    coordinate, choose, sub_step = kernels.coordinate, kernels.choose, kernels.sub_step
+    renew, reset = kernels.renew, kernels.reset
+
+    @kernel
+    def observe(vehicles, count, ego, road, settings, observation):
+        lane, along = lane_of(vehicles[ego].lane, road), np.empty(count)
+        for slot in range(count):
+            along[slot] = longitudinal(lane, vehicles[slot].x, vehicles[slot].y)
+        rewards.observe(vehicles, count, ego, along, settings.tie, sight(road), observation)
+
+    annotate = _annotate_of(kernels, observe)
+
+    @kernel
+    def decide(buffers, row, action, road, settings):
+        """Run the sub-steps of one decision; write snapshots before and after them."""
+        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+        _copy(vehicles, records(episode.vehicles, vehicles), buffers.before[row])
+        episode.time += settings.decision
+        choose(episode, vehicles, action, road, settings)
+        for frame in range(settings.frames):
+            sub_step(episode, vehicles, road, settings)
+            if len(buffers.trace):
+                _copy(vehicles, records(episode.vehicles, vehicles), buffers.trace[row, frame])
+        _copy(vehicles, records(episode.vehicles, vehicles), buffers.after[row])
+        buffers.present[row, 0], buffers.present[row, 1] = episode.vehicles, episode.ego
+
+    @kernel
+    def carry_out(buffers, row, command, action, road, settings):
+        if command == SKIP:
+            return
+        episode, vehicles, ending = buffers.episodes[row], buffers.vehicles[row], _NO_ENDING
+        deciding = command in (DECIDE, DECIDE_AND_RESET)
+        if deciding:
+            decide(buffers, row, action, road, settings)
+        if command != RESET:
+            ending = annotate(buffers, row, road, settings)
+            # Assigning whole arrays compiles NumPy's broadcasting and its messages, for seconds.
+            for seen in range(buffers.reached.shape[1]):
+                for feature in range(buffers.reached.shape[2]):
+                    buffers.observation[row, seen, feature] = buffers.reached[row, seen, feature]
+        if deciding:
+            renew(episode, vehicles, road, settings)
+        if command == RESET or (command == DECIDE_AND_RESET and ending != _NO_ENDING):
+            reset(episode, vehicles, road, settings)
+            episode.start = coordinate(vehicles[episode.ego], road)
+            count = records(episode.vehicles, vehicles)
+            observe(vehicles, count, episode.ego, road, settings, buffers.observation[row])
+
+    return carry_out
+
+
+def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the kernel that writes a decision's results from its two snapshots."""
+    arrived, records = kernels.arrived, kernels.records
+    lane_of, kind, coordinate = kernels.lane, kernels.kind, kernels.coordinate
+    same_origin = kernels.same_origin
+
+    @kernel
+    def is_on_road(vehicle, road):
+        return on_lane(lane_of(vehicle.lane, road), vehicle.x, vehicle.y, 0.0)
+
+    @kernel
+    def write_signals(before, after, count, slot_of_ego, start, ending, road, settings, row):
+        signals, braking = row
+        ego = after[slot_of_ego]
+        reached = coordinate(ego, road)
+        advanced = reached - coordinate(before[slot_of_ego], road)
+        rewards.env_signals(advanced, is_on_road(ego, road), ego.speed, ending, settings, signals)
+        lane = lane_of(ego.lane, road)
+        along, travelled = longitudinal(lane, ego.x, ego.y), reached - start
+        within = rewards.in_zone(kind(ego.lane, road), along, lane.length, travelled, settings)
+        counted, lost = np.empty(count, np.bool_), np.empty(count)
+        for slot in range(count):
+            vehicle = after[slot]
+            apart = distance(vehicle.x, vehicle.y, ego.x, ego.y)
+            same = same_origin(after, slot, slot_of_ego, road)
+            counts = rewards.counts(apart, same, kind(vehicle.target_lane, road), settings)
+            counted[slot] = slot != slot_of_ego and counts
+            lost[slot] = before[slot].speed - vehicle.speed
+        rewards.social_signals(ego.speed, within, counted, lost, ending, settings, signals, braking)
+
+    @kernel
+    def annotate(buffers, row, road, settings):
+        episode, before, after = buffers.episodes[row], buffers.before[row], buffers.after[row]
+        count, slot = buffers.present[row, 0], buffers.present[row, 1]
+        ego = after[slot]
+        observe(after, records(count, after), slot, road, settings, buffers.reached[row])
+        left = settings.offroad_terminal and not is_on_road(ego, road)
+        late = episode.time >= settings.duration
+        ending = rewards.ending_of(ego.crashed, left, arrived(ego, road), late)
+        signals = buffers.signals[row]
+        written = signals, buffers.braking[row]
+        write_signals(before, after, count, slot, episode.start, ending, road, settings, written)
+        r_env, r_social = rewards.pair(signals, settings)
+        buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
+        on_road = np.empty(count, np.bool_)
+        for number in range(count):
+            on_road[number] = is_on_road(after[number], road)
+        ego_reward, neighbours = rewards.classical(before, after, on_road, count, slot, settings)
+        buffers.classical[row, 0], buffers.classical[row, 1] = ego_reward, neighbours
+        buffers.speed[row], buffers.ending[row] = ego.speed, ending
+        buffers.contact[row] = episode.contact if ego.crashed else _NO_CONTACT
+        touched = episode.touched if ego.crashed else -1
+        crashed = rewards.neighbours_collided(before, after, count, slot, touched)
+        buffers.neighbours_collided[row] = crashed
+        return ending
+
+    return annotate
+
+
+@kernel
+def _sub_step(episode, cars, road, settings):
     """Advance by a sub-step: decisions in the order of entry, motion, then collisions."""
     count = episode.vehicles
-    control(cars[0], road)
+    drivers.control(cars[0], road)
     for slot in range(1, count):
-        drive(cars, count, slot, road)
+        drivers.drive(cars, count, slot, road)
     for slot in range(count):
         car = cars[slot]
         car.timer += settings.dt
@@ -32,18 +176,13 @@ def sub_step(episode, cars, road, settings):
 
 
 @kernel
-def _lane(car, road):
-    return road.lanes[car.lane]
+def _lane(number, road):
+    return road.lanes[number]
 
 
 @kernel
-def _kind(car, road):
-    return road.lanes[car.lane].kind
-
-
-@kernel
-def _target_kind(car, road):
-    return road.lanes[car.target_lane].kind
+def _kind(number, road):
+    return road.lanes[number].kind
 
 
 @kernel
@@ -72,11 +211,6 @@ def _sight(road):
 
 
 @kernel
-def _choose(cars, _episode, action, road, settings):
-    choose(cars[0], action, road, settings)
-
-
-@kernel
 def _renew(_episode, _cars, _road, _settings):
     """Leave the vehicles as they are."""
 
@@ -86,22 +220,21 @@ def _records(_count, cars):
     return len(cars)
 
 
-_carry_out = shell_of(
+_carry_out = carry_out_of(
     RoadKernels(
         lane=_lane,
         kind=_kind,
-        target_kind=_target_kind,
         coordinate=_coordinate,
         same_origin=_same_origin,
         arrived=_arrived,
         sight=_sight,
-        choose=_choose,
-        sub_step=sub_step,
+        choose=drivers.choose,
+        sub_step=_sub_step,
         renew=_renew,
-        reset=reset,
+        reset=drivers.reset,
         records=_records,
     )
-).carry_out
+)
 
 
 def _entry(sources: int):
@@ -117,16 +250,16 @@ def _entry(sources: int):
 
 
 run: Any = _entry(fingerprint())
-"""Carry out a command for every episode of a batch.
+"""Carry out a command for every episode of a batch; the intersection has an equal entry point.
 
 Args:
     buffers: Arrays read and written, `state.Buffers`.
     commands: One of `state`'s commands for each episode, int8.
     entropy: Seed of each episode's stream, uint64.
     seeded: Whether to begin the stream from that seed, bool.
-    actions: The ego's actions, int64.
+    actions: The ego's actions, int64. Continuous ones are held in its record instead.
     options: SETTINGS record in an array of one.
-    road: Tables of the scene, `scene.Road`.
+    road: Tables of the scene, `scenes.Road`; of the intersection 0.
     first: First episode of the part to do.
     end: End of that part.
 """

@@ -35,7 +35,23 @@ _POOL = 4  # words of SeedSequence's pool
 @kernel
 def seed(episode, entropy):
     """Seed the stream as `numpy.random.default_rng(entropy)` does; entropy is a uint64."""
-    words = _seed_words(_seed_pool(entropy))
+    pool, constant = np.zeros(_POOL, np.uint64), np.uint64(0x43B0D7E5)
+    pool[0], pool[1] = entropy & _LOW_32, entropy >> _WORD
+    for word in range(_POOL):
+        pool[word], constant = _hash(pool[word], constant)
+    for source in range(_POOL):
+        for target in range(_POOL):
+            if source != target:
+                hashed, constant = _hash(pool[source], constant)
+                mixed = np.uint64(0xCA01F9DD) * pool[target] - np.uint64(0x4973F715) * hashed
+                mixed = mixed & _LOW_32
+                pool[target] = mixed ^ mixed >> np.uint64(16)
+    words, constant = np.zeros(8, np.uint64), np.uint64(0x8B51F9DD)
+    for number in range(8):  # the 128-bit state, high half first, then the increment
+        value = pool[number % _POOL] ^ constant
+        constant = (constant * np.uint64(0x58F38DED)) & _LOW_32
+        value = (value * constant) & _LOW_32
+        words[number] = value ^ value >> np.uint64(16)
     high, low = words[0] | words[1] << _WORD, words[2] | words[3] << _WORD
     episode.state_high = _ZERO
     episode.state_low = _ZERO
@@ -50,46 +66,11 @@ def seed(episode, entropy):
 
 
 @kernel
-def _seed_pool(entropy):
-    pool = np.zeros(_POOL, np.uint64)
-    constant = np.uint64(0x43B0D7E5)
-    pool[0] = entropy & _LOW_32
-    pool[1] = entropy >> _WORD
-    for word in range(_POOL):
-        pool[word], constant = _hash(pool[word], constant)
-    for source in range(_POOL):
-        for target in range(_POOL):
-            if source != target:
-                hashed, constant = _hash(pool[source], constant)
-                pool[target] = _mix(pool[target], hashed)
-    return pool
-
-
-@kernel
 def _hash(value, constant):
     value = (value ^ constant) & _LOW_32
     constant = (constant * np.uint64(0x931E8875)) & _LOW_32
     value = (value * constant) & _LOW_32
     return value ^ value >> np.uint64(16), constant
-
-
-@kernel
-def _mix(left, right):
-    mixed = (np.uint64(0xCA01F9DD) * left - np.uint64(0x4973F715) * right) & _LOW_32
-    return mixed ^ mixed >> np.uint64(16)
-
-
-@kernel
-def _seed_words(pool):
-    """Return eight words of 32 bits: the 128-bit state, high half first, then the increment."""
-    words = np.zeros(8, np.uint64)
-    constant = np.uint64(0x8B51F9DD)
-    for number in range(8):
-        value = pool[number % _POOL] ^ constant
-        constant = (constant * np.uint64(0x58F38DED)) & _LOW_32
-        value = (value * constant) & _LOW_32
-        words[number] = value ^ value >> np.uint64(16)
-    return words
 
 
 @kernel
@@ -163,19 +144,15 @@ def normal(episode):
         if distance < _INSIDE[layer]:
             return value
         if layer == 0:
-            return _tail(episode, (distance >> np.uint64(8)) & _ONE)
+            while True:
+                beyond = -_INVERSE_TAIL * math.log1p(-uniform(episode))
+                bound = -math.log1p(-uniform(episode))
+                if bound + bound > beyond * beyond:
+                    negative = (distance >> np.uint64(8)) & _ONE
+                    return -(_TAIL + beyond) if negative else _TAIL + beyond
         height = (_HEIGHT[layer - 1] - _HEIGHT[layer]) * uniform(episode) + _HEIGHT[layer]
         if height < math.exp(-0.5 * value * value):
             return value
-
-
-@kernel
-def _tail(episode, negative):
-    while True:
-        beyond = -_INVERSE_TAIL * math.log1p(-uniform(episode))
-        bound = -math.log1p(-uniform(episode))
-        if bound + bound > beyond * beyond:
-            return -(_TAIL + beyond) if negative else _TAIL + beyond
 
 
 @kernel

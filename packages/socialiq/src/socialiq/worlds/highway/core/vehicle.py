@@ -1,4 +1,4 @@
-"""Vehicle on any road: steering, speed control, Intelligent Driver Model, kinematic bicycle."""
+"""Vehicle on any road: steering, speed control, car following, kinematic bicycle, collisions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
+    VEHICLE_WIDTH,
     asin,
     atan,
+    distance,
     heading_at,
     lateral,
     longitudinal,
@@ -18,7 +20,7 @@ from socialiq.worlds.highway.core.geometry import (
     tan,
     wrap_to_pi,
 )
-from socialiq.worlds.highway.state import MAX_SPEED
+from socialiq.worlds.highway.state import MAX_SPEED, Contact
 
 LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed
 HEADING_GAIN = 1 / 0.2  # 1/s, heading error to turning rate
@@ -44,23 +46,13 @@ def clip(value, low, high):
 
 @kernel
 def steering(vehicle, lane):
-    """Return the front wheel angle in rad that steers to the centre of a lane."""
-    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
-    return wheels(vehicle, heading_at(lane, ahead), lateral(lane, vehicle.x, vehicle.y))
-
-
-@kernel
-def wheels(vehicle, direction, offset):
     """Return the front wheel angle in rad that steers to the centre of a lane.
 
     The lateral offset gives a lateral speed, this a heading, this a turning rate, and this an angle
     of the wheels.
-
-    Args:
-        vehicle: Record of a vehicle.
-        direction: Heading of the lane a little ahead, rad.
-        offset: Metres to the right of the lane's centre.
     """
+    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
+    direction, offset = heading_at(lane, ahead), lateral(lane, vehicle.x, vehicle.y)
     speed = not_zero(vehicle.speed)
     correction = asin(clip(-LATERAL_GAIN * offset / speed, -1.0, 1.0))
     aimed = direction + clip(correction, -math.pi / 4, math.pi / 4)
@@ -82,12 +74,7 @@ def speed_index(speed, settings):
 def free_acceleration(vehicle, limit, exponent):
     """Return the acceleration in m/s² of the Intelligent Driver Model without a leader.
 
-    Source: Treiber, Hennecke, Helbing 2000.
-
-    Args:
-        vehicle: Record of a vehicle.
-        limit: Of the speed it aims at, m/s.
-        exponent: Of the free-road term.
+    Source: Treiber, Hennecke, Helbing 2000. The speed it aims at is limited, m/s.
     """
     target = abs(not_zero(clip(vehicle.target_speed, 0.0, limit)))
     free = math.pow(max(vehicle.speed, 0.0) / target, exponent)
@@ -121,14 +108,6 @@ def desired_gap(vehicle, other):
 
 
 @kernel
-def turned(vehicle, heading):
-    """Set a vehicle's heading and cache its unit vector, which many kernels read."""
-    if heading != vehicle.heading:
-        vehicle.heading = heading
-        vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
-
-
-@kernel
 def advance(vehicle, dt):
     """Advance the kinematic bicycle model; a pending push moves the vehicle and marks a crash."""
     if vehicle.crashed:
@@ -153,5 +132,166 @@ def advance(vehicle, dt):
         vehicle.pushed = False
         vehicle.push_x = 0.0
         vehicle.push_y = 0.0
-    turned(vehicle, vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt)
+    heading = vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt
+    if heading != vehicle.heading:  # its unit vector is read by many kernels
+        vehicle.heading = heading
+        vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
     vehicle.speed += vehicle.acceleration * dt
+
+
+_DIAGONAL = math.sqrt(VEHICLE_LENGTH**2 + VEHICLE_WIDTH**2)
+_OBSTACLE = 2.0  # m, length and width
+_REACH = (_DIAGONAL + math.sqrt(2 * _OBSTACLE**2)) / 2
+_EGO_STRUCK, _EGO_WAS_STRUCK = int(Contact.EGO_STRUCK), int(Contact.EGO_WAS_STRUCK)
+
+
+@kernel
+def collide(vehicles, count, records, ego, dt, tie, contact, touched):
+    """Mark what overlaps as crashed, and push apart what overlaps or will in a sub-step.
+
+    Two vehicles are pushed by half each, a vehicle at an obstacle by the whole. A push takes
+    effect, and marks the crash, in the next sub-step; the last push of a vehicle counts.
+
+    Args:
+        vehicles: Records of vehicles, then of obstacles.
+        count: Number of vehicles.
+        records: Number of records.
+        ego: The ego's slot, -1 without one.
+        dt: s of the sub-step.
+        tie: Depths closer than this are equal, m.
+        contact: Last `Contact` of the ego.
+        touched: Identity of what it touched.
+
+    Returns:
+        The ego's `Contact` and the identity of what it touched; as given if nothing.
+    """
+    intact = ego >= 0 and not vehicles[ego].crashed
+    for first in range(count):
+        car = vehicles[first]
+        for second in range(first + 1, records):
+            partner = vehicles[second]
+            reach = _REACH if second >= count else _DIAGONAL
+            if distance(partner.x, partner.y, car.x, car.y) > reach + car.speed * dt:
+                continue
+            if second >= count:
+                sides = _OBSTACLE, _OBSTACLE
+                overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
+                if will_overlap:
+                    car.push_x, car.push_y, car.pushed = push_x, push_y, True
+            else:
+                sides = VEHICLE_LENGTH, VEHICLE_WIDTH
+                overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
+                if will_overlap:
+                    car.push_x, car.push_y, car.pushed = push_x / 2, push_y / 2, True
+                    partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
+            if overlap:
+                car.crashed = True
+                partner.crashed = True
+            if intact and (overlap or will_overlap) and (first == ego or second == ego):
+                touching = partner if first == ego else car
+                contact, touched = _who_struck(vehicles[ego], touching), touching.identity
+    return contact, touched
+
+
+@kernel
+def contact_of(vehicles, ego, dt, contact, touched):
+    """Return the ego's contact after a sub-step, with pairs in the order of `collide`."""
+    for slot in range(len(vehicles)):
+        if slot == ego:
+            continue
+        car, partner = vehicles[min(slot, ego)], vehicles[max(slot, ego)]
+        if distance(partner.x, partner.y, car.x, car.y) > _DIAGONAL + car.speed * dt:
+            continue
+        sides = VEHICLE_LENGTH, VEHICLE_WIDTH
+        overlap, will_overlap, _, _ = _separate(car, partner, sides, dt, 0.0)
+        if overlap or will_overlap:
+            contact, touched = _who_struck(vehicles[ego], vehicles[slot]), vehicles[slot].identity
+    return contact, touched
+
+
+@kernel
+def _who_struck(ego, other):
+    """Return the `Contact` by which vehicle's motion closed the gap between the centres."""
+    dx, dy = other.x - ego.x, other.y - ego.y
+    ego_closes = ego.speed * (ego.along_x * dx + ego.along_y * dy)
+    other_closes = -other.speed * (other.along_x * dx + other.along_y * dy)
+    return _EGO_STRUCK if ego_closes >= other_closes else _EGO_WAS_STRUCK
+
+
+@kernel
+def _separate(vehicle, partner, sides, dt, tie):
+    """Separating-axis test of a vehicle and a rectangle of the given length and width, m.
+
+    Returns:
+        Whether they overlap, whether they will within `dt` at their speeds, and the shortest
+        displacement (x, y) of the vehicle that would separate them then.
+    """
+    first, second = np.empty((4, 2)), np.empty((4, 2))
+    _write_corners(vehicle, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, first)
+    _write_corners(partner, sides[0] / 2, sides[1] / 2, second)
+    relative_x = vehicle.speed * vehicle.along_x * dt - partner.speed * partner.along_x * dt
+    relative_y = vehicle.speed * vehicle.along_y * dt - partner.speed * partner.along_y * dt
+    between_x = _mean(first, 0) - _mean(second, 0)
+    between_y = _mean(first, 1) - _mean(second, 1)
+    overlap, will_overlap = True, True
+    least, axis_x, axis_y = math.inf, 0.0, 0.0
+    for side in range(8):
+        corners = first if side < 4 else second
+        begin, end = side % 4, (side + 1) % 4
+        normal_x = -corners[end, 1] + corners[begin, 1]
+        normal_y = corners[end, 0] - corners[begin, 0]
+        length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
+        normal_x /= length
+        normal_y /= length
+        low, high = _project(first, normal_x, normal_y)
+        other_low, other_high = _project(second, normal_x, normal_y)
+        if _gap(low, high, other_low, other_high) > 0:
+            overlap = False
+        approach = normal_x * relative_x + normal_y * relative_y
+        if approach < 0:
+            low += approach
+        else:
+            high += approach
+        gap = _gap(low, high, other_low, other_high)
+        if gap > 0:
+            will_overlap = False
+        if not overlap and not will_overlap:
+            return False, False, 0.0, 0.0
+        if abs(gap) < least - tie:
+            least = abs(gap)
+            away = between_x * normal_x + between_y * normal_y > 0
+            axis_x = normal_x if away else -normal_x
+            axis_y = normal_y if away else -normal_y
+    return overlap, will_overlap, least * axis_x, least * axis_y
+
+
+@kernel
+def _write_corners(rectangle, half_length, half_width, corners):
+    for corner in range(4):
+        along = -half_length if corner < 2 else half_length
+        across = half_width if corner == 1 or corner == 2 else -half_width
+        corners[corner, 0] = rectangle.along_x * along - rectangle.along_y * across + rectangle.x
+        corners[corner, 1] = rectangle.along_y * along + rectangle.along_x * across + rectangle.y
+
+
+@kernel
+def _mean(corners, axis):
+    return (corners[0, axis] + corners[1, axis] + corners[2, axis] + corners[3, axis]) / 4
+
+
+@kernel
+def _project(corners, normal_x, normal_y):
+    low, high = math.inf, -math.inf
+    for corner in range(4):
+        along = corners[corner, 0] * normal_x + corners[corner, 1] * normal_y
+        low = min(low, along)
+        high = max(high, along)
+    return low, high
+
+
+@kernel
+def _gap(low, high, other_low, other_high):
+    """Return the distance of two intervals, negative if they overlap."""
+    if low < other_low:
+        return other_low - high
+    return low - other_high

@@ -15,7 +15,7 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, turned_misfit
 from socialiq.worlds.highway.network import APPROACH, EXIT, SHAPE, Shape, arc, straight
-from socialiq.worlds.intersection.state import (
+from socialiq.worlds.intersection.options import (
     SPEED_LIMIT as SPEED_LIMIT,  # kernels read it from here
 )
 
@@ -92,7 +92,8 @@ def _connected() -> tuple[np.ndarray, np.ndarray]:
     lanes = np.full((N_LANES, 5), -1, np.int64)
     offsets = np.zeros((N_LANES, 5))
     for lane in range(N_LANES):
-        following, preceding = _following(lane), _preceding(lane)
+        following = _following(lane)
+        preceding = [number for number in range(N_LANES) if lane in _following(number)]
         numbers = [lane, *following, *preceding]
         shift = [0.0] + [LANES[lane]["length"]] * len(following)
         shift += [-LANES[lane_before]["length"] for lane_before in preceding]
@@ -108,10 +109,6 @@ def _following(lane: int) -> list[int]:
     if kind == EXIT:
         return [5 * ((corner - 1) % 4)]
     return [exit_of((corner + {RIGHT: 3, LEFT: 1, STRAIGHT: 2}[kind]) % 4)]
-
-
-def _preceding(lane: int) -> list[int]:
-    return [number for number in range(N_LANES) if lane in _following(number)]
 
 
 CONNECTED, CONNECTED_OFFSETS = _connected()

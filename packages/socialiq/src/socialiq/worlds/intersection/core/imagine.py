@@ -9,17 +9,22 @@ import numpy as np
 from jaxtyping import Float32, UInt64
 
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
 from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
-from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
+from socialiq.worlds.intersection.core.step import ENTRY_SPEED, draw_driver
 from socialiq.worlds.intersection.core.traffic import enforce, follow_road, route_coordinate
-from socialiq.worlds.intersection.options import Options, settings_of
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
+from socialiq.worlds.intersection.options import (
+    POSITION_RANGE,
+    SPEED_RANGE,
+    VEHICLE,
+    Options,
+    settings_of,
+)
 
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
 ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely
@@ -28,11 +33,8 @@ _NO_CONTACT = int(Contact.NONE)
 
 
 @kernel
-def imagine(observation, episode, vehicles, settings):
-    """Write a state with the given observation.
-
-    The destinations and parameters of the other vehicles and the later random numbers are drawn.
-    The state has no vehicle beyond those observed, no crashed vehicle, and time left.
+def _imagine(observation, episode, vehicles, settings):
+    """Write a state with the given observation, as `imagined` describes it.
 
     Args:
         observation: Rows of seven, the ego first.
@@ -44,41 +46,35 @@ def imagine(observation, episode, vehicles, settings):
     for row in range(len(observation)):
         if observation[row, 0] < 0.5:
             break
-        _place(observation[row], vehicles[row], settings.tie)
-        vehicles[row].identity = row
-        _route(episode, vehicles[row], settings.destination if row == 0 else 0)
+        vehicle = vehicles[row]
+        _place(observation[row], vehicle, settings.tie)
+        vehicle.identity = row
+        _route(episode, vehicle, settings.destination if row == 0 else 0)
         if row == 0:
-            speed = vehicles[row].speed
-            vehicles[row].target_speed = settings.target_speeds[speed_index(speed, settings)]
+            level = speed_index(vehicle.speed, settings)
+            vehicle.target_speed = settings.target_speeds[level]
         else:
-            draw_driver(episode, vehicles[row], settings)
-            _draw_target_speed(episode, vehicles[row])
-        follow_road(vehicles[row])
+            draw_driver(episode, vehicle, settings)
+            # A moving vehicle aims at its present speed. A held one that has not yielded yet aims
+            # at its entry speed, one that has at the limit.
+            if vehicle.speed > HELD_BELOW:
+                vehicle.target_speed = min(vehicle.speed, SPEED_LIMIT)
+            elif stream.uniform(episode) < 0.5:
+                vehicle.target_speed = SPEED_LIMIT
+            else:
+                vehicle.target_speed = clip(ENTRY_SPEED + stream.normal(episode), 0.0, SPEED_LIMIT)
+            vehicle.target_speed = min(vehicle.target_speed, vehicle.desired_speed)
+        follow_road(vehicle)
         count += 1
     episode.time = 0.0
     episode.sub_steps = settings.warm_up
     episode.vehicles = count
     episode.ego = 0
-    episode.start = route_coordinate(vehicles[0])
+    episode.start = route_coordinate(vehicles[0], 0)
     episode.next_identity = count
     episode.contact = _NO_CONTACT
     episode.touched = -1
     enforce(vehicles, count, 0, settings)
-
-
-@kernel
-def _draw_target_speed(episode, vehicle):
-    """Set the target speed: the present speed of a moving vehicle, a drawn speed of a held one.
-
-    A vehicle that has not yielded yet aims for its entry speed, a vehicle that has for the limit.
-    """
-    if vehicle.speed > HELD_BELOW:
-        vehicle.target_speed = min(vehicle.speed, SPEED_LIMIT)
-    elif stream.uniform(episode) < 0.5:
-        vehicle.target_speed = SPEED_LIMIT
-    else:
-        vehicle.target_speed = clip(ENTRY_SPEED + stream.normal(episode), 0.0, SPEED_LIMIT)
-    vehicle.target_speed = min(vehicle.target_speed, vehicle.desired_speed)
 
 
 @kernel
@@ -102,7 +98,10 @@ def _place(row, vehicle, tie):
 
 @kernel
 def _route(episode, vehicle, destination):
-    """Set origin, destination and leg by the lane; destination 0 is drawn."""
+    """Set origin, destination and leg by the lane; destination 0 is drawn.
+
+    The less a way across fits the vehicle's pose, the less likely it is.
+    """
     corner, kind = vehicle.lane // 5, vehicle.lane % 5
     vehicle.target_lane = vehicle.lane
     if kind == EXIT:
@@ -112,30 +111,24 @@ def _route(episode, vehicle, destination):
         return
     vehicle.origin = corner
     vehicle.leg = 0 if kind == APPROACH else 1
-    vehicle.destination = (corner + destination) % 4
     if destination == 0:
-        vehicle.destination = (corner + _turn(episode, vehicle, corner, kind)) % 4
+        weights = np.ones(3)  # of left, straight on and right, in the order of the arms
+        if kind != APPROACH:
+            for turn in range(3):
+                lane = LANES[ROUTES[corner, (corner + 1 + turn) % 4, 1]]
+                along = longitudinal(lane, vehicle.x, vehicle.y)
+                misfit = abs(lateral(lane, vehicle.x, vehicle.y))
+                misfit += abs(wrap_to_pi(vehicle.heading - heading_at(lane, along)))
+                weights[turn] = math.exp(-misfit / ROUTE_SCALE)
+        left, destination = stream.uniform(episode) * weights.sum(), 3
+        for turn in range(2):
+            left -= weights[turn]
+            if left < 0:
+                destination = 1 + turn
+                break
+    vehicle.destination = (corner + destination) % 4
     if kind != APPROACH:
         vehicle.target_lane = ROUTES[vehicle.origin, vehicle.destination, 1]
-
-
-@kernel
-def _turn(episode, vehicle, corner, kind):
-    """Draw a vehicle's direction: 1 left, 2 straight on, 3 right, in the order of the arms."""
-    weights = np.ones(3)
-    if kind != APPROACH:
-        for turn in range(3):
-            lane = LANES[ROUTES[corner, (corner + 1 + turn) % 4, 1]]
-            along = longitudinal(lane, vehicle.x, vehicle.y)
-            misfit = abs(lateral(lane, vehicle.x, vehicle.y))
-            misfit += abs(wrap_to_pi(vehicle.heading - heading_at(lane, along)))
-            weights[turn] = math.exp(-misfit / ROUTE_SCALE)
-    left = stream.uniform(episode) * weights.sum()
-    for turn in range(2):
-        left -= weights[turn]
-        if left < 0:
-            return 1 + turn
-    return 3
 
 
 def _entry(sources: int):
@@ -143,24 +136,13 @@ def _entry(sources: int):
     def run(observations, entropy, episodes, vehicles, settings, first, end):
         for row in range(first, end):
             stream.seed(episodes[row], entropy[row])
-            imagine(observations[row], episodes[row], vehicles[row], settings[0])
+            _imagine(observations[row], episodes[row], vehicles[row], settings[0])
         return sources
 
     return run
 
 
-run: Any = _entry(fingerprint(__file__))
-"""Write a state for each observation.
-
-Args:
-    observations: (rows, vehicles seen, 7), float32.
-    entropy: Seed of each row's stream, uint64.
-    episodes: EPISODE records, overwritten, (rows,).
-    vehicles: VEHICLE records, overwritten, (rows, capacity).
-    settings: SETTINGS record in an array of one.
-    first: First row of the part to do.
-    end: End of that part.
-"""
+_run: Any = _entry(fingerprint(__file__))
 
 
 def imagined(
@@ -180,14 +162,10 @@ def imagined(
         observations: Observations, `observed_vehicles` rows of seven numbers, flat.
         entropy: Seed of each draw. The same seed and observation give the same state.
     """
-    # Numba is imported only when it is needed.
-    from socialiq.worlds.highway.core.compile import run_in_parts
-    from socialiq.worlds.intersection.core import imagine
-
     rows = len(observations)
     rows_seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))
     episodes = np.zeros(rows, EPISODE)
     vehicles = np.zeros((rows, options.capacity), VEHICLE)
     arguments = rows_seen, entropy, episodes, vehicles, settings_of(options)
-    run_in_parts(imagine.run, 0, rows, *arguments)
+    run_in_parts(_run, 0, rows, *arguments)
     return State(episodes, vehicles, rows_seen, np.zeros(rows, bool))

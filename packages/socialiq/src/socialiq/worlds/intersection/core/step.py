@@ -1,24 +1,159 @@
-"""The intersection as the shell runs it: its kernels, and the compiled entry point."""
+"""The intersection's decisions: entry and removal of vehicles, sub-steps, and the entry point."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.collisions import collide
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
-from socialiq.worlds.highway.core.shell import RoadKernels, shell_of
-from socialiq.worlds.highway.state import Buffers, Contact
-from socialiq.worlds.intersection.core import spawn, traffic
-from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.core.traffic import enforce
-from socialiq.worlds.intersection.state import SIGHT
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
+from socialiq.worlds.highway.core.geometry import (
+    VEHICLE_LENGTH,
+    distance,
+    heading_at,
+    longitudinal,
+    position,
+)
+from socialiq.worlds.highway.core.step import RoadKernels, carry_out_of
+from socialiq.worlds.highway.core.vehicle import collide, speed_index
+from socialiq.worlds.highway.network import EXIT
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.core import traffic
+from socialiq.worlds.intersection.core.geometry import LANES, SPEED_LIMIT, closest_lane
+from socialiq.worlds.intersection.options import SIGHT
+
+INITIAL_PROBABILITY = 0.6  # of each spawn before the episode, whatever spawn_probability is
+ENTRY_SPEED = 8.0  # m/s, mean
+SPAWN_DISTANCE = 15.0  # m that must be free
+EGO_DISTANCE = 20.0  # m cleared around the ego
+CHALLENGER_AT = 60.0  # m along its approach, as for the ego
 
 _NO_CONTACT = int(Contact.NONE)
 
 
 @kernel
-def sub_step(episode, vehicles, _road, settings):
+def _spawn(
+    episode, vehicles, along, position_spread, speed_spread, probability, straight, settings
+):
+    """Spawn a vehicle with a probability. Draws in highway-env's order, also unused values.
+
+    Args:
+        episode: EPISODE record; its stream, its count of vehicles and identities change.
+        vehicles: VEHICLE records.
+        along: Metres along the approach, before 5 m and the spread are added.
+        position_spread: Standard deviation of the place, m.
+        speed_spread: Standard deviation of the speed, m/s.
+        probability: Probability of an attempt.
+        straight: Whether the vehicle must go straight on.
+        settings: SETTINGS record.
+    """
+    if stream.uniform(episode) > probability:
+        return
+    origin, destination = stream.two_of_four(episode)
+    if straight:
+        destination = (origin + 2) % 4
+    lane = LANES[5 * origin]
+    along = along + 5.0 + stream.normal(episode) * position_spread
+    x, y = position(lane, along)
+    speed = ENTRY_SPEED + stream.normal(episode) * speed_spread
+    for slot in range(episode.vehicles):
+        if distance(vehicles[slot].x, vehicles[slot].y, x, y) < SPAWN_DISTANCE:
+            return
+    heading = heading_at(lane, along)
+    vehicle = _enter(episode, vehicles, x, y, heading, speed, origin, destination, settings.tie)
+    draw_driver(episode, vehicle, settings)
+
+
+@kernel
+def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
+    """Fill the next free slot."""
+    vehicle = vehicles[episode.vehicles]
+    vehicle.x, vehicle.y, vehicle.heading, vehicle.speed = x, y, heading, speed
+    vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
+    vehicle.steering = 0.0
+    vehicle.acceleration = 0.0
+    vehicle.target_speed = speed
+    vehicle.desired_speed = math.inf
+    vehicle.time_headway = 0.0
+    vehicle.jam_distance = 0.0
+    vehicle.max_acceleration = 0.0
+    vehicle.comfort_deceleration = 0.0
+    vehicle.exponent = 0.0
+    vehicle.push_x = 0.0
+    vehicle.push_y = 0.0
+    vehicle.identity = episode.next_identity
+    vehicle.lane = closest_lane(x, y, heading, 5 * origin, tie)
+    vehicle.target_lane = vehicle.lane
+    vehicle.origin = origin
+    vehicle.destination = destination
+    vehicle.leg = 0
+    vehicle.yielding = False
+    vehicle.crashed = False
+    vehicle.pushed = False
+    episode.vehicles += 1
+    episode.next_identity += 1
+    return vehicle
+
+
+@kernel
+def draw_driver(episode, vehicle, settings):
+    """Draw the parameters that the population varies, in the order of its fields."""
+    vehicle.exponent = 3.5 + 1.0 * stream.uniform(episode)
+    vehicle.desired_speed = _draw(episode, settings.population[0])
+    vehicle.time_headway = _draw(episode, settings.population[1])
+    vehicle.jam_distance = _draw(episode, settings.population[2])
+    vehicle.max_acceleration = _draw(episode, settings.population[3])
+    vehicle.comfort_deceleration = _draw(episode, settings.population[4])
+    if vehicle.desired_speed < math.inf:
+        vehicle.target_speed = vehicle.desired_speed
+
+
+@kernel
+def _draw(episode, field):
+    mean, deviation = field[0], field[1]
+    if deviation == 0:
+        return mean
+    value = mean + deviation * stream.normal(episode)
+    return min(max(value, field[2]), field[3])
+
+
+@inlined_kernel
+def _enter_ego(episode, vehicles, settings):
+    """After the warm-up, add a vehicle near the junction and the ego, and clear space around it."""
+    _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
+    destination = settings.destination
+    if destination == 0:
+        destination = 1 + stream.up_to(episode, 2)
+    lane = LANES[0]
+    x, y = position(lane, 60.0 + 5.0 * (1.0 + stream.normal(episode)))
+    episode.ego = episode.vehicles
+    heading = heading_at(lane, 60.0)
+    ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
+    if not settings.continuous:
+        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
+    episode.contact = _NO_CONTACT
+    episode.touched = -1
+    count = 0
+    for slot in range(episode.vehicles):
+        vehicle = vehicles[slot]
+        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
+        if slot == episode.ego or not crowding:
+            _move_slot(episode, vehicles, slot, count)
+            count += 1
+    episode.vehicles = count
+
+
+@kernel
+def _move_slot(episode, vehicles, slot, place):
+    if place == slot:
+        return
+    vehicles[place] = vehicles[slot]
+    if slot == episode.ego:
+        episode.ego = place
+
+
+@kernel
+def _sub_step(episode, vehicles, _road, settings):
     """Advance by a sub-step: decisions, road rules if due, motion, then collisions."""
     count, ego = episode.vehicles, episode.ego
     for slot in range(count):
@@ -28,7 +163,7 @@ def sub_step(episode, vehicles, _road, settings):
             traffic.control(vehicles[slot])
     episode.sub_steps += 1
     if episode.sub_steps % settings.rule_period == 0:
-        enforce(vehicles, count, ego, settings)
+        traffic.enforce(vehicles, count, ego, settings)
     for slot in range(count):
         traffic.move(vehicles[slot], settings.dt, settings.tie)
     contact, touched = episode.contact, episode.touched
@@ -38,7 +173,7 @@ def sub_step(episode, vehicles, _road, settings):
 
 @kernel
 def _reset(episode, vehicles, road, settings):
-    """Start an episode from the current state of the stream."""
+    """Start an episode from the stream: spawns along 80 m of the approaches, warm-up, the ego."""
     episode.time = 0.0
     episode.sub_steps = 0
     episode.vehicles = 0
@@ -46,52 +181,45 @@ def _reset(episode, vehicles, road, settings):
     episode.next_identity = 0
     episode.contact = _NO_CONTACT
     episode.touched = -1
-    spawn.fill(episode, vehicles, settings)
+    tries = settings.initial_vehicle_count - 1
+    for number in range(tries):
+        along = number * (80.0 / tries)
+        _spawn(episode, vehicles, along, 1.0, 1.0, INITIAL_PROBABILITY, False, settings)
     for _ in range(settings.warm_up):
-        sub_step(episode, vehicles, road, settings)
-    spawn.enter_ego(episode, vehicles, settings)
-
-
-@kernel
-def _choose(vehicles, episode, action, _road, settings):
-    if not settings.continuous:
-        traffic.choose(vehicles[episode.ego], action, settings)
+        _sub_step(episode, vehicles, road, settings)
+    _enter_ego(episode, vehicles, settings)
 
 
 @kernel
 def _renew(episode, vehicles, _road, settings):
-    spawn.clear(episode, vehicles)
-    spawn.spawn(episode, vehicles, 0.0, 1.0, 1.0, settings.spawn_probability, False, settings)
+    """Remove the vehicles in the last 20 m of an exit, never the ego, and try a spawn."""
+    count = 0
+    for slot in range(episode.vehicles):
+        vehicle, leaves = vehicles[slot], False
+        if vehicle.lane % 5 == EXIT:
+            lane = LANES[vehicle.lane]
+            along = longitudinal(lane, vehicle.x, vehicle.y)
+            leaves = along >= lane.length - 4 * VEHICLE_LENGTH
+        if slot == episode.ego or not leaves:
+            _move_slot(episode, vehicles, slot, count)
+            count += 1
+    episode.vehicles = count
+    _spawn(episode, vehicles, 0.0, 1.0, 1.0, settings.spawn_probability, False, settings)
 
 
 @kernel
-def _lane(vehicle, _road):
-    return LANES[vehicle.lane]
+def _lane(number, _road):
+    return LANES[number]
 
 
 @kernel
-def _kind(vehicle, _road):
-    return vehicle.lane % 5
-
-
-@kernel
-def _target_kind(vehicle, _road):
-    return vehicle.target_lane % 5
-
-
-@kernel
-def _coordinate(vehicle, _road):
-    return traffic.route_coordinate(vehicle)
+def _kind(number, _road):
+    return number % 5
 
 
 @kernel
 def _same_origin(vehicles, slot, ego, _road):
     return vehicles[slot].origin == vehicles[ego].origin
-
-
-@kernel
-def _arrived(vehicle, _road):
-    return traffic.arrived(vehicle)
 
 
 @kernel
@@ -104,56 +232,34 @@ def _records(count, _vehicles):
     return count
 
 
-_carry_out = shell_of(
+_carry_out = carry_out_of(
     RoadKernels(
         lane=_lane,
         kind=_kind,
-        target_kind=_target_kind,
-        coordinate=_coordinate,
+        coordinate=traffic.route_coordinate,
         same_origin=_same_origin,
-        arrived=_arrived,
+        arrived=traffic.arrived,
         sight=_sight,
-        choose=_choose,
-        sub_step=sub_step,
+        choose=traffic.choose,
+        sub_step=_sub_step,
         renew=_renew,
         reset=_reset,
         records=_records,
     )
-).carry_out
+)
 
 
 def _entry(sources: int):
     @entry_point
-    def run(buffers, commands, entropy, seeded, actions, options, first, end):
+    def run(buffers, commands, entropy, seeded, actions, options, road, first, end):
         for row in range(first, end):
             if seeded[row]:
                 stream.seed(buffers.episodes[row], entropy[row])
-            _carry_out(buffers, row, commands[row], actions[row], 0, options[0])
-        return sources  # so that the cache depends on the sources; see `compile.fingerprint`
+            _carry_out(buffers, row, commands[row], actions[row], road, options[0])
+        return sources
 
     return run
 
 
-run = _entry(fingerprint(__file__))
-"""Carry out a command for every episode of a batch.
-
-Args:
-    buffers: Arrays read and written, `state.Buffers`.
-    commands: One of `state`'s commands for each episode, int8.
-    entropy: Seed of each episode's stream, uint64.
-    seeded: Whether to begin the stream from that seed, bool.
-    actions: The ego's actions, int64. Continuous ones are held in its record instead: steering
-        and acceleration.
-    options: SETTINGS record in an array of one.
-    first: First episode of the part to do.
-    end: End of that part.
-"""
-
-
-def on_threads(threads: int, buffers: Buffers, commands: Any, *arguments: Any) -> None:
-    """Call `run` for all episodes on so many threads.
-
-    Raises:
-        UserError: If the machine has fewer.
-    """
-    run_in_parts(run, threads, len(commands), buffers, commands, *arguments)
+run: Any = _entry(fingerprint(__file__))
+"""Carry out a command for every episode of a batch, as `highway.core.step.run`."""

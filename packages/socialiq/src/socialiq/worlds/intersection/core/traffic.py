@@ -35,7 +35,7 @@ from socialiq.worlds.intersection.core.geometry import (
     SPEED_LIMIT,
     closest_lane,
 )
-from socialiq.worlds.intersection.state import FASTER, IDLE, VEHICLE
+from socialiq.worlds.intersection.options import FASTER, IDLE, VEHICLE
 
 LEG_COUNT = 3
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
@@ -121,9 +121,12 @@ def move(vehicle, dt, tie):
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
 
 
-@inlined_kernel
-def choose(vehicle, action, settings):
+@kernel
+def choose(episode, vehicles, action, _road, settings):
     """Set the target speed that an action selects; IDLE keeps the current target speed."""
+    if settings.continuous:
+        return
+    vehicle = vehicles[episode.ego]
     follow_road(vehicle)
     if action != IDLE:
         change = 1 if action == FASTER else -1
@@ -140,7 +143,7 @@ def control(vehicle):
 
 
 @kernel
-def arrived(vehicle):
+def arrived(vehicle, _road):
     """Whether a vehicle is 25 m along any exit."""
     if vehicle.lane % 5 != EXIT:
         return False
@@ -148,7 +151,7 @@ def arrived(vehicle):
 
 
 @kernel
-def route_coordinate(vehicle):
+def route_coordinate(vehicle, _road):
     """Return the metres from the start of the approach along the vehicle's planned route."""
     passed = 0.0
     for leg in range(2):

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import SIGNALS, RoadOptions
-from socialiq.worlds.highway.pictures import shapes
 from socialiq.worlds.pictures import EGO, OTHER
 
 if TYPE_CHECKING:
@@ -22,26 +22,17 @@ DPI = 100
 
 
 class Scene(NamedTuple):
-    """Content of one picture.
+    """Content of one picture."""
 
-    Attributes:
-        vehicles: The vehicles present, records of the road.
-        ego: Index of the ego.
-        braking: Whether each vehicle brakes because of the ego, bool, (vehicles,).
-        signals: Weighted contributions to the rewards of the decision so far, by name; those of
-            `SOCIAL_SIGNALS` belong to r_social, all others to r_env.
-        rewards: The rewards of the decision so far.
-        time: s since the reset.
-        caption: A title.
-    """
-
-    vehicles: np.ndarray
-    ego: int
-    braking: np.ndarray
+    vehicles: np.ndarray  # the vehicles present, records of the road
+    ego: int  # index of the ego
+    braking: np.ndarray  # whether each vehicle brakes because of the ego, bool, (vehicles,)
+    # weighted contributions to the rewards of the decision so far, by name; those of
+    # `SOCIAL_SIGNALS` belong to r_social, all others to r_env
     signals: Mapping[str, float]
-    rewards: RewardPair
-    time: float
-    caption: str
+    rewards: RewardPair  # the rewards of the decision so far
+    time: float  # s since the reset
+    caption: str  # A title
 
 
 class Frame(NamedTuple):
@@ -84,21 +75,6 @@ class View(Protocol):
         ...
 
 
-def draw(axes: Any, scene: Scene, view: View, strip: bool = False) -> None:
-    """Draw the road and everything on it, without title, legend and rewards.
-
-    Args:
-        axes: Matplotlib axes.
-        scene: What to draw.
-        view: The road.
-        strip: Whether the picture is one of a filmstrip.
-    """
-    axes.set_axis_off()
-    view.ground(axes)
-    look(axes, view.frame(scene, strip))
-    traffic(axes, scene, view)
-
-
 def look(axes: Any, frame: Frame) -> None:
     """Show a part of the world in axes."""
     limits = {"xlim": (frame.west, frame.east), "ylim": (frame.south, frame.north)}
@@ -108,46 +84,34 @@ def look(axes: Any, frame: Frame) -> None:
 def traffic(axes: Any, scene: Scene, view: View) -> None:
     """Draw the ego's way and all vehicles in sight."""
     view.way(axes, scene)
-    for slot, record in enumerate(scene.vehicles):
-        if _in_sight(axes, record):
-            _vehicle(axes, record, slot == scene.ego, bool(scene.braking[slot]))
-
-
-def _in_sight(axes: Any, record: np.void) -> bool:
     (west, east), (south, north), margin = axes.get_xlim(), axes.get_ylim(), VEHICLE_LENGTH / 2
-    across = west - margin < record["x"] < east + margin
-    return bool(across and north - margin < record["y"] < south + margin)
-
-
-def _vehicle(axes: Any, record: np.void, is_ego: bool, brakes: bool) -> None:
-    pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
-    if record["crashed"]:
-        shapes.burst(axes, pose)
-    shapes.vehicle(axes, pose, EGO if is_ego else OTHER)
-    if brakes:
-        shapes.brake_lights(axes, pose)
-    if "yielding" in (record.dtype.names or ()) and record["yielding"]:
-        shapes.give_way(axes, *shapes.beside(pose, -2.2, 0.8, (1.7, 1.5)))
-    speed = float(record["speed"])
-    _label(axes, pose, f"{speed:.1f} m/s" if is_ego else f"{speed:.1f}")
+    for slot, record in enumerate(scene.vehicles):
+        pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
+        across = west - margin < pose.x < east + margin
+        if not (across and north - margin < pose.y < south + margin):
+            continue
+        if record["crashed"]:
+            shapes.burst(axes, pose)
+        shapes.vehicle(axes, pose, EGO if slot == scene.ego else OTHER)
+        if scene.braking[slot]:
+            shapes.brake_lights(axes, pose)
+        if "yielding" in (record.dtype.names or ()) and record["yielding"]:
+            shapes.give_way(axes, *shapes.beside(pose, -2.2, 0.8, (1.7, 1.5)))
+        speed = f"{float(record['speed']):.1f}"
+        _label(axes, pose, f"{speed} m/s" if slot == scene.ego else speed)
 
 
 def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
     """Write a label to the right of a car, about as tall as the car is wide."""
-    per_metre = _per_metre(axes)
-    size = max(5.5, 1.9 * per_metre)
-    tall = size / per_metre
-    x, y = shapes.beside(pose, 1.2, 1.4, (0.31 * tall * len(text), 0.5 * tall))
-    look = {"fontsize": size, "color": shapes.INK, "ha": "center", "va": "center"}
-    axes.text(x, y, text, clip_on=True, zorder=9, **look)
-
-
-def _per_metre(axes: Any) -> float:
-    """Return points on paper per metre of the world."""
     box = axes.get_position(original=True)
     paper = axes.figure.get_size_inches() * (box.width, box.height)
     metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
-    return 72 * float((paper / metres).min())
+    per_metre = 72 * float((paper / metres).min())  # points on paper
+    size = max(5.5, 1.9 * per_metre)
+    tall = size / per_metre
+    x, y = shapes.beside(pose, 1.2, 1.4, (0.31 * tall * len(text), 0.5 * tall))
+    style = {"fontsize": size, "color": shapes.INK, "ha": "center", "va": "center"}
+    axes.text(x, y, text, clip_on=True, zorder=9, **style)
 
 
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:
@@ -169,7 +133,10 @@ def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | Non
     for number, (scene, title) in enumerate(zip(scenes, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, number + 1)
         axes.set_title(title, fontsize=10)
-        draw(axes, scene, view, strip=True)
+        axes.set_axis_off()
+        view.ground(axes)
+        look(axes, view.frame(scene, strip=True))
+        traffic(axes, scene, view)
     return figure
 
 
@@ -177,12 +144,7 @@ _LOW = 0.6  # height per width below which a picture has a line of its own
 
 
 def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
-    """Return the current scene of one episode, with the rewards of its last decision.
-
-    Args:
-        batch: The episodes.
-        row: Index of the episode.
-    """
+    """Return the current scene of one episode, with the rewards of its last decision."""
     buffers = batch.buffers
     count, ego = int(buffers.episodes[row]["vehicles"]), int(buffers.episodes[row]["ego"])
     vehicles = buffers.vehicles[row, :count].copy()
@@ -193,12 +155,7 @@ def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
 
 
 def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
-    """Return the sub-steps of an episode's last decision; the batch must be `traced`.
-
-    Args:
-        batch: The episodes.
-        row: Index of the episode.
-    """
+    """Return the sub-steps of an episode's last decision; the batch must be `traced`."""
     buffers = batch.buffers
     count, ego = int(buffers.present[row, 0]), int(buffers.present[row, 1])
     rewards = _rewards(batch, row, True)
@@ -207,23 +164,6 @@ def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
         time = end - (len(buffers.trace[row]) - 1 - frame) / batch.options.simulation_frequency
         braking = buffers.braking[row, :count].copy()
         yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
-
-
-def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:
-    """Run one episode and return its first state and every sub-step.
-
-    Args:
-        batch: Batch of one episode, which is `traced`.
-        policy: Policy of the ego.
-        seed: Seed of the episode.
-    """
-    batch.reset([seed])
-    scenes, ending = [present_scene(batch)], Ending.NONE
-    while ending == Ending.NONE:
-        action, _ = policy.predict(batch.seen_by(policy))
-        ending = Ending(int(batch.step(action, auto_reset=False).ending[0]))
-        scenes += decision_scenes(batch)
-    return [*scenes[:-1], scenes[-1]._replace(caption=ending.name.lower())]
 
 
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
@@ -238,3 +178,14 @@ def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float],
 def weight_of(options: RoadOptions, signal: str) -> float:
     """Return a signal's weight in its reward."""
     return float(getattr(options, f"{signal}_weight"))
+
+
+def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:
+    """Run the episode of a seed in a `traced` batch of one; return its start and every sub-step."""
+    batch.reset([seed])
+    scenes, ending = [present_scene(batch)], Ending.NONE
+    while ending == Ending.NONE:
+        action, _ = policy.predict(batch.seen_by(policy))
+        ending = Ending(int(batch.step(action, auto_reset=False).ending[0]))
+        scenes += decision_scenes(batch)
+    return [*scenes[:-1], scenes[-1]._replace(caption=ending.name.lower())]

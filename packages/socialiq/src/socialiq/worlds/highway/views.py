@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.worlds.highway import scene as tables
+from socialiq.worlds.highway import scenes as tables
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT
-from socialiq.worlds.highway.pictures import shapes
-from socialiq.worlds.highway.pictures.render import Frame, Scene
+from socialiq.worlds.highway.render import Frame, Scene
 
 WIDEST = 130.0  # m of the road in a picture
 LOWEST = 30.0  # m
@@ -41,18 +41,14 @@ class Lanes:
         points = np.concatenate(self._ways)
         self._low, self._high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
         self._size = np.clip(self._high - self._low, LOWEST, WIDEST)
-        self._still = [self._middle(axis) for axis in range(2)]
-
-    def _middle(self, axis: int) -> float | None:
-        """Return where the frame stands along an axis; None if it follows the ego."""
-        entry = self._road.lanes[self._road.entries[0]["lane"]]
-        begin = shapes.way(entry, float(self._road.entries[0]["along"]))[:1]
-        meeting = zip(self._road.lanes, self._ways, strict=True)
+        road, (entry, *_) = scene.road, scene.road.entries
+        begin = shapes.way(road.lanes[entry["lane"]], float(entry["along"]))[:1]
+        meeting = zip(road.lanes, self._ways, strict=True)
         met = [line for lane, line in meeting if APPROACH < lane["kind"] < EXIT]
-        points = np.concatenate([begin, *met])[:, axis]
-        if np.ptp(points) > self._size[axis]:
-            return None
-        return float(points.min() + points.max()) / 2
+        points = np.concatenate([begin, *met])
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        fits = np.ptp(points, axis=0) <= self._size
+        self._still = [float(at) if fit else None for at, fit in zip(middle, fits, strict=True)]
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  of one size
         """Return what is visible: at most `WIDEST` metres either way."""
@@ -114,53 +110,43 @@ class Lanes:
 
     def _to_arrival(self, numbers: list[int]) -> list[Line]:
         """Return the lanes of a way up to the place of arrival, on the first exit."""
-        lanes, arrival = self._road.lanes, float(self._road.sight[0]["arrival"])
+        lanes, ways = self._road.lanes, [self._ways[number] for number in numbers]
         for rank, number in enumerate(numbers):
             if lanes[number]["kind"] == EXIT:
-                before = [self._ways[before_it] for before_it in numbers[:rank]]
-                return [*before, shapes.way(lanes[number], end=arrival)]
-        return [self._ways[before_it] for before_it in numbers]
+                arrival = float(self._road.sight[0]["arrival"])
+                return [*ways[:rank], shapes.way(lanes[number], end=arrival)]
+        return ways
 
 
 def way_of(ego: np.void, road: tables.Road) -> list[int]:
     """Return the lanes of the ego's way from its entry on, by number.
 
-    Where it is, that is the lane it steers along; on another road that of the same number, or the
+    The roads are those of its route, else the first that follow, up to one that comes back. Where
+    the ego is, the lane is that it steers along; on another road that of the same number, or the
     lane that begins next to the end of the one before.
 
     Args:
         ego: CAR record.
         road: Tables of the scene.
     """
-    lanes, target = road.lanes, int(ego["target_lane"])
-    first = lanes[road.entries[0]["lane"]]
-    way = [int(road.entries[0]["lane"])]
-    if first["road"] == lanes[target]["road"]:
+    lanes, target, way = road.lanes, int(ego["target_lane"]), [int(road.entries[0]["lane"])]
+    roads = [int(lanes[way[0]]["road"])]
+    if ego["route"] >= 0:
+        route = road.routes[ego["route"], ego["destination"]].tolist()
+        roads += [number for number in route[route.index(roads[0]) + 1 :] if number >= 0]
+    else:
+        while (following := int(road.successors[roads[-1], 0])) >= 0 and following not in roads:
+            roads.append(following)
+    if roads[0] == lanes[target]["road"]:
         way = [target]
-    for following in _roads_after(int(first["road"]), ego, road):
-        before, there = lanes[way[-1]], np.flatnonzero(lanes["road"] == following)
+    for following in roads[1:]:
+        before, beside = lanes[way[-1]], np.flatnonzero(lanes["road"] == following)
         if lanes[target]["road"] == following:
             way.append(target)
-        elif before["lanes"] == len(there):
-            way.append(int(there[before["number"]]))
+        elif before["lanes"] == len(beside):
+            way.append(int(beside[before["number"]]))
         else:
             end = shapes.way(before)[-1]
-            apart = [float(np.hypot(*(shapes.way(lanes[n])[0] - end))) for n in there]
-            way.append(int(there[int(np.argmin(apart))]))
+            apart = [float(np.hypot(*(shapes.way(lanes[n])[0] - end))) for n in beside]
+            way.append(int(beside[int(np.argmin(apart))]))
     return way
-
-
-def _roads_after(first: int, ego: np.void, road: tables.Road) -> list[int]:
-    """Return the roads of the ego's way after its first: of its route, else the first that follow.
-
-    A way that comes back to a road ends there.
-    """
-    if ego["route"] >= 0:
-        way = road.routes[ego["route"], ego["destination"]].tolist()
-        return [successor for successor in way[way.index(first) + 1 :] if successor >= 0]
-    roads: list[int] = []
-    while (following := int(road.successors[(roads or [first])[-1], 0])) >= 0:
-        if following in (first, *roads):
-            break
-        roads.append(following)
-    return roads

@@ -8,15 +8,21 @@ import numpy as np
 import pytest
 
 from socialiq.worlds import SCENE_IDS
-from socialiq.worlds.highway.gym import SceneEnv
+from socialiq.worlds.gym import RoadEnv
+from socialiq.worlds.highway import render, shapes
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, Lane, Network, arc, straight
-from socialiq.worlds.highway.pictures import render, shapes
-from socialiq.worlds.highway.pictures.render import episode_scenes, present_scene
-from socialiq.worlds.highway.pictures.views import LOWEST, WIDEST, way_of
-from socialiq.worlds.highway.scene import FASTER, IDLE, Road, Scene, entry, sight
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.scenes.merge import network as merge_network
-from socialiq.worlds.highway.scenes.roundabout import network as roundabout_network
+from socialiq.worlds.highway.render import episode_scenes, present_scene
+from socialiq.worlds.highway.scenes import (
+    FASTER,
+    IDLE,
+    SCENES,
+    Road,
+    Scene,
+    _roundabout_roads,
+    entry,
+    sight,
+)
+from socialiq.worlds.highway.views import LOWEST, WIDEST, way_of
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.pictures import EGO, pixels
 
@@ -91,11 +97,9 @@ def test_lanes_are_asphalt_and_the_rest_is_grass(name):
 
 def test_lines_lie_between_lanes_alone():
     view = world_of("merge").view
-    roads = merge_network()
-    right = view._beside(roads.lane("a", "b", 1))
-    np.testing.assert_allclose(right[:, 1], 2.0)
-    assert np.isnan(view._beside(roads.lane("a", "b", 0))).all()
-    arms = world_of("roundabout").view._beside(roundabout_network().lane("ser", "ses", 0))
+    np.testing.assert_allclose(view._beside(1)[:, 1], 2.0)
+    assert np.isnan(view._beside(0)).all()
+    arms = world_of("roundabout").view._beside(_roundabout_roads().lane("ser", "ses", 0))
     np.testing.assert_allclose(arms[:, 0], 0.0, atol=1e-9)  # the way out lies there
 
 
@@ -122,16 +126,15 @@ def test_the_frame_stands_still_where_the_ways_meet():
 
 def test_the_way_of_the_motorway_keeps_the_ego_s_lane():
     _, batch = begun("merge")
-    roads, ego = merge_network(), batch.buffers.vehicles[0, 0].copy()
+    ego = batch.buffers.vehicles[0, 0].copy()
     for number in (0, 1):
-        ego["target_lane"] = roads.lane("a", "b", number)
-        expected = [roads.lane(*pair, number) for pair in (("a", "b"), ("b", "c"), ("c", "d"))]
-        assert way_of(ego, batch.scene.road) == expected
+        ego["target_lane"] = number
+        assert way_of(ego, batch.scene.road) == [number, 2 + number, 5 + number]
 
 
 def test_the_way_round_enters_by_the_outer_lane_and_goes_on_along_the_ego_s():
     _, batch = begun("roundabout")
-    roads, ego = roundabout_network(), batch.buffers.vehicles[0, 0].copy()
+    roads, ego = _roundabout_roads(), batch.buffers.vehicles[0, 0].copy()
     nodes = ["ser", "ses", "se", "ex", "ee", "nx", "nxs"]
     outer = [0, 0, 1, 1, 1, 0]
     pairs = list(itertools.pairwise(nodes))
@@ -177,7 +180,7 @@ def test_gymnasium_renders(name):
 
 
 def test_a_road_of_one_s_own_needs_nothing_new():
-    env = SceneEnv(bend(), render_mode="rgb_array")
+    env = RoadEnv(bend(), render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render().shape[1] == 600
     figure, axes = strip_of(world_of(bend()))

@@ -47,7 +47,7 @@ class Pose(NamedTuple):
 
 
 def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
-    """Return the centre line of a lane.
+    """Return the centre line of a lane, with points at most half a metre apart but on a sine.
 
     Args:
         lane: Its record, with the fields of `network.SHAPE`.
@@ -55,7 +55,7 @@ def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
         end: Lane coordinate of the last point, m, at most the lane's length.
 
     Returns:
-        Points (x, y) at most half a metre apart but on a sine, shape (points, 2).
+        Points (x, y), shape (points, 2).
     """
     end = min(end, float(lane["length"]))
     along = np.linspace(start, end, 2 + int(2 * (end - start)))
@@ -68,13 +68,6 @@ def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
         x = lane["x"] + lane["radius"] * np.cos(angle)
         y = lane["y"] + lane["radius"] * np.sin(angle)
     return np.stack([x, y], axis=-1)
-
-
-def swatch(axes: Any, x: float, y: float) -> None:
-    """Draw a sample of the influence zone's tint around (x, y), on asphalt."""
-    line = np.array([[x - 2.5, y], [x + 2.5, y]])
-    band(axes, line, width=3.0, facecolor=ASPHALT, zorder=1)
-    band(axes, line, width=3.0)
 
 
 def edges(line: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
@@ -95,14 +88,7 @@ def band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) ->
 
 
 def route(axes: Any, line: np.ndarray, x: float, y: float) -> None:
-    """Dot the rest of a way from the closest point to (x, y), with an arrow at its end.
-
-    Args:
-        axes: Matplotlib axes.
-        line: Points (x, y) of the way, shape (points, 2).
-        x: Place of the ego, m.
-        y: Place of the ego, m.
-    """
+    """Dot a way, (points, 2), from its closest point to (x, y) on, with an arrow at its end."""
     left = line[int(np.argmin(np.hypot(line[:, 0] - x, line[:, 1] - y))) :]
     dots(axes, left)
     ahead = line[-1] - line[-2]
@@ -192,11 +178,8 @@ def give_way(axes: Any, x: float, y: float) -> None:
 def beside(pose: Pose, ahead: float, gap: float, half: tuple[float, float]) -> tuple[float, float]:
     """Return the centre of a box to the right of a car, at the same distance for any heading.
 
-    Args:
-        pose: Pose of the car.
-        ahead: Metres by which the centre lies ahead of the car's.
-        gap: Metres between the car's side and the box.
-        half: Half the box's extent along x and along y, m.
+    All lengths are in m: that ahead of the car's centre, the gap to its side, and half the box's
+    extent along x and y.
     """
     side = abs(math.sin(pose.heading)) * half[0] + abs(math.cos(pose.heading)) * half[1]
     x, y = pose.place([(ahead, _SIDE + gap + side)])[0]

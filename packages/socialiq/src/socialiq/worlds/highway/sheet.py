@@ -14,9 +14,9 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
+from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS
-from socialiq.worlds.highway.pictures import shapes
-from socialiq.worlds.highway.pictures.render import DPI, Scene, View, look, traffic
+from socialiq.worlds.highway.render import DPI, Scene, View, look, traffic
 from socialiq.worlds.pictures import EGO, OTHER, pixels
 
 if TYPE_CHECKING:
@@ -27,18 +27,26 @@ _CANDIDATES = 1000  # number of colours considered for a palette
 _APART = 12  # levels between colours considered
 
 
-def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]) -> bytes:
+def _gif(figures: Iterator[Figure], frames_per_second: int) -> bytes:
     """Encode figures as a GIF that repeats and pauses on its last frame.
 
-    Args:
-        figures: A figure for each frame; may be the same figure, changed.
-        frames_per_second: Frame rate.
-        colors: Colours to reproduce exactly, however rare.
+    The palette has the colours of the shapes exactly, then the film's most frequent others.
     """
+    from matplotlib.colors import to_rgb
     from PIL import Image
 
     frames = [Image.fromarray(pixels(figure)) for figure in figures]
-    palette = _palette(frames, colors)
+    sample = [np.asarray(frame)[::2, ::2] for frame in frames[:: 1 + len(frames) // 24]]
+    wide = np.stack(sample).reshape(-1, 3).astype(np.int32)
+    levels, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
+    frequent = levels[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
+    colors = np.rint(255 * np.array([to_rgb(color) for color in shapes.COLORS])).astype(np.int32)
+    for color in np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1):
+        # Pillow quantises its colour lookup: of two similar colours it may take the wrong one.
+        if len(colors) < 256 and abs(colors - color).max(axis=1).min() >= _APART:
+            colors = np.concatenate([colors, color[None]])
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(colors.astype(np.uint8).tobytes())
     first, *later = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     durations = [1000 // frames_per_second] * len(later) + [_LAST_FRAME]
     film = io.BytesIO()
@@ -46,31 +54,8 @@ def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]
     return film.getvalue()
 
 
-def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
-    """Return the given colours, then the film's most frequent other colours."""
-    from matplotlib.colors import to_rgb
-    from PIL import Image
-
-    sample = [np.asarray(frame)[::2, ::2] for frame in frames[:: 1 + len(frames) // 24]]
-    wide = np.stack(sample).reshape(-1, 3).astype(np.int32)
-    levels, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
-    frequent = levels[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
-    chosen = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.int32)
-    for color in np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1):
-        # Pillow quantises its colour lookup: of two similar colours it may take the wrong one.
-        if len(chosen) < 256 and abs(chosen - color).max(axis=1).min() >= _APART:
-            chosen = np.concatenate([chosen, color[None]])
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(chosen.astype(np.uint8).tobytes())
-    return palette
-
-
-def mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
-    """Encode figures as an MP4.
-
-    Args:
-        figures: A figure for each frame; always the same figure, changed.
-        frames_per_second: Frame rate.
+def _mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
+    """Encode figures, always the same one, changed, as an MP4.
 
     Raises:
         UserError: If ffmpeg is missing or fails.
@@ -108,38 +93,35 @@ class _Sheet:
         pairs = round(inches * (_BELOW + high + legend + _ABOVE) * DPI / 2)  # films: even rows
         self.rise = pairs * 2 / DPI / inches
         self.figure = Figure(figsize=(inches, inches * self.rise), dpi=DPI)
-        self.road = self._axes(0.01, _BELOW, _WIDE, high)
-        self.road.set_axis_off()
+        self.road = self.axes(0.01, _BELOW, _WIDE, high)
         view.ground(self.road)
         look(self.road, view.frame(scenes[0]))
         if view.corner:
-            _legend(self.road, _column(view.corner), view.marks, 8 * inches / 6)
+            column = [(view.corner[0], view.corner[1] + 4.0 * row) for row in range(7)]
+            _legend(self.road, column, view.marks, 8 * inches / 6)
         else:
-            strip = self._axes(0.01, _BELOW + high, _WIDE, legend)
+            strip = self.axes(0.01, _BELOW + high, _WIDE, legend)
             strip.set(xlim=(0.0, 100 * _WIDE), ylim=(100 * legend, 0.0))
-            strip.set_axis_off()
-            _legend(strip, _GRID, view.marks, 8 * inches / 6)
+            grid = [(x, 2.2 + 4.2 * row) for row in range(2) for x in (3.5, 25.0, 50.0, 80.0)]
+            _legend(strip, grid, view.marks, 8 * inches / 6)
         self.kept = set(self.road.get_children())
         # Not the axes' titles: matplotlib repositions those, slowly, at every draw.
         size, top = 10 * inches / 6, 1 - 0.02375 / self.rise
         self.caption = self.figure.text(0.01, top, "", fontsize=size)
         self.time = self.figure.text(0.99, top, "", fontsize=size, ha="right")
-        self._add_panels(scenes)
-
-    def _axes(self, left: float, below: float, wide: float, high: float) -> Any:
-        """Add axes; all lengths in widths of the figure."""
-        return self.figure.add_axes((left, below / self.rise, wide, high / self.rise))
-
-    def _add_panels(self, scenes: Sequence[Scene]) -> None:
         names = dict.fromkeys(name for scene in scenes for name in scene.signals)
         env = [name for name in names if name not in SOCIAL_SIGNALS]
         social = [name for name in names if name in SOCIAL_SIGNALS]
         values = [abs(float(value)) for scene in scenes for value in scene.signals.values()]
-        size = max(len(env), len(social), 1), max([0.1, *values])
-        places = [self._axes(left, 0.0125, 0.3, 0.175) for left in (0.14, 0.68)]
-        total = 0.195 / self.rise
-        self.env = _Panel(self.figure, places[0], total, size, env, EGO)
-        self.social = _Panel(self.figure, places[1], total, size, social, OTHER)
+        self.rows, self.bound = max(len(env), len(social), 1), max([0.1, *values])
+        self.env = _Panel(self, 0.14, env, EGO)
+        self.social = _Panel(self, 0.68, social, OTHER)
+
+    def axes(self, left: float, below: float, wide: float, high: float) -> Any:
+        """Add axes without frame; all lengths in widths of the figure."""
+        axes = self.figure.add_axes((left, below / self.rise, wide, high / self.rise))
+        axes.set_axis_off()
+        return axes
 
     def show(self, scene: Scene) -> None:
         """Show another scene."""
@@ -157,29 +139,19 @@ class _Sheet:
 class _Panel:
     """Bars of each signal's contribution to one reward, with the total above."""
 
-    def __init__(
-        self,
-        figure: Figure,
-        axes: Any,
-        above: float,
-        size: tuple[int, float],
-        names: Sequence[str],
-        color: str,
-    ) -> None:
-        rows, bound = size
-        limits = {"xlim": (-bound, 1.9 * bound), "ylim": (rows - 0.4, -0.6)}
-        axes.set_axis_off()
+    def __init__(self, sheet: _Sheet, left: float, names: Sequence[str], color: str) -> None:
+        figure, bound, axes = sheet.figure, sheet.bound, sheet.axes(left, 0.0125, 0.3, 0.175)
         scale = figure.get_figwidth() / 6
-        look = {"fontsize": 7.5 * scale, "va": "center", "ha": "right", "color": shapes.INK}
+        style = {"fontsize": 7.5 * scale, "va": "center", "ha": "right", "color": shapes.INK}
         self.bars, self.values = {}, {}
         axes.axvline(0, color=shapes.INK, linewidth=0.8)
         for row, name in enumerate(names):
-            axes.text(-1.1 * bound, row, name.replace("_", " "), **look)
+            axes.text(-1.1 * bound, row, name.replace("_", " "), **style)
             (self.bars[name],) = axes.barh(row, 0.0, 0.7, color=color)
-            self.values[name] = axes.text(1.9 * bound, row, "", **look)
-        axes.set(**limits)
+            self.values[name] = axes.text(1.9 * bound, row, "", **style)
+        axes.set(xlim=(-bound, 1.9 * bound), ylim=(sheet.rows - 0.4, -0.6))
         bold = {"fontsize": 9 * scale, "color": color, "weight": "bold"}
-        self.total = figure.text(axes.get_position().x0, above, "", **bold)
+        self.total = figure.text(axes.get_position().x0, 0.195 / sheet.rise, "", **bold)
 
     def show(self, reward: str, total: float, signals: Mapping[str, float]) -> None:
         """Set the bars and their numbers."""
@@ -194,25 +166,28 @@ def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "−") if value else "0"
 
 
-def _column(corner: tuple[float, float]) -> list[tuple[float, float]]:
-    return [(corner[0], corner[1] + 4.0 * row) for row in range(7)]
-
-
-_GRID = [(x, 2.2 + 4.2 * row) for row in range(2) for x in (3.5, 25.0, 50.0, 80.0)]
-
-
 def _legend(
     axes: Any, places: Sequence[tuple[float, float]], marks: tuple[str, ...], size: float
 ) -> None:
     """Draw the legend, each mark as it appears on the road, at as many places as are needed."""
+
+    def draw_influence(pose: shapes.Pose) -> None:
+        line = pose.place([(-2.5, 0.0), (2.5, 0.0)])
+        shapes.band(axes, line, width=3.0, facecolor=shapes.ASPHALT, zorder=1)
+        shapes.band(axes, line, width=3.0)
+
+    def draw_braking(pose: shapes.Pose) -> None:
+        shapes.vehicle(axes, pose, OTHER)
+        shapes.brake_lights(axes, pose)
+
     marks_of = {
         "ego": lambda pose: shapes.vehicle(axes, pose, EGO),
         "other driver": lambda pose: shapes.vehicle(axes, pose, OTHER),
         "gives way": lambda pose: shapes.give_way(axes, pose.x, pose.y - 0.4),
-        "brakes for the ego": lambda pose: _braking(axes, pose),
+        "brakes for the ego": draw_braking,
         "has crashed": lambda pose: shapes.burst(axes, pose, 0.4),
         "obstacle": lambda pose: shapes.obstacle(axes, pose),
-        "ego's influence": lambda pose: shapes.swatch(axes, pose.x, pose.y),
+        "ego's influence": draw_influence,
         "ego's route": lambda pose: shapes.dots(axes, pose.place([(-2.5, 0.0), (2.5, 0.0)])),
     }
     of_some = {"gives way", "obstacle"} - set(marks)
@@ -222,19 +197,8 @@ def _legend(
         axes.text(x + 5.5, y, words, fontsize=size, va="center", color=shapes.INK)
 
 
-def _braking(axes: Any, pose: shapes.Pose) -> None:
-    shapes.vehicle(axes, pose, OTHER)
-    shapes.brake_lights(axes, pose)
-
-
 def picture(scene: Scene, view: View, inches: float = _INCHES) -> Figure:
-    """Draw one scene with a legend, and below it each signal's contribution to the two rewards.
-
-    Args:
-        scene: What to draw.
-        view: The road.
-        inches: Width of the figure.
-    """
+    """Draw one scene with a legend, and below it each signal's contribution to the two rewards."""
     sheet = _Sheet([scene], view, inches)
     sheet.show(scene)
     return sheet.figure
@@ -270,7 +234,7 @@ def save(path: Path, scenes: Sequence[Scene], view: View, frames_per_second: int
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: no folder {path.parent}; make it first")
     if path.suffix == ".gif":
-        content = gif(_shown(scenes, view), frames_per_second, shapes.COLORS)
+        content = _gif(_shown(scenes, view), frames_per_second)
     else:
-        content = mp4(_shown(scenes, view), frames_per_second)
+        content = _mp4(_shown(scenes, view), frames_per_second)
     write_atomically(path, content)

@@ -8,9 +8,9 @@ from PIL import Image
 
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
-from socialiq.worlds.highway.pictures import render, shapes, sheet
+from socialiq.worlds.highway import render, shapes, sheet
 from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
-from socialiq.worlds.intersection.state import VEHICLE
+from socialiq.worlds.intersection.options import VEHICLE
 from socialiq.worlds.intersection.views import VIEW
 from socialiq.worlds.pictures import EGO, OTHER, pixels
 
@@ -178,7 +178,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sheet, "_palette", fail)
+    monkeypatch.setattr(sheet, "_gif", fail)
     with pytest.raises(KeyboardInterrupt):
         sheet.save(path, [scene()], VIEW)
     assert path.read_bytes() == b"old"

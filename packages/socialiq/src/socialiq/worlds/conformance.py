@@ -1,0 +1,282 @@
+"""Comparison of the roads with the real highway-env: same seeds, same actions, every field.
+
+Checked with highway-env 1.12.1; needs the extra `highway`. Equal bits need the portable arithmetic
+of `highway.PORTABLE`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.types import Ending, Policy
+from socialiq.worlds.highway import Compared
+from socialiq.worlds.highway.core import drivers
+from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
+from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import RulePolicy, policy
+from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.world import Decisions
+
+try:
+    # Type checks also run where the extra is not installed.
+    from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
+except ImportError as error:
+    raise UserError(
+        "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
+    ) from error
+
+
+class RealRoad(Protocol):
+    """One episode of highway-env, converted to the core's records."""
+
+    uncompared: frozenset[str]
+    """Fields of a record that it doesn't know."""
+
+    def reset(self, seed: int) -> np.ndarray:
+        """Start an episode, and return the observation."""
+        ...
+
+    def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
+        """Take the decision of which the core's results are given.
+
+        Returns:
+            The observation, whether the episode goes on or ends alike, and the greatest difference
+            of the rewards.
+        """
+        ...
+
+    def records(self) -> np.ndarray:
+        """Return the present vehicles and obstacles as records of the core."""
+        ...
+
+
+def compare_episode(
+    core: RoadBatch, real: RealRoad, choose: Callable[[], np.ndarray], seed: int
+) -> Compared:
+    """Run the episode of a seed on both sides, up to its end or the first discrete difference.
+
+    The core is a batch of one episode; `choose` returns its next action.
+    """
+    observation = core.reset([seed])
+    worst = np.array([0.0, np.abs(real.reset(seed) - observation[0]).max(), 0.0])
+    (is_same, worst[0]), steps, left = _compared(core, real), 0, False
+    running = is_same
+    while running:
+        action = choose()
+        decisions = core.step(action, auto_reset=False)
+        observation, ends_alike, paid = real.step(action[0], decisions)
+        steps, left = steps + 1, left or bool(decisions.off_road[0])
+        is_same, deviation = _compared(core, real)
+        is_same = is_same and ends_alike
+        if is_same:
+            seen = np.abs(decisions.observation[0] - observation).max()
+            worst = np.maximum(worst, [deviation, seen, paid])
+        running = is_same and int(decisions.ending[0]) == Ending.NONE
+    return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
+
+
+def _compared(core: RoadBatch, real: RealRoad) -> tuple[bool, float]:
+    """Whether all discrete fields are equal, and the greatest difference of the others."""
+    ours, theirs = core.buffers.vehicles[0], real.records()
+    moving = slice(None)  # obstacles have neither drivers nor commands
+    if "obstacle" in ours.dtype.names:
+        moving = ~ours["obstacle"]
+    else:
+        ours = ours[: int(core.buffers.episodes[0]["vehicles"])]
+    if len(ours) != len(theirs):
+        return False, 0.0
+    worst = 0.0
+    for name in set(ours.dtype.names) - real.uncompared:
+        rows = slice(None) if name in ("identity", "crashed") else moving
+        values, expected = ours[name][rows], theirs[name][rows]
+        if not np.issubdtype(values.dtype, np.floating):
+            if not np.array_equal(values, expected):
+                return False, 0.0
+            continue
+        with np.errstate(invalid="ignore"):  # infinite desired speeds
+            apart = np.abs(values - expected)
+        worst = np.maximum(
+            worst, np.where((values == expected) | np.isnan(expected), 0.0, apart).max()
+        )
+    return True, float(worst)
+
+
+class Driver(IDMVehicle):
+    """highway-env's driver with its own defaults, which its intersection changes for all."""
+
+    DISTANCE_WANTED = drivers.JAM_DISTANCE
+    COMFORT_ACC_MAX = drivers.ACCELERATION
+    COMFORT_ACC_MIN = -drivers.DECELERATION
+
+
+class RealScene:
+    """The real scene (`RealRoad`); `environment` is highway-env's own."""
+
+    uncompared = frozenset(
+        {
+            "time_headway", "jam_distance", "max_acceleration", "comfort_deceleration",
+            "route", "destination", "obstacle",
+        }
+    )  # fmt: skip
+
+    def __init__(self, scene: Scene, options: RoadOptions) -> None:
+        module, name = scene.real.split(":")
+        scales = scene.road.sight[0]
+        names = ("x", "y", "vx", "vy")
+        ranges = {name: [-float(scales[name]), float(scales[name])] for name in names}
+        config = {
+            "observation": {
+                "type": "Kinematics",
+                "vehicles_count": options.observed_vehicles,
+                "features": list(FEATURES),
+                "features_range": ranges,
+                "absolute": not scales["relative"],
+            },
+            "action": {"type": "DiscreteMetaAction", "target_speeds": list(options.target_speeds)},
+            "simulation_frequency": options.simulation_frequency,
+            "policy_frequency": options.policy_frequency,
+            "duration": 200.0,  # s; only a crash or the task's end ends an episode
+            "other_vehicles_type": f"{Driver.__module__}.{Driver.__name__}",
+            **scene.config,
+        }
+        self.environment: Any = getattr(importlib.import_module(module), name)(config=config)
+
+    def reset(self, seed: int) -> np.ndarray:
+        """Start an episode, and return the observation."""
+        observation, _ = self.environment.reset(seed=seed)
+        self._roads = [len(vehicle.route or ()) for vehicle in self.environment.road.vehicles]
+        return observation.reshape(-1)
+
+    def step(self, action: int, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
+        """Take a decision, as `RealRoad.step`; highway-env has no end by arrival, nor rewards."""
+        observation, _, terminated, _, _ = self.environment.step(int(action))
+        goes_on = int(decisions.ending[0]) == Ending.NONE
+        return observation.reshape(-1), not (terminated and goes_on), 0.0
+
+    def records(self) -> np.ndarray:
+        """Return the vehicles, then the obstacles, CAR."""
+        road = self.environment.road
+        lanes = list(road.network.lanes_dict())
+        records = np.zeros(len(road.vehicles) + len(road.objects), CAR)
+        for slot, vehicle in enumerate([*road.vehicles, *road.objects]):
+            row = records[slot]
+            row["identity"] = slot
+            write_motion(row, vehicle)
+            row["lane"] = lanes.index(vehicle.lane_index)
+            if slot >= len(road.vehicles):
+                continue
+            write_commands(row, vehicle)
+            row["target_speed"] = vehicle.target_speed
+            row["target_lane"] = lanes.index(vehicle.target_lane_index)
+            row["exponent"] = getattr(vehicle, "DELTA", drivers.EXPONENT)
+            row["timer"] = getattr(vehicle, "timer", np.nan)
+            row["leg"] = self._roads[slot] - len(vehicle.route or ())
+        return records
+
+
+def write_motion(row: Any, vehicle: Any) -> None:
+    """Write the pose, the speed and the crash of a vehicle of highway-env into a record."""
+    row["x"], row["y"] = vehicle.position
+    row["heading"], row["speed"] = vehicle.heading, vehicle.speed
+    row["along_x"], row["along_y"] = vehicle.direction
+    row["crashed"] = vehicle.crashed
+
+
+def write_commands(row: Any, vehicle: Any) -> None:
+    """Write the commands and the pending push of a vehicle of highway-env into a record."""
+    row["steering"] = vehicle.action["steering"]
+    row["acceleration"] = vehicle.action["acceleration"]
+    if vehicle.impact is not None:
+        row["pushed"] = True
+        row["push_x"], row["push_y"] = vehicle.impact
+
+
+def compare_scene(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
+    """Run seeded episodes of a scene on the core and on highway-env, and compare every decision.
+
+    Actions are drawn; in every fourth episode the ego keeps its lane and goes faster, in another
+    it only changes its speed. Episode i has seed + i.
+
+    Raises:
+        UserError: If `episodes` is below 1, or the scene is unknown.
+    """
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
+    core = world_of(scene).batch(1)
+    real = RealScene(core.scene, core.options)
+    for number in range(episodes):
+        rng = np.random.default_rng(seed + number)
+        choices = ((FASTER,), (IDLE, FASTER, SLOWER), range(LANE_LEFT, len(ACTIONS)))
+        allowed = np.array(choices[min(number % 4, 2)])
+        draw = partial(rng.choice, allowed, 1)
+        yield compare_episode(core, real, draw, seed + number)
+
+
+class _RealIntersection:
+    """The back end highway_env as one side of a comparison (`RealRoad`)."""
+
+    uncompared: frozenset[str] = frozenset()
+
+    def __init__(self, options: Options) -> None:
+        self._batch = Batch(options, 1, back_end="highway_env")
+
+    def reset(self, seed: int) -> np.ndarray:
+        return self._batch.reset([seed])[0]
+
+    def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
+        found = self._batch.step(np.asarray([action]), auto_reset=False)
+        alike = found.ending[0] == decisions.ending[0] and found.contact[0] == decisions.contact[0]
+        paid = np.abs(np.subtract(found.rewards, decisions.rewards)).max()
+        return found.observation[0], bool(alike), float(paid)
+
+    def records(self) -> np.ndarray:
+        buffers = self._batch.buffers
+        return buffers.vehicles[0, : int(buffers.episodes[0]["vehicles"])]
+
+
+def compare_intersection(
+    options: Options, episodes: int, seed: int, driver: Policy | None = None
+) -> Iterator[Compared]:
+    """Run seeded episodes on the core and on highway-env, and compare after every decision.
+
+    Without a driver go, idle, wait and random drive in turn. Continuous actions are drawn: full
+    acceleration without steering; acceleration at random with little steering, in float32 and in
+    float64; all at random. Episode i has seed + i.
+
+    Raises:
+        UserError: If `episodes` is below 1.
+    """
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
+    core, real = Batch(options, 1), _RealIntersection(options)
+    for number in range(episodes):
+        choose = partial(_act, core, driver or _driver_of_turn(number % 4, seed + number, options))
+        yield compare_episode(core, real, choose, seed + number)
+
+
+def _act(core: Batch, driver: Policy) -> np.ndarray:
+    return driver.predict(core.seen_by(driver))[0]
+
+
+def _driver_of_turn(turn: int, seed: int, options: Options) -> Policy:
+    if not options.continuous:
+        return policy(("go", "idle", "wait", "random")[turn], seed)
+    least, steering, kind = (
+        (1.0, 0.0, np.float32),
+        (-0.3, 0.1, np.float32),
+        (-1.0, 0.1, np.float64),
+        (-1.0, 1.0, np.float32),
+    )[turn]  # least acceleration, most steering and type of the actions
+    low, high = np.array([least, -steering]), np.array([1.0, steering])
+    low, high, rng = low[: options.width], high[: options.width], np.random.default_rng(seed)
+    return RulePolicy(lambda seen: rng.uniform(low, high, (len(seen), len(low))).astype(kind))

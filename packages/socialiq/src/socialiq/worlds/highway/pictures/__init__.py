@@ -1,1 +1,0 @@
-"""Pictures and films of roads, from their state records."""
