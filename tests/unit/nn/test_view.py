@@ -292,19 +292,6 @@ def test_a_clock_adds_a_place_for_each_time(name: str) -> None:
     np.testing.assert_allclose(seen[:, 3:], plain(rows), rtol=1e-6)
 
 
-def test_a_clock_that_is_added_is_ignored() -> None:
-    plain = QPolicy.of(
-        QNetwork.initialise(jax.random.key(1), VEHICLES * ROW, (8,), 3, view="set"), 0.5, {}
-    )
-    rows, times = flattened(observations()), np.arange(6, dtype=np.float32)
-    clocked = plain.with_clock(20)
-    seen = np.column_stack([rows, times])
-    np.testing.assert_allclose(clocked.q_values(seen), plain.q_values(rows), rtol=1e-5)
-    assert clocked.network().view.times == 20
-    with pytest.raises(UserError, match="once"):
-        clocked.with_clock(20)
-
-
 def test_a_policy_with_a_clock_is_read_as_it_was_written(tmp_path: Path) -> None:
     seen = encoding(jax.random.key(0), VEHICLES * ROW + 1, "set", times=20)
     assert seen is not None

@@ -11,15 +11,9 @@ from jaxtyping import Float, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.evaluation import exact
 from socialiq.evaluation.episodes import metrics_of, road_episodes
-from socialiq.evaluation.exact import (
-    Metrics,
-    Optimum,
-    Readout,
-    action_table,
-    evaluate_exactly,
-    visit_counts,
-)
+from socialiq.evaluation.exact import Metrics, Readout
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
@@ -67,7 +61,8 @@ def sweep(
     """
     chosen = tuple(angles) or tuple(np.arange(dial.low, dial.high + 0.5).tolist())
     metrics = [
-        evaluate_exactly(table, action_table(dial.at(angle), table, readout)) for angle in chosen
+        exact.evaluate_exactly(table, exact.action_table(dial.at(angle), table, readout))
+        for angle in chosen
     ]
     return Sweep(chosen, tuple(metrics))
 
@@ -107,13 +102,13 @@ def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> Attainab
     can't exceed it. `Optimum` has the limit of all policies. Where `timed`, an action counts only
     at the time at which it was demonstrated.
     """
-    counts = visit_counts(data, table)
+    counts = exact.visit_counts(data, table)
     allowed = np.asarray((counts if timed else counts.sum(axis=0)) > 0)
     return attainable_set(table.mdp, table.world.horizon, allowed)
 
 
 def ceiling_regrets(
-    ceiling: AttainableSet, best: Optimum, angles: Sequence[float]
+    ceiling: AttainableSet, best: exact.Optimum, angles: Sequence[float]
 ) -> Float[np.ndarray, " angle"]:
     """Return the regret of the support at each angle: J*(α) less its best value."""
     return np.array(

@@ -140,6 +140,8 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
         decisions, rows = played.made, np.flatnonzero(played.running)
         signals = np.stack([decisions.signals[name][rows] for name in SIGNALS], axis=1)
         conflicts = conflict_at_junction(played.observation[rows])
+        action = played.action[rows]  # 0 slows the ego down, or a negative acceleration
+        slows = action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
         return _driven(played) | {
             "own": decisions.classical.env[rows],
             "others": decisions.classical.social[rows],
@@ -148,7 +150,7 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
             "active": signals != 0,
             "beyond": entered(decisions.observation[rows]),
             "conflicts": conflicts,
-            "pressed": conflicts & ~_slowing(played.action[rows]),
+            "pressed": conflicts & ~slows,
         }
 
     sums, last = _sums(steps, count, quantities)
@@ -233,11 +235,6 @@ def conflict_at_junction(
 
 def _metres(position: Float32[np.ndarray, " batch"]) -> Float[np.ndarray, " batch"]:
     return position.astype(np.float64) * POSITION_RANGE
-
-
-def _slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:
-    """Whether actions slow the ego down: number 0, or a negative acceleration."""
-    return action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
 
 
 def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, float | int | None]:

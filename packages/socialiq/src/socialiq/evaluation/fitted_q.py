@@ -72,20 +72,16 @@ def tabular(
         target = signals + goes_on[:, None] * value[:, follows]
         sums = [(weight * target[..., signal]) @ into for signal in range(3)]
         mean = np.stack(sums, axis=2) / np.maximum(size, 1e-12)[:, :, None]
-        q = _completed(mean.reshape(-1, n_states, n_actions, 3), covered)
+        q = mean.reshape(-1, n_states, n_actions, 3)
+        # Cells without data get the mean of the state's other actions, and have left it.
+        among = (q * covered[..., None]).sum(axis=2)
+        among = among / np.maximum(covered.sum(axis=2), 1)[..., None]
+        q = np.where(covered[..., None], q, among[:, :, None])
+        q[..., 2] = np.where(covered, q[..., 2], 1.0)
         value = np.einsum("sa,rsac->rsc", chances, q)
     start = logged.state[data.episode_starts]
     means = np.einsum("re,rec->rc", counts, value[:, start]) / counts.sum(axis=1)[:, None]
     return means[:, :2], means[:, 2]
-
-
-def _completed(q: np.ndarray, covered: np.ndarray) -> np.ndarray:
-    """Fill the cells without data: the mean of the state's other actions, and "left" 1."""
-    among = covered[..., None]
-    mean = (q * among).sum(axis=2) / np.maximum(covered.sum(axis=2), 1)[..., None]
-    filled = np.where(among, q, mean[:, :, None])
-    filled[..., 2] = np.where(covered, q[..., 2], 1.0)
-    return filled
 
 
 @dataclass(frozen=True)
@@ -155,10 +151,7 @@ class FittedQ(Learner):
         return cosine(hyperparameters.learning_rate, 0.02, done, self.static.updates)
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Any,
+        self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Any
     ) -> tuple[Any, Any]:
         """Return rows of the run's resample, and for each its steps to go."""
         key, for_rows, for_steps = jax.random.split(carry, 3)
@@ -169,11 +162,7 @@ class FittedQ(Learner):
         return (jax.tree.map(lambda column: column[rows], self.logged), to_go), key
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+        self, network: Any, target_network: Any, batch: Any, _numbers: Any
     ) -> tuple[Float[Array, ""], Terms]:
         """Squared distance to r + E[Q_{k-1}(s', b)], in units of the sums' deviation."""
         rows, to_go = batch

@@ -86,7 +86,7 @@ class RolloutPolicy:
     def values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch draw action"]:
-        """Return the value of each action in each draw."""
+        """Return the value of each action in each draw: some decisions, and the network's value."""
         size, copies = len(observations), self._draws * len(ACTIONS)
         repeated = np.repeat(observations, copies, axis=0)
         # Seeds depend on the observation, so that draws differ between decisions but not actions.
@@ -100,14 +100,9 @@ class RolloutPolicy:
             state.episodes["time"] = repeated[:, -1] / self._options.policy_frequency
         if self._batch is None or self._batch.size != len(repeated):
             self._batch = Batch(self._options, len(repeated))
-        self._batch.restore(state)
+        batch = self._batch
+        batch.restore(state)
         action = np.tile(np.arange(len(ACTIONS)), size * self._draws)
-        return self._played(self._batch, action).reshape(size, self._draws, len(ACTIONS))
-
-    def _played(
-        self, batch: Batch, action: Int64[np.ndarray, " copy"]
-    ) -> Float[np.ndarray, " copy"]:
-        """Return the discounted score of some decisions, and the network's value behind them."""
         total, factor, running = np.zeros(batch.size), 1.0, np.ones(batch.size, bool)
 
         def values() -> np.ndarray:
@@ -120,4 +115,4 @@ class RolloutPolicy:
             running = decided & (results.ending == int(Ending.NONE))
         if running.any():
             total[running] += factor * values().max(axis=1)[running]
-        return total
+        return total.reshape(size, self._draws, len(ACTIONS))

@@ -13,23 +13,10 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
-from socialiq.learners import acting
-from socialiq.learners.collect import (
-    BaseCollector,
-    Collector,
-    Source,
-    VectorCollector,
-    from_vector_env,
-)
+from socialiq.learners import acting, collect, policy_iteration
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
-from socialiq.learners.policy_iteration import (
-    DialIterationConfig,
-    IterationHyperparameters,
-    Labelled,
-    Labeller,
-)
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Act, Policy, RewardPair
 from socialiq.worlds.gym import learning_env
@@ -45,14 +32,14 @@ STEPS_PER_UPDATE = 12
 MEASURES = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
 """Measures of a check; `total` is J(α), the mean total scored at the run's own angle."""
 
-ITERATION = DialIterationConfig(
+ITERATION = policy_iteration.DialIterationConfig(
     batch_size=512,
     updates=20_000,
     states_per_update=40,
     first_rounds=10,
     replay_capacity=400_000,
 )
-ITERATION_NUMBERS = IterationHyperparameters(
+ITERATION_NUMBERS = policy_iteration.IterationHyperparameters(
     learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
 )
 """Settings that improve dials of the intersection's preset; the network is the dial's."""
@@ -117,13 +104,13 @@ def sizes_of(options: Options, clock: bool = False) -> tuple[int, int]:
 
 def source_of(
     options: Options, environments: int, steps_per_update: int, clock: bool = False
-) -> Source:
+) -> collect.Source:
     """Return experience of intersections on the core, side by side, for a chunk of updates.
 
     There are so many environment steps for each update; observations may end with the time.
     """
     env = learning_env(Intersection(options), environments, clock)
-    return from_vector_env(env, CHUNK * steps_per_update)
+    return collect.from_vector_env(env, CHUNK * steps_per_update)
 
 
 def soft_collector(
@@ -131,11 +118,11 @@ def soft_collector(
     environments: int,
     steps_per_update: int,
     numbers: Sequence[IQLearnHyperparameters],
-) -> Collector:
+) -> collect.Collector:
     """Return what collects experience of softmax policies, from intersections of each run."""
     sources = [source_of(options, environments, steps_per_update) for _ in numbers]
     behaviour = acting.soft([run.temperature for run in numbers])
-    return Collector(sources, [run.seed for run in numbers], behaviour)
+    return collect.Collector(sources, [run.seed for run in numbers], behaviour)
 
 
 def dial_collector(
@@ -144,7 +131,7 @@ def dial_collector(
     world: Intersection | SceneWorld,
     environments: int,
     steps_per_update: int,
-) -> BaseCollector:
+) -> collect.BaseCollector:
     """Return what collects dials' experience on the core, from episodes of each run.
 
     Several runs act together, on as many threads as there are runs, or cores if fewer.
@@ -161,9 +148,11 @@ def dial_collector(
     env = learning_env(world, count * environments, clock, threads)
     if count > 1:
         together = acting.dials_together(structure, numbers)
-        return VectorCollector(env, -(-steps // environments), numbers, together)
+        return collect.VectorCollector(env, -(-steps // environments), numbers, together)
     behaviour, seeds = acting.dials(structure, numbers), [numbers[0].seed]
-    return Collector([from_vector_env(env, steps)], seeds, behaviour, structure.driven_share > 0)
+    return collect.Collector(
+        [collect.from_vector_env(env, steps)], seeds, behaviour, structure.driven_share > 0
+    )
 
 
 def observes_time(start: DialPolicy, options: Options) -> bool:
@@ -182,8 +171,11 @@ def observes_time(start: DialPolicy, options: Options) -> bool:
 
 
 def dial_labeller(
-    structure: DialIterationConfig, options: Options, environments: int, clock: bool
-) -> Labeller:
+    structure: policy_iteration.DialIterationConfig,
+    options: Options,
+    environments: int,
+    clock: bool,
+) -> policy_iteration.Labeller:
     """Return the labeller of one run on the core, whose episodes have angles of their own.
 
     Each call begins with new episodes; copies are driven at the angle of their episode.
@@ -191,7 +183,7 @@ def dial_labeller(
     states = CHUNK * structure.states_per_update
     batch = Batch(options, min(environments, states))
 
-    def label(follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
+    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
         angles, labelled = stratified_angles(structure, batch.size, rng), []
         for _ in range(-(-states // batch.size)):
@@ -201,6 +193,6 @@ def dial_labeller(
         observations, env, social = (
             np.concatenate(column)[:states] for column in zip(*labelled, strict=True)
         )
-        return Labelled(observations, RewardPair(env, social))
+        return policy_iteration.Labelled(observations, RewardPair(env, social))
 
     return label

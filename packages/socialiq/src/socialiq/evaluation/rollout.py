@@ -12,15 +12,9 @@ from jaxtyping import Float, Int, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
 from socialiq.errors import UserError
+from socialiq.evaluation import simulate as simulation
 from socialiq.evaluation.exact import Metrics
-from socialiq.evaluation.simulate import (
-    GymActor,
-    GymSimulator,
-    ScriptedActor,
-    Step,
-    play,
-    simulate,
-)
+from socialiq.evaluation.simulate import Step, play, simulate
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table, draw_actions, expert_policy
@@ -179,7 +173,9 @@ def _steps(
 
     batch = GridBatch(table, episodes, rng)
     blocks: list[tuple[np.ndarray, ...]] = []
-    for time, step in enumerate(simulate(batch, ScriptedActor(draw), np.arange(episodes))):
+    for time, step in enumerate(
+        simulate(batch, simulation.ScriptedActor(draw), np.arange(episodes))
+    ):
         running = np.flatnonzero(step.running)
         columns = (step.observation, step.action, step.made.state, step.made.ending)
         blocks.append(
@@ -221,7 +217,9 @@ def rollout_env(
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
     seeds = np.arange(seed, seed + episodes)
-    steps = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
+    steps = list(
+        simulate(simulation.GymSimulator(env), simulation.GymActor(policy, deterministic), seeds)
+    )
     space = env.action_space
     pairs = np.array([step.made.rewards for step in steps], np.float64)
     transitions = Demonstrations.of(

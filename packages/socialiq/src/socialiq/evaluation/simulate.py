@@ -121,7 +121,7 @@ class PolicyActor(_Stateless):
         checked: Callable[[Any, int], np.ndarray] | None = None,
     ) -> None:
         self._policy, self._simulator, self._deterministic = policy, simulator, deterministic
-        self._checked = checked or _numbers
+        self._checked = checked
         self._memory: Any = None
         self._begun = np.ones(simulator.size, bool) if remembers else None
 
@@ -135,12 +135,10 @@ class PolicyActor(_Stateless):
             answer, self._memory = self._policy.predict(
                 shown_input, self._memory, episode_start=begun, deterministic=self._deterministic
             )
-        return self._checked(answer, len(running))
-
-
-def _numbers(answer: Any, _rows: int) -> np.ndarray:
-    actions = np.asarray(answer)
-    return actions if actions.ndim == 2 else actions.astype(np.int64)
+        if self._checked is not None:
+            return self._checked(answer, len(running))
+        actions = np.asarray(answer)
+        return actions if actions.ndim == 2 else actions.astype(np.int64)
 
 
 @runtime_checkable

@@ -92,13 +92,7 @@ class BehaviourCloning(Learner):
         batch = self.table.sample_weighted(for_batch, carry.cumulative, size)
         return batch, carry._replace(key=key)
 
-    def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-    ) -> tuple[Array, Terms]:
+    def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
         """Negative log-likelihood of the demonstrated actions."""
         loss = negative_log_likelihood(network, batch.observation, batch.action)
         return loss, {"loss": loss}
@@ -121,19 +115,13 @@ class GaussianCloning(BehaviourCloning):
         shape = (n_features, static.hidden, size, static.activation, static.input_scale)
         return Actor.initialise(key, *shape, view=static.view)
 
-    def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-    ) -> tuple[Array, Terms]:
+    def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
         """-E[log π(a|s)]."""
         mean, log_std = jax.vmap(network)(batch.observation)
         loss = -jnp.mean(jax.vmap(log_density)(batch.action, mean, log_std))
         return loss, {"loss": loss}
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> ActorPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None) -> ActorPolicy:
         """Return the clone of one run."""
         return ActorPolicy.of(state.network, self.record(hyperparameters))
 

@@ -33,8 +33,7 @@ class DQNConfig(settings.Network, settings.Replay):
     """Choices that shape the program. Defaults: the experts of thesis 5.2.
 
     The thesis gives network, learning rate, discount, steps and environments. The rest is of
-    Stable-Baselines3's DQN where its default fits (one update of 256 for 4 steps of each of 12
-    environments), or chosen here.
+    Stable-Baselines3's DQN where its default fits, or chosen here.
     """
 
     hidden: settings.Widths = (256, 256)
@@ -123,12 +122,7 @@ class DQN(Learner):
             key, Replay.empty(self.static.replay_capacity, Batch.empty(self.sizes[0]))
         )
 
-    def draw(
-        self,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-        state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[Batch, Carry]:
+    def draw(self, _numbers: Any, _state: TrainState, carry: Carry) -> tuple[Batch, Carry]:
         """Sample the replay."""
         key, for_batch = jax.random.split(carry.key)
         return carry.replay.sample(for_batch, self.static.batch_size), carry._replace(key=key)
@@ -153,10 +147,7 @@ class DQN(Learner):
         return loss, {"loss": loss, "max_q": jnp.max(jnp.abs(q))}
 
     def policy(
-        self,
-        hyperparameters: DQNHyperparameters,
-        state: TrainState,
-        kept: Any = None,  # noqa: ARG002
+        self, hyperparameters: DQNHyperparameters, state: TrainState, _kept: Any = None
     ) -> QPolicy:
         """Return the policy after the last update."""
         return policy_of(self.static, hyperparameters, state.network)
@@ -177,16 +168,10 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 200,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run.
-        sources: Where each run acts; `learners.collect` makes them, for
-            `chunk * static.steps_per_update` steps.
-        sizes: Features of an observation, and number of actions.
-        callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks, and between two rounds of acting.
+    Each run acts between two chunks in a source of its own (`learners.collect`), of
+    `chunk * static.steps_per_update` steps. The sizes are features of an observation and actions.
 
     Raises:
         UserError: If there is no run, or not one source for each.

@@ -81,7 +81,22 @@ class ExpertTable(NamedTuple):
             UserError: If there is none, or they differ in features or actions, or have actions of
                 the other kind.
         """
-        _check_alike(datasets, continuous)
+        if not datasets:
+            raise UserError("no demonstrations: pass at least one set")
+        if len({data.observation.shape[1] for data in datasets}) > 1:
+            raise UserError("the sets of demonstrations have different observations")
+        if len({data.n_actions for data in datasets}) > 1:
+            raise UserError("the sets of demonstrations have different actions")
+        shapes = {data.action.shape[1:] for data in datasets}
+        if len(shapes) > 1:
+            raise UserError("the sets of demonstrations have actions of different sizes")
+        if (shapes != {()}) != continuous:
+            raise UserError(
+                "this learner takes continuous actions: the demonstrations have discrete ones"
+                if continuous
+                else "this learner takes discrete actions: train on continuous ones with a learner "
+                "of learners.continuous"
+            )
         returns = [data.returns(target_kind, social_discount) for data in datasets]
         offsets = np.cumsum([0, *(len(data.action) for data in datasets)])
         starts = [data.episode_starts for data in datasets]
@@ -139,25 +154,6 @@ class ExpertTable(NamedTuple):
     def rows(self, rows: Int[Array, " batch"]) -> Batch:
         """Take the given rows."""
         return jax.tree.map(lambda column: column[rows], self.columns)
-
-
-def _check_alike(datasets: Sequence[Transitions], continuous: bool) -> None:
-    if not datasets:
-        raise UserError("no demonstrations: pass at least one set")
-    if len({data.observation.shape[1] for data in datasets}) > 1:
-        raise UserError("the sets of demonstrations have different observations")
-    if len({data.n_actions for data in datasets}) > 1:
-        raise UserError("the sets of demonstrations have different actions")
-    shapes = {data.action.shape[1:] for data in datasets}
-    if len(shapes) > 1:
-        raise UserError("the sets of demonstrations have actions of different sizes")
-    if (shapes != {()}) != continuous:
-        raise UserError(
-            "this learner takes continuous actions: the demonstrations have discrete ones"
-            if continuous
-            else "this learner takes discrete actions: train on continuous ones with a learner "
-            "of learners.continuous"
-        )
 
 
 class Replay(NamedTuple):

@@ -111,16 +111,18 @@ class Learner(eqx.Module):
         return cls(static, sizes, table)
 
     def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+        self,
+        network: Any,
+        target_network: Any,
+        batch: Any,
+        hyperparameters: HyperparameterArrays,
+        /,
     ) -> tuple[Float[Array, ""], Terms]:
         """Return the loss of a batch and its terms by name; "loss" among them."""
         raise NotImplementedError
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Any,
+        self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Any, /
     ) -> tuple[Any, Any]:
         """Return a batch and the next carry: here demonstrations, and a random key."""
         assert self.table is not None
@@ -177,11 +179,11 @@ class Learner(eqx.Module):
         state = state.step(gradient, rate, polyak)
         return state.averaged(self.averaging) if self.averaging else state, carry, terms
 
-    def kept(self, carry: Any) -> Any:  # noqa: ARG002
+    def kept(self, _carry: Any, /) -> Any:
         """Return what a policy needs of the carry: here nothing."""
         return None
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> Any:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None, /) -> Any:
         """Return the policy of one run: greedy, or softmax(Q/τ) with its temperature, or τ = 1."""
         temperature = getattr(hyperparameters, "temperature", 1.0)
         return QPolicy.of(state.network, temperature, self.record(hyperparameters))

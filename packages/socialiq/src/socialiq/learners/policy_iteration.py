@@ -127,12 +127,7 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
 
 
 class Labelled(NamedTuple):
-    """States with the returns of every action.
-
-    Attributes:
-        observation: s, followed by the angle of its episode in degrees.
-        returns: Pair (G_env, G_social) of each action, undiscounted, each (batch, actions).
-    """
+    """States, ending with their angle in degrees, and undiscounted returns (batch, actions)."""
 
     observation: Any
     returns: RewardPair
@@ -209,10 +204,7 @@ class DialIteration(Learner):
         return state, Carry(key, Replay.empty(self.static.replay_capacity, row))
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-        state: TrainState,
-        carry: Carry,
+        self, _numbers: Any, state: TrainState, carry: Carry
     ) -> tuple[tuple[Labelled, Array], Carry]:
         """Sample the ring; return labelled states and the share of the run that is done."""
         key, for_batch = jax.random.split(carry.key)
@@ -220,11 +212,7 @@ class DialIteration(Learner):
         return (states, state.optimiser.count / self.static.updates), carry._replace(key=key)
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,
+        self, network: Any, _target: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Array, Terms]:
         """The regression's loss of both rewards, or at the end the expected score's."""
         (observation, returns), progress = batch
@@ -242,10 +230,7 @@ class DialIteration(Learner):
         return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
 
     def policy(
-        self,
-        hyperparameters: IterationHyperparameters,
-        state: TrainState,
-        kept: Any = None,  # noqa: ARG002
+        self, hyperparameters: IterationHyperparameters, state: TrainState, _kept: Any = None
     ) -> DialPolicy:
         """Return the running average of the network as a dial."""
         static, record = self.static, self.record(hyperparameters)
@@ -254,13 +239,7 @@ class DialIteration(Learner):
 
 
 class LabelCollector(BaseCollector):
-    """Fills each run's ring with states that its policy visits, labelled.
-
-    Args:
-        learner: Of all runs.
-        hyperparameters: One entry for each run.
-        labellers: One for each run.
-    """
+    """Fills each run's ring with states that its policy visits, labelled by its labeller."""
 
     def __init__(
         self,
@@ -335,17 +314,16 @@ def train(
     chunk: int = 200,
     start: DialPolicy | None = None,
 ) -> Trained:
-    """Train one dial for each entry of `hyperparameters`, all in one compiled program.
+    """Train one dial for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
     Args:
         static: Shared by all runs.
         hyperparameters: One entry for each run; their angle is not used.
-        labellers: One for each run, for `chunk * static.states_per_update` states, whose
-            observations end with their angle in degrees; `evaluation.road_training.dial_labeller`
-            makes those of the intersection.
+        labellers: One for each run, of `chunk * static.states_per_update` states for each chunk;
+            `evaluation.road_training.dial_labeller` makes those of the intersection.
         sizes: Features of an observation without the angle, and number of actions.
         callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks, and between two rounds of labelling.
+        chunk: Updates between two calls of the callbacks.
         start: Dial that every run improves; its network must be that of `static`.
 
     Raises:

@@ -113,8 +113,8 @@ class Replay(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AngleRange(Settings):
-    """Social angles that one network is trained for."""
+class DrawnAngles(Settings):
+    """Social angles that one network is trained for; they are drawn for rows and episodes."""
 
     low: Angle = 0.0
     """Smallest social angle trained for, in degrees."""
@@ -123,22 +123,16 @@ class AngleRange(Settings):
     margin: NotNegative = 5.0
     """Degrees beyond both ends in which angles are also drawn: a network is least accurate at the
     edge of its data, and the two ends are used most."""
+    high_from: float = 65.0
+    """Angle in degrees from which `high_share` counts."""
+    high_share: Share | None = None
+    """Share of the drawn angles beyond `high_from`, for rows and for acting; None: uniform."""
 
     def __post_init__(self) -> None:
         """Refuse a range without angles."""
         super().__post_init__()
         if self.low > self.high:
             raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
-
-
-@dataclass(frozen=True, kw_only=True)
-class DrawnAngles(AngleRange):
-    """Social angles that are drawn for rows and episodes, uniformly or more of the high ones."""
-
-    high_from: float = 65.0
-    """Angle in degrees from which `high_share` counts."""
-    high_share: Share | None = None
-    """Share of the drawn angles beyond `high_from`, for rows and for acting; None: uniform."""
 
     def check_high_share(self) -> None:
         """Refuse a share of high angles where the range doesn't reach on both sides of them.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError, one_of
 from socialiq.nn.saved import Saved, SavedNetwork
-from socialiq.nn.view import Encoding, View
+from socialiq.nn.view import Encoding
 
 if TYPE_CHECKING:
     from socialiq.nn.q_network import QNetwork
@@ -180,22 +179,6 @@ class QPolicy(SavedNetwork, ValuePolicy):
         one_of("activation of a trainable network", self.activation, TRAINABLE)
         layers, view = q_network.trainable(self)
         return q_network.QNetwork(layers, self.activation, view)
-
-    def with_clock(self, times: int) -> QPolicy:
-        """Return the same policy for observations that end with the time, which it ignores.
-
-        The time has the values 0, 1, ..., times - 1. A run that begins with it can learn to use it.
-
-        Raises:
-            UserError: If its view isn't of vehicles, or has a clock.
-        """
-        if not isinstance(self.view, View) or self.view.times:
-            raise UserError("a clock can be added to a network with a view of vehicles, once")
-        view = dataclasses.replace(self.view, n_features=self.view.n_features + 1, times=times)
-        first, *following = self.weights
-        ignored = np.zeros((len(first), times), first.dtype)  # a view puts the time first
-        weights = (np.hstack([ignored, first]), *following)
-        return dataclasses.replace(self, weights=weights, view=view)
 
     @property
     def n_actions(self) -> int:

@@ -34,14 +34,7 @@ class Networks(NamedTuple):
 
 
 class Carry(NamedTuple):
-    """Loop carry of an update.
-
-    Attributes:
-        key: Random key.
-        replay: The learner's own transitions; None offline.
-        acting: Where it acts; None offline, or if experience comes from outside JAX.
-        more: What a learner adds.
-    """
+    """Loop carry of an update: own transitions, the place in a compiled world, a learner's own."""
 
     key: Array
     replay: Replay | None
@@ -50,13 +43,10 @@ class Carry(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Rows of one update.
+    """Rows of one update, `n_expert` demonstrations first, and a key for actions of the loss.
 
     Attributes:
-        batch: Transitions, demonstrations first.
         direction: (cos α, sin α) of each row.
-        n_expert: How many are demonstrations.
-        key: For the actions that the loss draws.
         initial: Observations of true initial states; None if they have no use.
         more: What a learner adds.
     """
@@ -179,10 +169,7 @@ class ActorCritic(Learner):
         return Rows(batch, direction, n_expert, keys[5]), carry
 
     def demonstrated(
-        self,
-        key: PRNGKeyArray,
-        hyperparameters: HyperparameterArrays,
-        carry: Carry,  # noqa: ARG002
+        self, key: PRNGKeyArray, hyperparameters: HyperparameterArrays, _carry: Carry, /
     ) -> Batch:
         """Return demonstrations, all alike."""
         assert self.table is not None
@@ -226,10 +213,7 @@ class ActorCritic(Learner):
         return terms | {"entropy": -jnp.mean(sampled.log_density)}
 
     def policy(
-        self,
-        hyperparameters: Any,
-        state: TrainState,
-        kept: Any = None,  # noqa: ARG002
+        self, hyperparameters: Any, state: TrainState, _kept: Any = None
     ) -> ActorPolicy | ActorDial:
         """Return the trained actor of one run, or its dial."""
         policy = ActorPolicy.of(state.network.actor, self.record(hyperparameters))

@@ -41,21 +41,11 @@ def train(
     before_chunk: BeforeChunk | None = None,
     own: UserFunctions = OURS,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    Args:
-        static: Shared by all runs; its class says which learner: `ContinuousIQLearn`,
-            `SoftActorCritic` or `TD3BC`.
-        hyperparameters: Of that learner, one entry for each run.
-        datasets: Sets of demonstrations; `dataset` picks the set of each run. None for a learner
-            without.
-        simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
-        sizes: Length of an observation and of an action; needed only where neither demonstrations
-            nor a simulator tell.
-        callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks.
-        before_chunk: Adds experience from outside JAX (`learners.acting.acting_in`).
-        own: Prior and divergence of the user's own; only of IQ-Learn.
+    The config's class says which learner: `ContinuousIQLearn`, `SoftActorCritic` or `TD3BC`. The
+    sizes, length of an observation and of an action, are needed only where neither demonstrations
+    nor a simulator tell. A prior and divergence of the user's own are only of IQ-Learn.
 
     Raises:
         UserError: If settings, data and world don't fit together.

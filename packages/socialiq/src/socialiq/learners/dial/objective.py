@@ -39,12 +39,7 @@ Scalar = Float[Array, ""]
 
 
 class Networks(NamedTuple):
-    """Inputs of the loss.
-
-    Attributes:
-        values: Q.
-        skill: f; None if no demonstrators are given.
-    """
+    """Q, and the skill f, None if no demonstrators are given."""
 
     values: DialNetwork
     skill: QNetwork | None

@@ -56,10 +56,7 @@ class Stage(Learner):
         return TrainState.of(self.network(for_network)), key
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Array,
+        self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Array
     ) -> tuple[tuple[Rows, RewardPair], Array]:
         """Return rows of the run's own data, and a direction (cos α, sin α) drawn for each."""
         key, for_rows, for_angles = jax.random.split(carry, 3)
@@ -82,11 +79,7 @@ class Behaviour(Stage):
         return QNetwork.initialise(key, *shape, static.one_hot)
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+        self, network: Any, _target: Any, batch: Any, _numbers: Any
     ) -> tuple[Float[Array, ""], Terms]:
         """Negative log-likelihood."""
         loss = losses.behaviour_loss(network, batch[0])
@@ -135,11 +128,7 @@ class Distillation(Stage):
         return DialNetwork.initialise(key, *shape, static.one_hot)
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,
+        self, network: Any, _target: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
         """Distance from the behaviour policy less the score."""
         numbers, (rows, direction) = hyperparameters, batch
@@ -149,7 +138,7 @@ class Distillation(Stage):
         loss = losses.dial_loss(network, critics, rows, direction, unit, temperature)
         return loss, {"loss": loss}
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> DialPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None) -> DialPolicy:
         """Return the trained dial, the running average of the network."""
         static, record = self.static, self.record(hyperparameters)
         return DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)
@@ -164,15 +153,8 @@ def train(
 ) -> dict[str, Trained]:
     """Train dials on recorded episodes and their reward pairs, each on its own, in one program.
 
-    Args:
-        static: Shape of the networks, and updates of each stage.
-        hyperparameters: Numbers of each run.
-        datasets: Whole episodes of each run.
-        callbacks: Called with the name of each stage; returns its progress and monitor.
-        chunk: Updates between two calls of the callbacks.
-
-    Returns:
-        The outcome of each stage, by its name; that of "dial" has the policies.
+    Each run has whole episodes of its own. The callbacks are called with the name of each stage.
+    Returns the outcome of each stage, by its name; that of "dial" has the policies.
 
     Raises:
         UserError: If there is no run, the data differ in features or actions, an episode misses
@@ -212,11 +194,9 @@ def train(
 
 
 def recorded(data: Transitions, whole: int = 0) -> tuple[Rows, Float[Array, " 2"]]:
-    """Return all transitions, log β still 0, and the spread of the returns-to-go.
+    """Return all transitions of whole episodes, log β still 0, and the spread of returns-to-go.
 
-    Args:
-        data: Whole episodes.
-        whole: Decisions of a whole episode (`whole_episode` of the config); 0: of the longest one.
+    A whole episode has so many decisions; 0: as many as the longest one.
 
     Raises:
         UserError: If an episode misses steps, or one is longer than a whole one.

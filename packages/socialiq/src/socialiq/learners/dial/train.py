@@ -196,14 +196,13 @@ def train(
     budget: BeforeChunk | None = None,
     start: DialNetwork | None = None,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
     Args:
         static: Shared by all runs.
         hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations; `DialHyperparameters.dataset` picks the set of each run.
-            None without demonstrations; with `DialConfig.demonstrators` one set of each of them
-            for a run.
+        datasets: Sets of demonstrations, or none; with `DialConfig.demonstrators` one set of each
+            of them for a run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         sizes: Features of an observation and number of actions; needed only where neither
             demonstrations nor a simulator tell.
@@ -211,8 +210,7 @@ def train(
         chunk: Updates between two calls of the callbacks.
         before_chunk: Adds experience from outside JAX (`learners.collect`).
         budget: Moves the multiplier (`Budget`).
-        start: Network that every run begins with, of the form that `static` describes; None draws
-            one from each run's seed.
+        start: Network of this form that every run begins with; None draws one from its seed.
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -222,7 +220,16 @@ def train(
     table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
     world = simulator.description if simulator else "offline or collected"
     if start is not None:
-        world = f"{world}, from the network {_checked_start(static, sizes, start)}"
+        fresh = Dial(static, sizes).network(jax.random.key(0)).values
+        forms = [jax.tree.structure(network) for network in (fresh, start)]
+        shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
+        if forms[0] != forms[1] or shapes[0] != shapes[1]:
+            raise UserError(
+                "the first network has another form than the configuration: give it the same "
+                "view, widths, heads, knots and horizon, and the world's features and actions"
+            )
+        content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(start))
+        world = f"{world}, from the network {hashlib.sha256(content).hexdigest()}"
 
     def in_turn(runs: Runs, done: int) -> Runs:
         for hook in (before_chunk, budget):
@@ -231,21 +238,6 @@ def train(
 
     learner = Dial(static, sizes, table, simulator, start)
     return learner.train(hyperparameters, callbacks, chunk, in_turn, world)
-
-
-def _checked_start(static: DialConfig, sizes: tuple[int, int], start: DialNetwork) -> str:
-    """Return the SHA-256 of a first network's numbers; refuse one of another form."""
-    fresh = Dial(static, sizes).network(jax.random.key(0)).values
-    forms = [jax.tree.structure(network) for network in (fresh, start)]
-    shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
-    if forms[0] != forms[1] or shapes[0] != shapes[1]:
-        raise UserError(
-            "the first network has another form than the configuration: give it the same view, "
-            "widths, heads, knots and horizon, and the world's features and actions"
-        )
-    return hashlib.sha256(
-        b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(start))
-    ).hexdigest()
 
 
 def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:
@@ -268,13 +260,7 @@ ASCENT_EVERY = 250
 
 
 class Look(NamedTuple):
-    """History of the dual ascent.
-
-    Attributes:
-        updates: Gradient steps done.
-        regret: Of each run.
-        multiplier: Of each run, from here on.
-    """
+    """Step of the dual ascent: each run's regret after some updates, and multiplier from there."""
 
     updates: int
     regret: Float[np.ndarray, " run"]

@@ -40,14 +40,13 @@ OURS = UserFunctions()
 
 
 class Batches(NamedTuple):
-    """Rows of one update.
+    """Rows of one update; None where a run has no use for a part.
 
     Attributes:
         expert: Demonstrations.
-        replay: The learner's own transitions; None offline.
-        initial: Observations of true initial states; None unless term 2 is `v0`.
-        endings: Shares of demonstrations and of replay that end in each kind of ending, (2, kinds);
-            None unless an ending is treated by occupancy.
+        replay: The learner's own transitions.
+        initial: Observations of true initial states.
+        endings: Shares of demonstrations and of replay that end in each kind of ending.
     """
 
     expert: Batch

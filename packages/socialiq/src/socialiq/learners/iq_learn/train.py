@@ -30,17 +30,16 @@ ENDINGS_SHARE = 0.01
 
 
 class Carry(NamedTuple):
-    """Loop carry of an update.
+    """Loop carry of an update; None where a run has no use for a part.
 
     Attributes:
         key: Random key.
-        replay: The learner's own transitions; None offline.
-        episode: The world's state; None offline.
-        observation: Of that state; None offline.
-        cumulative: Cumulative weights of Eq B.2; None without reweighting.
+        replay: The learner's own transitions.
+        episode: The world's state.
+        observation: Of that state.
+        cumulative: Cumulative weights of Eq B.2.
         endings: Shares that end in each kind of ending, of the demonstrations and, as an average
-            over the batches so far, of the replay, (2, kinds); None unless an ending is treated by
-            occupancy.
+            over the batches so far, of the replay.
     """
 
     key: Array
