@@ -8,7 +8,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.road_training import CHUNK, dial_labeller
 from socialiq.learners.policy_iteration import DialIterationConfig
 from socialiq.types import Ending
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Batch
 
