@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.page.webassembly.layout import layout
-from socialiq.page.webassembly.replay import CORE, run_node
+from socialiq.page.webassembly.equality import run_node
+from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.page.write import write_page
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch

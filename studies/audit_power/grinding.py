@@ -12,11 +12,10 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from socialiq.audit.looks.look import spend
+from socialiq.audit.look import spend
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, draw, reveal
 from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.decision import Decision, regret_test
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.intervals import wilson
@@ -61,7 +60,7 @@ class Way(NamedTuple):
         """
         if not self.log:
             return ERROR
-        return spend(ERROR, 1 if self.at_home else number).error
+        return spend(ERROR, 1 if self.at_home else number)
 
 
 WAYS: Mapping[str, Way] = {

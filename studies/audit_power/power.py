@@ -12,8 +12,7 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.calibration import calibrate, preimage
-from socialiq.audit.verdict.decision import Decision, floor_tests
-from socialiq.audit.verdict.regret import RegretTest, regret_test
+from socialiq.audit.verdict.decision import Decision, RegretTest, floor_tests, regret_test
 from socialiq.audit.verdict.verdict import join_tests
 from socialiq.social.angle import angle_of, estimate_angle, exact_weights
 from socialiq.statistics.hotelling import confidence_ellipse

@@ -11,7 +11,7 @@ import numpy as np
 
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
-from socialiq.audit.resolve_policy import ATLAS
+from socialiq.audit.request import ATLAS
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks

@@ -10,8 +10,9 @@ import numpy as np
 
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.verdict.bounds import episodes_needed
 from socialiq.audit.verdict.calibration import preimage
-from socialiq.audit.verdict.decision import Decision, episodes_needed
+from socialiq.audit.verdict.decision import Decision
 from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import Arc, angle_of, arcs_of_grid, exact_weights, score
 from socialiq.statistics.intervals import clopper_pearson

@@ -152,7 +152,7 @@ def test_a_free_byte_finds_nothing_where_the_seed_is_a_nonce(
     sha256 = capsys.readouterr().out.split()[0]
     # The seed comes from the nonce and the commitment's line, which has the time: one time in
     # forty it would be a lucky one.
-    monkeypatch.setattr("socialiq.audit.looks.log.now", lambda: NOON)
+    monkeypatch.setattr("socialiq.audit.log.now", lambda: NOON)
     nonce.write_text(json.dumps({"nonce": "11" * 32}))
     sha256 = hashlib.sha256(b"\x11" * 32).hexdigest()
     declared = owner.folder / "profile.toml"

@@ -14,8 +14,8 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.verdict import decide_on, judge
+from socialiq.audit.verdict.decision import Decision, regret_test
+from socialiq.audit.verdict.verdict import join_tests, judge
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending
 
@@ -49,7 +49,8 @@ def passes(share: float, **bound: float) -> float:
     for seed in range(AUDITS):
         evidence = evidence_of(drawn_losses(seed, share), seed)
         regrets = Regrets(evidence, seed, 200, **bound)
-        found = decide_on(evidence, regrets, 0.0, SIZE * SHARE, ANY, 0.05)
+        regret = regret_test(regrets, evidence, 0.0, SIZE * SHARE, 0.05, 0.025)
+        found = join_tests(regret, evidence.policy, ANY, 0.05)
         count += found.decision is Decision.PASS
     return wilson(count, AUDITS, 0.99).low
 

@@ -67,7 +67,7 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
     """
     (folder / "driver.py").write_text(f"{SLOW}\n\n{STILL}\n\n{HALF}")
     shutil.copy(EXAMPLES / "policies" / "process_policy.py", folder)
-    rule = mock.patch("socialiq.audit.resolve_policy.package_sha256", lambda: CODE_SHA256)
+    rule = mock.patch("socialiq.audit.request.package_sha256", lambda: CODE_SHA256)
     with contextlib.chdir(folder), rule:
         new = ("profile", "new", "--world", world, "--angle", 45, "--owner", "x")
         call(*new, "--out", "profile.toml")

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from socialiq.audit.looks import log, look
+from socialiq.audit import log, look
 from socialiq.audit.seeds import Round, read_round
 from socialiq.cli.main import main
 from socialiq.errors import UserError

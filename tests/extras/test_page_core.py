@@ -9,7 +9,8 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.webassembly import build, equality
-from socialiq.page.webassembly.replay import CORE, compared, in_node, native
+from socialiq.page.webassembly.equality import compared, in_node, native
+from socialiq.page.webassembly.layout import CORE
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy

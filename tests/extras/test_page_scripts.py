@@ -14,8 +14,8 @@ from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.dial import FAMILY, STUDY
-from socialiq.page.webassembly.layout import layout
-from socialiq.page.webassembly.replay import CORE, native
+from socialiq.page.webassembly.equality import native
+from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import Options

@@ -13,7 +13,8 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from tests.fuzz.samples import COLUMNS, FINGERPRINT, MINARI, PARQUET, WORLD, untrained_runs
 
-from socialiq.audit.looks import log
+from socialiq import results_folder
+from socialiq.audit import log
 from socialiq.audit.profile import reader as profiles
 from socialiq.audit.report.signature import (
     faults_of_signature,
@@ -36,7 +37,7 @@ from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.storage import load_arrays, read_json
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.situation import check_rule
-from socialiq_lab import claims, results
+from socialiq_lab import claims
 from socialiq_lab.cluster import scheduler_address
 from socialiq_lab.sweep.plan import read_plan
 from socialiq_recordings import files as recording_files
@@ -194,7 +195,7 @@ def _log(path: Path) -> None:
 
 
 def _results(path: Path) -> None:
-    results.load(path.parent)
+    results_folder.load(path.parent)
 
 
 def _ledger(path: Path) -> None:

@@ -8,7 +8,7 @@ pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
 from tests.extras.view.made import DT, EDGE, crossing, saved
 
-from socialiq.audit.resolve_policy import Trust
+from socialiq.audit.request import Trust
 from socialiq.errors import UserError
 from socialiq.view.open import opened
 from socialiq_recordings.road.network import RoadNetwork

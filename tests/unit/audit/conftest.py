@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.look import Plan
 from socialiq.audit.profile.profile import Margin, Profile
 from socialiq.audit.profile.template import declare
+from socialiq.audit.seeds import Commitment
 from socialiq.types import Ending
 
 
@@ -48,3 +50,15 @@ def evidence_fixture() -> Callable[..., Evidence]:
 @pytest.fixture(name="declared", scope="session")
 def declared_fixture() -> Callable[..., Profile]:
     return declared
+
+
+@pytest.fixture(name="plan", scope="session")
+def plan_fixture(declared):
+    """Commitment of an owner; a byte of the policy makes another."""
+
+    def plan(byte: int = 0, episodes: int = 500, **fields) -> Plan:
+        profile = declared(**fields)
+        commitment = Commitment(f"{byte:064x}", profile.sha256)
+        return Plan(commitment, profile, episodes, False, ())
+
+    return plan

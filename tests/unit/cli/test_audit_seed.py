@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from socialiq.audit.looks.log import read
+from socialiq.audit.log import read
 from socialiq.audit.seeds import read_nonce, round_after, time_of
 from socialiq.cli import audit
 from socialiq.cli.main import main
@@ -42,7 +42,7 @@ def test_a_commitment_to_a_nonce(tmp_path, call, capsys):
 def test_a_commitment_to_a_round_of_soon(tmp_path, call, capsys, monkeypatch):
     now = time_of(34_200_000)
     monkeypatch.setattr(audit, "now", lambda: now)
-    monkeypatch.setattr("socialiq.audit.looks.look.now", lambda: now)
+    monkeypatch.setattr("socialiq.audit.look.now", lambda: now)
     assert main([*call, "--log", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["look"] == 1 and found["source"] == "beacon"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialiq.audit.resolve_policy import Trust
+from socialiq.audit.request import Trust
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results

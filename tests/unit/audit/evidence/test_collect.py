@@ -1,5 +1,7 @@
 """Evidence at the intersection: the same seeds for everybody, labels from the seed alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,8 @@ import socialiq.audit.evidence.drive as driving
 from socialiq.audit.evidence.collect import (
     NO_CROSSING,
     collect_evidence,
-    gridworld_strata,
     intersection_strata,
+    strata_of,
 )
 from socialiq.audit.evidence.outcomes import MOST_EPISODES, Reference, episode_seeds
 from socialiq.errors import UserError
@@ -16,7 +18,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.registry import make
 
 SEEDS = episode_seeds(3, 40)
 
@@ -81,10 +83,22 @@ def test_labels_by_hand(others, labels):
     assert tuple(found[name][0] for name in ("density", "conflict", "right_of_way")) == labels
 
 
+def in_a_gridworld(fate, chance):
+    """Episodes of a gridworld whose draws are these; the last chance is that of a spawn."""
+    table = SimpleNamespace(world=SimpleNamespace(chance=chance))
+    batch = SimpleNamespace(
+        reset=lambda _: None, save=lambda: SimpleNamespace(fate=fate), table=table
+    )
+    course = driving.Course(make("crossing7"), np.arange(len(fate)))
+    course.batch = batch
+    return course
+
+
 def test_a_deterministic_gridworld_has_no_strata():
-    assert gridworld_strata(np.zeros((2, 5)), (1.0,)) == {}
+    assert strata_of(in_a_gridworld(np.zeros((2, 5)), (1.0,))) == {}
     fate = np.array([[0.9, 0.1, 0.1, 0.1, 0.1, 0.1, 0.9], [0.1, 0.75, 0.1, 0.65, 0.8, 0.1, 0.1]])
-    assert gridworld_strata(fate, (0.7, 0.3))["density"].tolist() == ["0", "2 or more"]
+    labels = strata_of(in_a_gridworld(fate, (0.7, 0.3)))["density"]
+    assert labels.tolist() == ["0", "2 or more"]
 
 
 def test_seeds_are_drawn_and_not_counted():
@@ -111,8 +125,8 @@ def test_a_policy_that_is_good_on_the_default_seeds_only_is_seen(declared):
             return np.where(default, careful, careless), state
 
     world = declared("intersection").world()
-    default = collect_evidence(world, Tuned(), np.arange(64), name="tuned")
-    drawn = collect_evidence(world, Tuned(), episode_seeds(0, 64), name="tuned")
+    default = collect_evidence(world, Tuned(), np.arange(64))
+    drawn = collect_evidence(world, Tuned(), episode_seeds(0, 64))
     first = [one.policy.totals[:, 0].mean() for one in (default, drawn)]
     assert abs(first[0] - first[1]) > 1.0
     np.testing.assert_array_equal(drawn.policy.totals, drawn.references[0].totals)

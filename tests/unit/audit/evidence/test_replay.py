@@ -1,15 +1,30 @@
+"""Films of single episodes."""
+
+import io
 import itertools
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Reference, episode_seeds
-from socialiq.audit.evidence.replay import GRID_PER_SECOND, PER_SECOND, replayer
+from socialiq.audit.evidence.replay import (
+    GRID_PER_SECOND,
+    PER_SECOND,
+    check_filmed,
+    films_of,
+    replayer,
+)
 from socialiq.audit.profile.profile import world_of
+from socialiq.errors import UserError
 from socialiq.types import RewardPair
 from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.policies import policy as rule
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make
 
 
 class Driving:
@@ -113,3 +128,25 @@ def test_a_policy_that_answers_otherwise_gives_another_episode(at_intersection):
     played = replayer(world, rule("wait"))(int(evidence.seeds[0]))
     totals = RewardPair(*evidence.policy.totals[0].tolist())
     assert not played.repeats(int(evidence.policy.length[0]), totals)
+
+
+def test_a_film_shows_the_episode_of_its_seed():
+    world = Intersection(Options(duration=1.0))
+    rows = {"worst": [{"seed": "3"}, {"seed": "4"}]}
+    found = films_of(world, policy("wait"), rows)
+    assert list(found) == ["episodes/worst-1.gif", "episodes/worst-2.gif"]
+    assert found["episodes/worst-1.gif"] != found["episodes/worst-2.gif"]
+    with Image.open(io.BytesIO(found["episodes/worst-1.gif"])) as film:
+        assert (film.format, film.n_frames) == ("GIF", 6)
+
+
+def test_a_film_of_a_road_of_highway_env_follows_the_ego():
+    world = world_of("merge", {"duration": 2.0})
+    found = films_of(world, policy("wait"), {"median": [{"seed": str(2**40 + 3)}]})
+    with Image.open(io.BytesIO(found["episodes/median-1.gif"])) as film:
+        assert (film.format, film.n_frames) == ("GIF", 11)
+
+
+def test_gridworlds_have_no_films():
+    with pytest.raises(UserError, match="leave out --films"):
+        check_filmed(make("crossing5"))

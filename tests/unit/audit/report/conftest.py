@@ -5,10 +5,10 @@ import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
+from socialiq.audit.evidence.replay import selected, traces_of
+from socialiq.audit.profile.profile import other_traffic
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.episodes import selected, traces_of
 from socialiq.audit.seeds import Commitment, draw
-from socialiq.audit.verdict.shift import other_traffic
 from socialiq.to_json import to_json
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
@@ -66,7 +66,6 @@ def audited(declared):
         traces=traces_of(profile.world(), Always(), selected(evidence, 0.0)),
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",
         started=datetime.datetime(2026, 1, 31, 12, 0, tzinfo=datetime.UTC),
-        seconds=1.5,
     )
 
 

@@ -1,15 +1,31 @@
 """Pages are made from the report alone, and no text from outside in them is markup."""
 
+import base64
+import hashlib
 import html.parser
 import json
 import re
 
 import pytest
 
+from socialiq.audit.report.documents import claims, mermaid
+from socialiq.audit.report.folder import views_of
 from socialiq.audit.report.pictures import front
-from socialiq.audit.report.views import arcs, degrees, markdown, meaning, number, others, percent
+from socialiq.audit.report.views import (
+    arcs,
+    degrees,
+    markdown,
+    meaning,
+    number,
+    others,
+    percent,
+    replays,
+)
 from socialiq.audit.report.views import html as page
 from socialiq.audit.report.words import names_of
+from socialiq.page.webassembly.layout import layout
+from socialiq.to_json import to_json
+from socialiq.worlds.intersection.options import Options
 
 VOID = {"meta", "link", "br", "img", "input"}
 
@@ -141,3 +157,107 @@ def test_a_report_that_names_unknown_drivers_has_pages_too(plain):
     plain["discrimination"]["would_pass"] = 1
     assert "unknown_driver" in page(plain) and "other_driver" in page(plain)
     assert "unknown\\_driver" in markdown(plain)
+
+
+BLANK = "**[ blank ]**"
+
+
+@pytest.fixture(scope="module")
+def pages(report):
+    return {name: content.decode() for name, content in views_of(report).items()}
+
+
+def sections(page):
+    return dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+
+
+def test_annex_iv_has_its_nine_points(pages, report):
+    found = sections(pages["annex-iv.md"])
+    assert [name.split(".")[0] for name in found] == [str(number) for number in range(1, 10)]
+    assert all(BLANK in text for text in found.values())
+    for point in ("5", "7", "8", "9"):
+        text = next(text for name, text in found.items() if name.startswith(point))
+        assert len([line for line in text.splitlines() if line]) == 1
+    assert report["hashes"]["policy"] in pages["annex-iv.md"]
+
+
+def test_nist_has_its_four_functions(pages):
+    found = sections(pages["nist-ai-rmf.md"])
+    assert list(found) == ["Govern", "Map", "Measure", "Manage"]
+    assert all(BLANK in text for text in found.values())
+
+
+def test_nothing_states_conformity_and_no_outside_text_is_markup(pages):
+    for name in ("annex-iv.md", "nist-ai-rmf.md", "safety-case.md"):
+        assert "<script>" not in pages[name]
+        assert not re.search(r"\b(conforms|complies|is compliant|certif)", pages[name])
+
+
+@pytest.mark.parametrize(
+    ("decision", "status"),
+    [("pass", "supported"), ("fail", "contradicted"), ("inconclusive", "undecided")],
+)
+def test_claims_follow_the_verdict(plain, decision, status):
+    plain["verdict"]["decision"] = decision
+    tree = {one.id: one for one in claims(plain)}
+    assert tree["G1"].status == status
+    assert {tree[name].status for name in ("G0", "G2", "G3")} == {"to be filled"}
+    below = {name for one in tree.values() for name in one.below}
+    assert below == set(tree) - {"G0"}
+
+
+def test_the_tree_is_drawn_whole(plain, pages):
+    tree = claims(plain)
+    drawn = mermaid(tree)
+    assert drawn in pages["safety-case.md"]
+    for one in tree:
+        assert f"{one.id}[" in drawn
+        assert all(f"{one.id} --> {name}" in drawn for name in one.below)
+    assert [one["id"] for one in json.loads(pages["claims.json"])] == [one.id for one in tree]
+
+
+def at_intersection(report, **options):
+    """A report as if of the intersection, with decisions that end no element."""
+    report["declaration"]["scenario"] |= {"world": "intersection", "options": options}
+    for rows in report["episodes"].values():
+        for row in rows:
+            row["trace"]["actions"] = "0122"
+    return report
+
+
+def test_in_a_gridworld_there_are_none_and_no_script(plain):
+    assert replays(plain) is None
+    assert "<script" not in page(plain) and "script-src" not in page(plain)
+
+
+def test_its_data_are_the_scenario_and_the_episodes_worst_first(plain):
+    found = replays(at_intersection(plain, spawn_probability=0.9))
+    assert found is not None
+    data = json.loads(found.data)
+    assert data["layout"] == to_json(layout(Options(spawn_probability=0.9)))
+    rows = [(row["kind"], row["number"], row["actions"]) for row in data["episodes"]]
+    numbers = (1, 2, 3)
+    assert rows == [(kind, one, "0122") for kind in ("worst", "median") for one in numbers]
+    worst = plain["episodes"]["worst"][0]
+    assert data["episodes"][0]["r_env"] == worst["r_env"]
+    assert data["episodes"][0]["seed"] == worst["seed"]
+
+
+def test_an_episode_that_was_not_driven_again_is_left_out(plain):
+    report = at_intersection(plain)
+    report["episodes"]["worst"][1]["trace"] = None
+    found = replays(report)
+    assert found is not None
+    assert len(json.loads(found.data)["episodes"]) == 5
+
+
+def test_the_page_allows_its_program_by_hash_and_grows_by_less_than_600_kb(plain):
+    before = page(plain)
+    after = page(at_intersection(plain))
+    (script,) = re.findall(r"<script>(.*?)</script>", after, re.S)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}' 'wasm-unsafe-eval'" in after
+    assert "connect-src" not in after and "http" not in re.sub(
+        "http-equiv|http://www.w3", "", after
+    )
+    assert len(after.encode()) - len(before.encode()) < 600_000

@@ -11,42 +11,37 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.evidence.consistency import joined
-from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
-from socialiq.audit.looks.log import Subject
-from socialiq.audit.looks.look import Look, Opened, Plan, commit, open_look, record
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.evidence import replay
+from socialiq.audit.evidence.collect import Collection
+from socialiq.audit.evidence.outcomes import Evidence, episode_seeds, joined
+from socialiq.audit.log import Subject
+from socialiq.audit.look import Look, Opened, Plan, commit, open_look, record
+from socialiq.audit.profile.profile import Traffic, other_traffic
 from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.episodes import check_filmed, films_of, selected, traces_of
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.request import Collection, Request, command_of
-from socialiq.audit.resolve_policy import References, Trust, resolve_policy
-from socialiq.audit.seeds import Commitment, Nonce, Round
-from socialiq.audit.verdict.shift import other_traffic
+from socialiq.audit.request import Request, Trust, command_of, resolve_policy
+from socialiq.audit.seeds import Commitment, Draw
 from socialiq.errors import UserError
+from socialiq.learners.callbacks import Report
 from socialiq.policies.isolation import IsolationMode
+
+Stage = Callable[[str], Callable[[Report], None]]
+"""Begins to show the progress of something."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Conducted:
-    """A finished audit.
+    """A finished audit."""
 
-    Attributes:
-        report: Content of `report.json`.
-        evidence: Evidence of the verdict, then that of each other traffic; of all references.
-        profile: The declaration.
-        films: Films by path in the report's folder.
-        log: Folder of the audit log; None if there is none.
-        look: The look; None without a log.
-    """
+    report: dict[str, Any]  # content of `report.json`
+    audited: Audited  # what it was made from
+    log: Path | None  # folder of the audit log
 
-    report: dict[str, Any]
-    evidence: tuple[Evidence, ...]
-    profile: Profile
-    films: dict[str, bytes]
-    log: Path | None
-    look: Look | None
+    @property
+    def evidence(self) -> list[Evidence]:
+        """Evidence of the verdict, then that of each other traffic; of all references."""
+        return [self.audited.evidence, *self.audited.elsewhere]
 
     def write(self, out: Path, replace: bool) -> None:
         """Write the report's folder, and record the verdict in the log.
@@ -54,13 +49,13 @@ class Conducted:
         Raises:
             UserError: If one of them can't be written.
         """
-        files = files_of(self.report, self.profile, self.evidence, self.films)
+        profile, look = self.audited.profile, self.audited.look
+        files = files_of(self.report, profile, self.evidence, self.audited.films)
         write_folder(out, files, replace)
-        if self.log is not None and self.look is not None:
+        if self.log is not None and look is not None:
             decision = self.report["verdict"]["decision"]
             sha256 = hashlib.sha256(files[REPORT]).hexdigest()
-            subject = Subject.of(self.profile)
-            record(self.log, subject, self.look, decision, sha256)
+            record(self.log, Subject.of(profile), look, decision, sha256)
 
 
 def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
@@ -68,7 +63,7 @@ def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
 
     Args:
         request: Request of the later audit, with its log.
-        source: Origin of the seed: `looks.look.of_nonce` or `of_beacon`.
+        source: Origin of the seed: `look.of_nonce` or `of_beacon`.
 
     Raises:
         UserError: If the request is invalid, or the log is damaged or can't be written.
@@ -80,16 +75,24 @@ def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
         closing.enter_context(loaded)
-        collection = Collection.of(request, profile, None, world, loaded, closing)
-        plan = plan_of(request, profile, loaded.record.sha256, collection.references)
+        plan = _plan(Collection.of(request, profile, None, world, loaded, closing))
     return commit(request.log, plan, source)
+
+
+def _plan(collection: Collection) -> Plan:
+    """Return what the drivers of an audit commit to."""
+    request, profile = collection.request, collection.profile
+    hashes = tuple(driver["sha256"] for driver in collection.references.records.values())
+    commitment = Commitment(collection.loaded.record.sha256, profile.sha256)
+    return Plan(commitment, profile, request.episodes, request.soft, hashes)
 
 
 def conduct(
     request: Request,
     print_line: Callable[[str], None],
     repeated: Opened | None = None,
-    collect: Callable[[Collection], Evidence] = Collection.collect,
+    processes: int = 0,
+    stage: Stage | None = None,
 ) -> Conducted:
     """Load declaration and policy, commit to both, learn the seed, run all drivers, judge.
 
@@ -97,103 +100,87 @@ def conduct(
         request: Request of the audit.
         print_line: Prints commitment and seed.
         repeated: Seed and look of an earlier audit to repeat, which is no look of its own.
-        collect: Collects the evidence, by default in this process.
+        processes: Number of processes among which the episodes are split; 0 for this one.
+        stage: Shows the progress of these.
 
     Raises:
         UserError: If the request is invalid, or the policy fails on the way.
     """
     request.check()
-    clock, profile = time.monotonic(), load(request.profile)
-    audited = _audited(request, profile, print_line, repeated, collect)
-    report = content(audited)
-    report["timing"]["seconds"] = round(time.monotonic() - clock, 3)
-    evidence = (audited.evidence, *audited.elsewhere)
-    films = dict(audited.films)
-    return Conducted(report, evidence, profile, films, request.log, audited.look)
-
-
-def _audited(
-    request: Request,
-    profile: Profile,
-    print_line: Callable[[str], None],
-    repeated: Opened | None,
-    collect: Callable[[Collection], Evidence],
-) -> Audited:
-    """Load the policy, commit, learn the seed, and run all drivers, before any test."""
-    started = datetime.datetime.now(datetime.UTC)
-    seed, world = request.given(), profile.world(request.trust.allow_code)
+    clock, started = time.monotonic(), datetime.datetime.now(datetime.UTC)
+    profile = load(request.profile)
+    origin, world = request.origin(), profile.world(request.trust.allow_code)
     if request.films:
-        check_filmed(world)
+        replay.check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
-        policy = closing.enter_context(loaded).record
+        closing.enter_context(loaded)
         worlds = (None, world), *enumerate(variant.world for variant in traffic)
-        declared, *shifted = (
+        collections = [
             Collection.of(request, profile, number, scenario, loaded, closing)
             for number, scenario in worlds
-        )
-        if request.in_parts:
-            declared.check_parts()
-        plan = plan_of(request, profile, policy.sha256, declared.references)
-        draw, look = repeated or _open(request, plan, seed, print_line)
+        ]
+        if processes:
+            collections[0].check_parts()
+        plan = _plan(collections[0])
+        if repeated is None:
+            print_line(f"committed to policy and declaration: {plan.commitment.sha256}")
+        draw, look = repeated or open_look(request.log, plan, origin)
+        if repeated is None and look is not None:
+            print_line(f"look {look.number} of {look.log}")
+        if repeated is None:
+            print_line(f"seed {draw.seed}, from {draw.source}")
         if draw.commitment != plan.commitment:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"
             )
-        purposes = ["episodes", *(f"shift {number}" for number in range(len(shifted)))]
-        complete, *elsewhere = (
-            collect(collection.on(episode_seeds(draw.derived(purpose), request.episodes)))
-            for collection, purpose in zip((declared, *shifted), purposes, strict=True)
-        )
-        episodes = selected(complete, profile.angle)
-        films = films_of(world, loaded.policy, episodes) if request.films else {}
-        traces = traces_of(world, loaded.policy, episodes, not request.soft)
+        audited = _audited(collections, traffic, draw, look, started, processes, stage)
+    report = content(audited)
+    report["timing"]["seconds"] = round(time.monotonic() - clock, 3)
+    return Conducted(report, audited, request.log)
+
+
+def _audited(
+    collections: Sequence[Collection],
+    traffic: Sequence[Traffic],
+    draw: Draw,
+    look: Look | None,
+    started: datetime.datetime,
+    processes: int,
+    stage: Stage | None,
+) -> Audited:
+    """Run all drivers in each traffic, by this process or several, and some episodes again."""
+    declared, evidence = collections[0], []
+    request, world, loaded = declared.request, declared.world, declared.loaded
+    for collection in collections:
+        purpose = "episodes" if collection.traffic is None else f"shift {collection.traffic}"
+        seeds = episode_seeds(draw.derived(purpose), request.episodes)
+        if processes:
+            on_report = stage("episodes") if stage else None
+            evidence.append(collection.collect_in_parts(seeds, processes, on_report))
+        else:
+            evidence.append(collection.collect(seeds))
+    episodes = replay.selected(evidence[0], declared.profile.angle)
+    films = replay.films_of(world, loaded.policy, episodes) if request.films else {}
     return Audited(
-        profile=profile,
-        policy=policy.as_json(),
+        profile=declared.profile,
+        policy=loaded.record.as_json(),
         deterministic=not request.soft,
         drawn=draw,
         look=look,
         records=declared.references.records,
         reference_files=list(request.references),
         left_out=declared.references.itself,
-        consistency=joined([evidence.consistency for evidence in (complete, *elsewhere)]),
-        evidence=complete,
-        elsewhere=elsewhere,
+        consistency=joined([drivers.consistency for drivers in evidence]),
+        evidence=evidence[0],
+        elsewhere=evidence[1:],
         traffic=traffic,
         films=films,
-        traces=traces,
+        traces=replay.traces_of(world, loaded.policy, episodes, not request.soft),
         command=command_of(request, draw.seed),
         started=started,
-        seconds=0.0,
     )
-
-
-def plan_of(request: Request, profile: Profile, policy_sha256: str, references: References) -> Plan:
-    """Return what a request commits to."""
-    return Plan(
-        Commitment(policy_sha256, profile.sha256),
-        profile,
-        request.episodes,
-        request.soft,
-        tuple(driver["sha256"] for driver in references.records.values()),
-    )
-
-
-def _open(
-    request: Request,
-    plan: Plan,
-    seed: int | Nonce | Round | None,
-    print_line: Callable[[str], None],
-) -> Opened:
-    """Commit, learn the seed, and print both."""
-    print_line(f"committed to policy and declaration: {plan.commitment.sha256}")
-    opened = open_look(request.log, plan, seed)
-    if opened.look is not None:
-        print_line(f"look {opened.look.number} of {opened.look.log}")
-    print_line(f"seed {opened.drawn.seed}, from {opened.drawn.source}")
-    return opened
 
 
 def audit_policy(

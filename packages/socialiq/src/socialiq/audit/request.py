@@ -1,78 +1,76 @@
-"""Request of an audit, the command that repeats it, and the evidence that it collects."""
+"""Request of an audit, and the drivers that it names: the policy, and its references."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import hashlib
+import itertools
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
-import numpy as np
-from jaxtyping import Int64
-
-from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.consistency import Recorder, joined
-from socialiq.audit.evidence.drive import SIDE_BY_SIDE, ByRule
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes, check_episodes
-from socialiq.audit.profile.profile import Profile
-from socialiq.audit.profile.reader import load
-from socialiq.audit.resolve_policy import (
-    References,
-    Trust,
-    is_code,
-    reference_dial,
-    resolve_policy,
-    resolve_references,
-)
+from socialiq.audit.evidence.outcomes import Reference, check_episodes
 from socialiq.audit.seeds import Nonce, Round, check_seed, read_nonce, read_round
-from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
-from socialiq.evaluation.parts import blocks_of, in_parts
-from socialiq.evaluation.simulate import SoftPolicy
-from socialiq.learners.callbacks import Report
-from socialiq.policies.interface import Loaded
+from socialiq.evaluation.rollout import MODES
+from socialiq.foreign import one_line
+from socialiq.nn.actor_policy import ActorDial
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.policies.interface import Interface, Loaded, Record
+from socialiq.policies.isolation import IsolationMode, isolation_of
+from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process import GIB, Limits
-from socialiq.worlds.situation import ContextPolicy
+from socialiq.provenance import package_sha256
+from socialiq.storage import kind_of
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.world import World
+
+ATLAS = "atlas:"
+
+GAPS = ("gap_2s", "gap_3s", "gap_4s")
+
+EVERY = 15.0  # degrees between the references that are made of a dial
+
+RULE = "rule"
+"""Kind of a rule-based driver, in its record."""
+
+SUFFIXES = (".safetensors", ".zip", ".onnx")
+"""Names of files that may be policies end so."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Trust:
+    """Permissions of a policy under audit.
+
+    Code that is allowed may run without isolation, and an environment's module may be imported.
+    """
+
+    allow_code: bool = False
+    limits: Limits = dataclasses.field(default_factory=Limits)  # time and memory of a process
+    isolation: IsolationMode = "auto"  # isolation of processes and Python modules
+    files: tuple[str, ...] = ()  # further files and folders of these
 
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """Request of an audit.
+    """Request of an audit."""
 
-    Attributes:
-        policy: A specification as for `resolve_policy`.
-        profile: File of the declaration.
-        episodes: Number of episodes of every driver.
-        seed: The auditor's seed, or None to draw it.
-        references: Further drivers to compare with: files, or "python:MODULE:ATTRIBUTE".
-        soft: Whether the policy draws its actions.
-        trust: Permissions of the policy.
-        threads: Number of threads of the intersection.
-        films: Whether to draw six episodes.
-        shift: Whether to run the policy in other traffic too.
-        log: Folder of the audit log; None keeps none.
-        nonce: File of the auditor's nonce, which a commitment in the log names.
-        beacon: File of a beacon's round, which a commitment in the log names.
-        in_parts: Whether the episodes are run in parts, by several processes.
-    """
-
-    policy: str
-    profile: Path
-    episodes: int
-    seed: int | None = None
-    references: tuple[str, ...] = ()
-    soft: bool = False
+    policy: str  # a specification as for `resolve_policy`
+    profile: Path  # file of the declaration
+    episodes: int  # of every driver
+    seed: int | None = None  # the auditor's seed, or None to draw it
+    references: tuple[str, ...] = ()  # files, or "python:MODULE:ATTRIBUTE"
+    soft: bool = False  # whether the policy draws its actions
     trust: Trust = dataclasses.field(default_factory=Trust)
-    threads: int = 1
-    films: bool = False
-    shift: bool = False
-    log: Path | None = None
-    nonce: Path | None = None
-    beacon: Path | None = None
-    in_parts: bool = False
+    threads: int = 1  # of the intersection
+    films: bool = False  # whether to draw six episodes
+    shift: bool = False  # whether to run the policy in other traffic too
+    log: Path | None = None  # folder of the audit log; None keeps none
+    nonce: Path | None = None  # file of the auditor's nonce, which a commitment in the log names
+    beacon: Path | None = None  # file of a beacon's round, which a commitment in the log names
 
     def check(self) -> None:
         """Check the numbers and options before any work is done.
@@ -93,7 +91,7 @@ class Request:
         if sum(origin is not None for origin in (self.seed, self.nonce, self.beacon)) > 1:
             raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
 
-    def given(self) -> int | Nonce | Round | None:
+    def origin(self) -> int | Nonce | Round | None:
         """Return the auditor's seed, nonce or round of a beacon; None draws the seed.
 
         Raises:
@@ -124,172 +122,196 @@ def command_of(request: Request, seed: int) -> str:
     return shlex.join(words)
 
 
-class Collection(NamedTuple):
-    """Evidence that is to be collected.
-
-    Attributes:
-        request: Request of the audit.
-        profile: The declaration.
-        traffic: Number of a traffic of `other_traffic`, or None for the declared one.
-        world: World of the episodes.
-        loaded: The policy.
-        references: Drivers to compare with.
-        seeds: Seeds of the episodes.
-        by_rule: The declared rule of the angle; None without one.
-    """
-
-    request: Request
-    profile: Profile
-    traffic: int | None
-    world: World
-    loaded: Loaded
-    references: References
-    seeds: Int64[np.ndarray, " episode"]
-    by_rule: ByRule | None = None
-
-    @staticmethod
-    def of(
-        request: Request,
-        profile: Profile,
-        traffic: int | None,
-        world: World,
-        loaded: Loaded,
-        closing: contextlib.ExitStack,
-    ) -> Collection:
-        """Resolve the references in the world of the episodes; there are no episodes yet.
-
-        Processes of references end with `closing`.
-        """
-        references = resolve_references(world, request.references, loaded.record, request.trust)
-        closing.callback(references.close)
-        none, by_rule = np.zeros(0, np.int64), None
-        if profile.rule is not None:
-            if loaded.record.kind == "dial":
-                raise UserError(
-                    "a dial has one angle here: write its policy with `socialiq turn --angle-rule`"
-                )
-            if request.soft:
-                raise UserError("a declared rule is tested with best actions: leave out --soft")
-            dial = None if world.is_exact else reference_dial(request.references)
-            by_rule = ByRule(profile.rule, dial)
-            if dial is not None:
-                ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
-        return Collection(request, profile, traffic, world, loaded, references, none, by_rule)
-
-    def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
-        """Return the collection on episodes of these seeds."""
-        return self._replace(seeds=seeds)
-
-    def check_parts(self) -> None:
-        """Refuse a stochastic policy whose draws depend on the order of all episodes.
-
-        Raises:
-            UserError: If parts of the episodes would give other evidence than all at once.
-        """
-        draws_by_seed = self.world.draws_by_seed and isinstance(self.loaded.policy, SoftPolicy)
-        if self.by_rule is not None:
-            raise UserError("a declared rule is tested in one process: leave out --processes")
-        if self.request.soft and not draws_by_seed:
-            raise UserError(
-                "this policy draws its actions in order: leave out --soft, or --processes"
-            )
-
-    def collect(self, side_by_side: int | None = None) -> Evidence:
-        """Run all drivers in this process; ask a policy that is code again what it was asked.
-
-        Policies that are data run by this package's code, and drawn actions differ by design.
-        """
-        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
-        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
-        evidence = collect_evidence(
-            self.world,
-            policy,
-            self.seeds,
-            self.references.drivers,
-            deterministic=not request.soft,
-            threads=request.threads,
-            side_by_side=side_by_side,
-            by_rule=self.by_rule,
-        )
-        if isinstance(policy, Recorder):
-            angle = self.profile.angle
-            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
-                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
-        self.loaded.check_unchanged()
-        return evidence
+def is_code(spec: str) -> bool:
+    """Whether a policy is a program of its owner, and not data that this package's code runs."""
+    return spec.startswith(("process:", "python:"))
 
 
-class _Part(NamedTuple):
-    """Episodes that a process of its own runs; `hashes` are of policy and declaration."""
-
-    request: Request
-    traffic: int | None
-    hashes: tuple[str, str]
-    side_by_side: int
-    seeds: Int64[np.ndarray, " episode"]
-
-
-def _collect_part(part: _Part) -> Evidence:
-    request, profile = part.request, load(part.request.profile)
-    world = scenario = profile.world(request.trust.allow_code)
-    if part.traffic is not None:
-        scenario = other_traffic(profile)[part.traffic].world
-    with contextlib.ExitStack() as closing:
-        loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
-        closing.enter_context(loaded)
-        if (loaded.record.sha256, profile.sha256) != part.hashes:
-            raise UserError("policy or declaration have changed since the audit began")
-        collection = Collection.of(request, profile, part.traffic, scenario, loaded, closing)
-        return collection.on(part.seeds).collect(part.side_by_side)
-
-
-def collect_in_parts(
-    collection: Collection, processes: int, on_report: Callable[[Report], None] | None = None
-) -> Evidence:
-    """Run all drivers on the episodes in parts; the evidence is the same in however many.
+def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
+    """Load the policy under audit.
 
     Args:
-        collection: What is to be collected.
-        processes: Number of processes.
-        on_report: Called with the progress after each part.
+        spec: As for `policies.load.load_policy`, `atlas:NAME`, or a rule-based driver's name.
+        world: World of the declaration.
+        angle: Declared angle in degrees, at which a dial is set.
+        trust: Permissions.
 
     Raises:
-        UserError: If the episodes can't be split, or a part fails.
+        UserError: If it can't be read, or doesn't fit the world.
     """
-    collection.check_parts()
-    hashes = (collection.loaded.record.sha256, collection.profile.sha256)
-    size = min(SIDE_BY_SIDE, len(collection.seeds))
-    parts = [
-        _Part(collection.request, collection.traffic, hashes, size, block)
-        for block in blocks_of(collection.seeds, processes)
-    ]
-    played = in_parts(_collect_part, parts, processes, on_report)
-    first, columns = played[0], zip(*(evidence.drivers for evidence in played), strict=True)
-    drivers = [_end_to_end(column) for column in columns]
-    if collection.world.is_exact:
-        # Angles and expectations of the exact optima are computed here: their last bits depend on
-        # the number of threads of a process.
-        here = collection.on(collection.seeds[:1]).collect().drivers
-        drivers = [
-            dataclasses.replace(driver, angles=exact.angles, expected=exact.expected)
-            for driver, exact in zip(drivers, here, strict=True)
-        ]
-    count = 1 + len(first.references)
-    return Evidence(
-        scenario=first.scenario,
-        seeds=collection.seeds,
-        policy=drivers[0],
-        references=tuple(drivers[1:count]),
-        strata={
-            name: np.concatenate([evidence.strata[name] for evidence in played])
-            for name in first.strata
-        },
-        trivial=tuple(drivers[count:]),
-        consistency=joined([evidence.consistency for evidence in played]),
+    if spec.startswith(ATLAS):
+        name = spec.removeprefix(ATLAS)
+        if world.name in INTERSECTIONS:
+            path = atlas.path_for(name, cast(Any, world).options)
+        else:
+            path = atlas.path_of(name, _studies(world))
+        loaded = _file(str(path), world, angle, trust)
+        return dataclasses.replace(loaded, record=dataclasses.replace(loaded.record, source=spec))
+    if spec in world.drivers:
+        return rule_of(spec, world)
+    if ":" not in spec and not Path(spec).exists():
+        if Path(spec).suffix in SUFFIXES:
+            raise UserError(f"no such file: {one_line(spec)}")
+        choices = list(KINDS)
+        choices += ["atlas:NAME"] if world.name in INTERSECTIONS else []
+        if world.drivers:
+            choices.append(f"a rule-based driver ({', '.join(world.drivers)})")
+        raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(choices)}")
+    return _file(spec, world, angle, trust)
+
+
+class References(NamedTuple):
+    """Reference drivers besides those of `collect_evidence`, and their records by name.
+
+    `itself` has the names of all references that are the policy under audit itself.
+    """
+
+    drivers: list[Reference]
+    records: dict[str, dict[str, Any]]
+    itself: list[str]
+
+
+def resolve_references(
+    world: World,
+    specs: Sequence[str | Path],
+    policy: Record,
+    trust: Trust,
+    closing: contextlib.ExitStack,
+) -> References:
+    """Load the drivers to compare with.
+
+    Args:
+        world: World of the episodes.
+        specs: The user's references: files, of which a dial gives one for every 15 degrees from 0
+            to 90, or "python:MODULE:ATTRIBUTE".
+        policy: Record of the policy under audit.
+        trust: Permissions of Python modules.
+        closing: Ends the processes of those in Python.
+    """
+    drivers = _shipped(world) if world.name in INTERSECTIONS else []
+    for spec in specs:
+        drivers += _named(str(spec), world, trust, closing)
+    records = {driver.name: record for driver, record in drivers}
+    audited, names = policy.as_json(), (*world.references, *records)
+    itself = [name for name in names if is_itself(name, records.get(name), audited)]
+    return References([driver for driver, _ in drivers], records, itself)
+
+
+def reference_dial(specs: Sequence[str | Path]) -> DialPolicy:
+    """Return the one dial among the user's references, with which a declared rule is tested.
+
+    Raises:
+        UserError: If there is none, or more than one.
+    """
+    dials = [Path(spec) for spec in specs if kind_of(Path(spec)) == "dial"]
+    if len(dials) != 1:
+        raise UserError(
+            "a declared rule is tested against one dial at the intersection: add "
+            "--reference DIAL.safetensors, once"
+        )
+    return DialPolicy.load(dials[0])
+
+
+def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[str, Any]) -> bool:
+    """Whether a reference is the policy under audit itself, by their records as JSON.
+
+    References of `collect_evidence` have no record, only a name.
+    """
+    if reference is None:
+        return policy["kind"] == RULE and policy["source"] == name
+    # A Python module may hold several drivers.
+    several = reference["kind"] == "python"
+    same = reference["sha256"] == policy["sha256"]
+    return same and (not several or reference["source"] == policy["source"])
+
+
+def _shipped(world: World) -> list[tuple[Reference, dict[str, Any]]]:
+    """Return gap rules, and the experts of the atlas if they are installed and fit the world."""
+    drivers, shipped, interface = [], atlas.names(_studies(world)), Interface.of(world)
+    better = "expert" if world.action_size else "set"
+    for name in GAPS:
+        loaded = rule_of(name, world)
+        drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
+    for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
+        name = f"{family}_{mode}"
+        if name not in shipped:
+            continue
+        if interface.action_size:
+            actor = atlas.load_continuous(name)
+            clocked = actor.n_features - interface.n_features in (0, 1)
+            fits = clocked and actor.action_size == interface.action_size
+        else:
+            policy = atlas.load(name)
+            fits = Interface(policy.n_features, policy.n_actions) == interface
+        if fits:
+            loaded = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
+            # The calibration curve is of one family, the better one.
+            on_curve = angle if family == better else None
+            drivers.append((Reference(name, loaded.policy, on_curve), loaded.record.as_json()))
+    return drivers
+
+
+def _studies(world: World) -> tuple[str, ...]:
+    """Return the studies of the atlas whose policies have the world's kind of actions."""
+    return atlas.CONTINUOUS_STUDIES if world.action_size else atlas.STUDIES
+
+
+def _named(
+    spec: str, world: World, trust: Trust, closing: contextlib.ExitStack
+) -> list[tuple[Reference, dict[str, Any]]]:
+    """Return the drivers of one of the user's references."""
+    if spec.startswith("python:"):
+        loaded = closing.enter_context(_file(spec, world, 0.0, trust))
+        return [(Reference(spec.rpartition(":")[2], loaded.policy), loaded.record.as_json())]
+    if ":" in spec:
+        raise UserError(
+            f"{one_line(spec)} is not a file: a reference is a policy's file, or "
+            "python:MODULE:ATTRIBUTE"
+        )
+    path = Path(spec)
+    dials = {DialPolicy.KIND: DialPolicy, ActorDial.KIND: ActorDial}
+    kind = kind_of(path)
+    if kind not in dials:
+        loaded = _file(str(path), world, 0.0, Trust())
+        return [(Reference(one_line(path.stem), loaded.policy), loaded.record.as_json())]
+    dial, drivers = dials[kind].load(path), []
+    for step in range(7):
+        angle = EVERY * step
+        if dial.low <= angle <= dial.high:
+            loaded = _file(str(path), world, angle, Trust())
+            name = f"{one_line(path.stem)} at {angle:g}"
+            # One file, several drivers: the hash covers the angle too.
+            sha256 = hashlib.sha256(f"{loaded.record.sha256}@{angle:g}".encode()).hexdigest()
+            record = {**loaded.record.as_json(), "sha256": sha256}
+            drivers.append((Reference(name, loaded.policy, angle), record))
+    return drivers
+
+
+def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
+    """Load a policy's file; where the world `shows_time`, its input may have the time too."""
+    interface = Interface.of(world)
+    code: dict[str, Any] = {}
+    if is_code(spec):
+        code = {"isolation": isolation_of(trust.isolation), "files": trust.files}
+    return load_policy(
+        spec,
+        interface.n_features,
+        interface.n_actions,
+        angle=angle,
+        allow_code=trust.allow_code,
+        limits=trust.limits,
+        action_size=interface.action_size,
+        clock=world.shows_time,
+        **code,
     )
 
 
-def _end_to_end(parts: Sequence[Outcomes]) -> Outcomes:
-    columns = ("totals", "ending", "contact", "length")
-    values = {name: [getattr(outcomes, name) for outcomes in parts] for name in columns}
-    return dataclasses.replace(parts[0], **{k: np.concatenate(v) for k, v in values.items()})
+def rule_of(name: str, world: World, seed: int = 0) -> Loaded:
+    """Return a rule-based driver of a world, one of its `drivers`, with its record.
+
+    With continuous actions a rule accelerates and does not steer; the seed is of the random driver.
+    """
+    sha256 = hashlib.sha256(f"rule {name}\n{package_sha256()}\n".encode()).hexdigest()
+    covers = "the rule's name and this package's code"
+    record = Record(RULE, name, sha256, covers, Interface.of(world), False)
+    return Loaded(world.driver(name, seed), record)

@@ -22,11 +22,7 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 @dataclass(frozen=True)
 class Nonce:
-    """A secret of 256 bits.
-
-    Attributes:
-        value: The secret, 64 hexadecimal digits.
-    """
+    """A secret of 256 bits, as 64 hexadecimal digits."""
 
     value: str
 
@@ -42,18 +38,17 @@ def write_nonce(path: Path) -> Nonce:
     Raises:
         UserError: If the file exists or can't be written.
     """
-    nonce = Nonce(secrets.token_hex(32))
+    nonce, created = Nonce(secrets.token_hex(32)), False
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        created = True
+        with os.fdopen(handle, "w") as file:
+            file.write(json.dumps({"nonce": nonce.value}) + "\n")
     except FileExistsError as error:
         raise UserError(f"{path} exists already: a nonce is used once; name a new file") from error
     except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
-    try:
-        with os.fdopen(handle, "w") as file:
-            file.write(json.dumps({"nonce": nonce.value}) + "\n")
-    except OSError as error:
-        path.unlink(missing_ok=True)
+        if created:
+            path.unlink(missing_ok=True)
         raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
     return nonce
 
@@ -69,19 +64,6 @@ def read_nonce(path: Path) -> Nonce:
     if not isinstance(value, str) or not _SHA256.fullmatch(value):
         raise UserError(f"{path} has no nonce: `socialiq audit nonce --out FILE` writes one")
     return Nonce(value)
-
-
-def check_sha256(text: str) -> None:
-    """Check the form of a hash.
-
-    Raises:
-        UserError: If it is not 64 hexadecimal digits in lower case.
-    """
-    if not _SHA256.fullmatch(text):
-        raise UserError(
-            "--nonce-sha256 must be 64 hexadecimal digits in lower case, as `socialiq audit nonce` "
-            "prints them"
-        )
 
 
 CHAIN = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971"
@@ -118,11 +100,8 @@ def chain_sha256() -> str:
 def time_of(number: int) -> datetime.datetime:
     """Return the time at which a round is published: genesis + (number - 1) periods.
 
-    Args:
-        number: Number of the round, from 1.
-
     Raises:
-        UserError: If it is out of range.
+        UserError: If the number, from 1, is out of range.
     """
     if not 1 <= number <= LARGEST_ROUND:
         raise UserError(f"a beacon's round must be from 1 to {LARGEST_ROUND}, got {number}")
@@ -130,11 +109,7 @@ def time_of(number: int) -> datetime.datetime:
 
 
 def round_after(time: datetime.datetime) -> int:
-    """Return the first round that is published after a time.
-
-    Args:
-        time: With its time zone.
-    """
+    """Return the first round that is published after a time with its time zone."""
     return max(1, math.floor((time.timestamp() - GENESIS) / PERIOD) + 2)
 
 
@@ -145,12 +120,7 @@ def address_of(number: int) -> str:
 
 @dataclass(frozen=True)
 class Round:
-    """A published round.
-
-    Attributes:
-        number: Its number.
-        signature: Compressed point of G1, 96 hexadecimal digits.
-    """
+    """A published round: its number, and its signature, a compressed point of G1 (96 digits)."""
 
     number: int
     signature: str
@@ -183,10 +153,7 @@ class Round:
 
 
 def read_round(path: Path) -> Round:
-    """Read a round as drand's relays give it, and check its signature.
-
-    Args:
-        path: JSON with "round", "signature" and, if present, "randomness".
+    """Read a round as drand's relays give it, in JSON, and check its signature.
 
     Raises:
         UserError: If it is something else, the signature is not the network's, or the library
@@ -223,12 +190,7 @@ Source = Literal["system entropy", "auditor's seed", "auditor's nonce", "beacon"
 
 @dataclass(frozen=True)
 class Commitment:
-    """Policy and declaration of an audit, fixed by two hashes.
-
-    Attributes:
-        policy_sha256: SHA-256 of the policy, from its record.
-        profile_sha256: SHA-256 of the declaration's bytes.
-    """
+    """Policy and declaration of an audit, fixed by the hashes of its record and of its bytes."""
 
     policy_sha256: str
     profile_sha256: str
@@ -241,19 +203,12 @@ class Commitment:
 
 @dataclass(frozen=True)
 class Draw:
-    """Seed that became known after a commitment.
+    """Seed that became known after a commitment."""
 
-    Attributes:
-        commitment: Commitment before the draw.
-        seed: Seed of the whole audit.
-        source: Origin of the seed.
-        revealed: What the seed was derived from, if from a nonce or a beacon.
-    """
-
-    commitment: Commitment
-    seed: int
+    commitment: Commitment  # before the draw
+    seed: int  # of the whole audit
     source: Source
-    revealed: Nonce | Round | None = None
+    revealed: Nonce | Round | None = None  # what it was derived from, if anything
 
     def derived(self, purpose: str) -> int:
         """Return a number of 256 bits for one purpose, from seed and commitment.
@@ -266,11 +221,9 @@ class Draw:
 
 
 def draw(commitment: Commitment, seed: int | None = None) -> Draw:
-    """Draw the audit's seed, or take the auditor's.
+    """Draw the audit's seed from the operating system's entropy, or take the auditor's.
 
-    Args:
-        commitment: Commitment, which must precede the draw.
-        seed: The auditor's choice; None draws from the operating system's entropy.
+    The commitment must precede the draw.
 
     Raises:
         UserError: If the seed is out of range.
@@ -284,19 +237,15 @@ def draw(commitment: Commitment, seed: int | None = None) -> Draw:
 def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -> Draw:
     """Derive the seed from a nonce or a beacon's round, and the logged commitment.
 
-    The entry's hash covers everything that was committed to, and all that the log held before, so
-    two commitments never meet the same episodes, even by one nonce or round.
-
-    Args:
-        commitment: Policy and declaration.
-        entry_sha256: Hash of the commitment's line in the log.
-        revealed: The nonce or round that the line names.
+    The hash of the commitment's line in the log covers everything that was committed to, and all
+    that the log held before, so two commitments never meet the same episodes, even by one nonce or
+    round. The seed is the lowest 53 bits of a hash: uniform over all seeds.
     """
-    if isinstance(revealed, Nonce):
-        seed = _derived_seed("nonce", entry_sha256, revealed.value)
-        return Draw(commitment, seed, "auditor's nonce", revealed)
-    seed = _derived_seed("beacon", entry_sha256, revealed.randomness)
-    return Draw(commitment, seed, "beacon", revealed)
+    nonce = isinstance(revealed, Nonce)
+    purpose = f"socialiq audit, seed of a {'nonce' if nonce else 'beacon'} 1"
+    secret = revealed.value if nonce else revealed.randomness
+    seed = int(_sha256_of_lines(purpose, entry_sha256, secret), 16) % (LARGEST_SEED + 1)
+    return Draw(commitment, seed, "auditor's nonce" if nonce else "beacon", revealed)
 
 
 def check_seed(seed: int) -> None:
@@ -307,12 +256,6 @@ def check_seed(seed: int) -> None:
     """
     if not 0 <= seed <= LARGEST_SEED:
         raise UserError(f"seed must be from 0 to {LARGEST_SEED}, got {seed}")
-
-
-def _derived_seed(kind: str, entry_sha256: str, secret: str) -> int:
-    """Return the lowest 53 bits of a hash: uniform over all seeds."""
-    lines = _sha256_of_lines(f"socialiq audit, seed of a {kind} 1", entry_sha256, secret)
-    return int(lines, 16) % (LARGEST_SEED + 1)
 
 
 def _sha256_of_lines(*lines: str) -> str:

@@ -12,14 +12,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit import conduct, seeds
-from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.looks import look
-from socialiq.audit.looks.log import now
+from socialiq.audit import conduct, look, seeds
+from socialiq.audit.log import now
 from socialiq.audit.report import views
 from socialiq.audit.report.folder import check_target
-from socialiq.audit.request import Collection, Request, collect_in_parts
-from socialiq.audit.resolve_policy import Trust
+from socialiq.audit.request import Request, Trust
 from socialiq.cli.output import Display, Printing, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
@@ -129,16 +126,10 @@ class Audit(Printing):
             log=conduct.log_folder(self.out, self.log, self.no_log, self.seed),
             nonce=self.nonce,
             beacon=self.beacon,
-            in_parts=self.processes > 0,
         )
         if self.processes:
             with Display() as display:
-
-                def collect(collection: Collection) -> Evidence:
-                    report = display.stage("episodes")
-                    return collect_in_parts(collection, self.processes, report)
-
-                done = conduct.conduct(request, say, collect=collect)
+                done = conduct.conduct(request, say, None, self.processes, display.stage)
         else:
             done = conduct.conduct(request, say)
         done.write(self.out, self.replace)

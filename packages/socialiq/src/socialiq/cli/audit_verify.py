@@ -16,8 +16,7 @@ from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import signature
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
-from socialiq.audit.report.recompute import differences
-from socialiq.audit.report.seeds import opened_of
+from socialiq.audit.report.recompute import differences, opened_of
 from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
 from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request

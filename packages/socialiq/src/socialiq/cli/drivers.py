@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.resolve_policy import rule_of
+from socialiq.audit.request import rule_of
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial

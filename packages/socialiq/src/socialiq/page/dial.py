@@ -23,11 +23,8 @@ from socialiq.worlds.intersection.world import Batch
 STUDY = "intersection-dial-clock"
 """Folder of the results with the page's dial: the dials that observe the time."""
 
-FAMILY = "iterated"
-"""Dials improved by policy iteration."""
-
-SEED = 60
-"""Training seed of the dial that is stored beside the tables: the study's first."""
+FAMILY, SEED = "iterated", 60
+"""Dials improved by policy iteration; the training seed of the one beside the tables."""
 
 EPISODES = 500
 """Episodes at each angle of a user's dial, seeds 1 ff."""
@@ -37,12 +34,9 @@ _MOST = 16_000_000  # bytes of its file
 
 
 class Point(NamedTuple):
-    """A point of a trade-off curve.
+    """A point of a trade-off curve, at the angle that the dial was asked for, in degrees.
 
-    Attributes:
-        asked: Angle in degrees.
-        env: Mean own progress of an episode with its 95 % interval: mean, low, high.
-        social: The same of the effect on others.
+    Own progress and effect on others are means of episodes with a 95 % interval: mean, low, high.
     """
 
     asked: float
@@ -52,14 +46,9 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class PageDial:
-    """A dial with what the page shows of it.
+    """A dial: its file, the whole angles that the page turns to, its trade-off curve, its source.
 
-    Attributes:
-        file: Bytes of its file.
-        low: Smallest whole angle that the page turns to, in degrees.
-        high: Largest one.
-        curve: Its trade-off curve, by angle.
-        source: Sentences on where the dial and its curve come from, plain text.
+    The source is plain text: sentences on where the dial and its curve come from.
     """
 
     file: bytes
@@ -78,10 +67,14 @@ def shipped_dial() -> PageDial:
     folder = packaged_results() / STUDY
     with open_csv(folder / "policies.csv") as text:
         rows = [row for row in csv.DictReader(text) if row["family"] == FAMILY]
-    rows = [row for row in rows if int(row["seed"]) == SEED]
-    points = [
-        Point(float(row["asked"]), _read(row, "r_env"), _read(row, "r_social")) for row in rows
-    ]
+    points = []
+    for row in rows:
+        if int(row["seed"]) == SEED:
+            env, social = (
+                _interval(float(row[name]), float(row[f"{name}_sd"]), int(row["episodes"]))
+                for name in ("r_env", "r_social")
+            )
+            points.append(Point(float(row["asked"]), env, social))
     source = (
         f"The dial observes the time and was improved by policy iteration: {STUDY}, family "
         f"{FAMILY}, training seed {SEED}. Its curve has 2,000 episodes at each angle. The study "
@@ -91,10 +84,6 @@ def shipped_dial() -> PageDial:
     return PageDial(file, 0, 90, tuple(sorted(points)), source)
 
 
-def _read(row: dict[str, str], name: str) -> tuple[float, float, float]:
-    return _interval(float(row[name]), float(row[f"{name}_sd"]), int(row["episodes"]))
-
-
 def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:
     """Return a mean with its 95 % interval, by the normal distribution."""
     half = NormalDist().inv_cdf(0.975) * deviation / math.sqrt(episodes)
@@ -102,10 +91,7 @@ def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, floa
 
 
 def own_dial(path: Path) -> PageDial:
-    """Return a user's dial of the intersection, with a curve that is measured here.
-
-    Args:
-        path: Dial file that fits the intersection (`cli.drivers.refuse_misfit`).
+    """Return a user's dial that fits the intersection, with a curve that is measured here.
 
     Raises:
         UserError: If it can't be read, is no dial, has a view that the page lacks, or no whole
@@ -132,24 +118,18 @@ def own_dial(path: Path) -> PageDial:
 
 
 def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) -> tuple[Point, ...]:
-    """Return a dial's trade-off curve by episodes of the intersection, greedy.
+    """Return a dial's trade-off curve by greedy episodes of the intersection, seeds 1 ff.
 
-    Args:
-        dial: The dial.
-        low: First angle, whole degrees.
-        high: Last angle; between them are the multiples of five degrees.
-        episodes: Episodes at each angle, seeds 1 ff.; at least two.
+    It has the first and the last angle, whole degrees, and the multiples of five between them.
     """
     inner = range(-(-low // _EVERY) * _EVERY, high + 1, _EVERY)
     angles = [float(angle) for angle in sorted({low, *inner, high})]
     batch = Batch(Options(), min(episodes, 500))
     driven = rollout_dial(dial, batch, angles, np.arange(1, episodes + 1))
-    return tuple(
-        Point(angle, *(_interval(*pair, episodes) for pair in _moments(totals)))
-        for angle, totals in zip(angles, driven.totals, strict=True)
-    )
-
-
-def _moments(totals: np.ndarray) -> list[tuple[float, float]]:
-    """Return mean and standard deviation of own progress and of the effect on others."""
-    return list(zip(totals.mean(axis=0).tolist(), totals.std(axis=0, ddof=1).tolist(), strict=True))
+    points = []
+    for angle, totals in zip(angles, driven.totals, strict=True):
+        means, deviations = totals.mean(axis=0).tolist(), totals.std(axis=0, ddof=1).tolist()
+        pairs = zip(means, deviations, strict=True)
+        env, social = (_interval(mean, deviation, episodes) for mean, deviation in pairs)
+        points.append(Point(angle, env, social))
+    return tuple(points)

@@ -13,8 +13,7 @@ from typing import Any
 
 from socialiq.page.crossing import crossing
 from socialiq.page.dial import PageDial, shipped_dial
-from socialiq.page.webassembly.layout import layout
-from socialiq.page.webassembly.replay import CORE
+from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
 from socialiq.worlds.intersection.options import Options
 
@@ -27,36 +26,29 @@ _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", r
 
 
 def program(start: str = START, folder: Path = ASSETS) -> str:
-    """Return a program: a script with every script that it needs, each after those it needs.
+    """Return a program: a script of a folder with every script that it needs, in their order.
 
-    Args:
-        start: Name of the script that starts it, without `.js`.
-        folder: Its folder; scripts of several folders have different names.
+    Scripts of several folders have different names, here without `.js`.
     """
     sources: dict[str, str] = {}
-    _add(folder / f"{start}.js", sources)
+
+    def add(path: Path) -> None:
+        if path.stem in sources:
+            return
+        source = path.read_text(encoding="utf-8")
+        for _, target, _ in _IMPORT.findall(source):
+            add(path.parent / target)
+        names = ", ".join(_EXPORT.findall(source))
+        body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
+        text = f"const script_{path.stem} = (() => {{\n{body}return {{ {names} }};\n}})();"
+        sources[path.stem] = text
+
+    add(folder / f"{start}.js")
     return "\n".join(['"use strict";', *sources.values()])
 
 
-def _add(path: Path, sources: dict[str, str]) -> None:
-    """Add a script after the scripts that it imports."""
-    name = path.stem
-    if name in sources:
-        return
-    source = path.read_text(encoding="utf-8")
-    for _, target, _ in _IMPORT.findall(source):
-        _add(path.parent / target, sources)
-    names = ", ".join(_EXPORT.findall(source))
-    body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
-    sources[name] = f"const script_{name} = (() => {{\n{body}return {{ {names} }};\n}})();"
-
-
 def core(options: Options) -> dict[str, Any]:
-    """Return what a page needs to run the compiled core, JSON-compatible.
-
-    Args:
-        options: Scenario.
-    """
+    """Return what a page needs to run the compiled core in a scenario, JSON-compatible."""
     return {"layout": layout(options), "core": base64.b64encode(CORE.read_bytes()).decode()}
 
 
@@ -71,89 +63,57 @@ def content(dial: PageDial) -> dict[str, Any]:
     }
 
 
-def about(dial: PageDial) -> str:
-    """Return what the page says of itself, as HTML.
-
-    Raises:
-        UserError: If the package was installed without the committed results.
-    """
-    counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
-    return "\n".join(
-        f"<h2>{html.escape(title)}</h2><p>{text}</p>" for title, text in _passages(counts, dial)
-    )
-
-
-def _passages(counts: dict[str, int], dial: PageDial) -> list[tuple[str, str]]:
-    return [
-        (
-            "What is shown",
-            "highway-env's intersection, compiled. The coloured car turns left; it decides once a "
-            "second: slower, keep, faster. The reward of a decision is a pair: own progress and "
-            "effect on others. At an angle &alpha; the network maximises cos &alpha; times the "
-            "first plus sin &alpha; times the second. Twins share the seed, so the traffic is the "
-            "same until an ego influences it.",
-        ),
-        (
-            "Keys",
-            "Arrow keys turn the dial, with Shift by 5&deg;. Space plays and pauses, comma and "
-            "full stop step by a decision, N takes the next seed, 1 to 3 choose a twin.",
-        ),
-        (
-            "How near this is to the Python package",
-            "The core is the package's own, compiled to WebAssembly from the same source. In "
-            f"{counts['same_endings']:,} of {counts['episodes']:,} test episodes it ended as the "
-            "native core did, and drivers (an earlier dial and rules) took "
-            f"{counts['same_decisions']:,} of "
-            f"{counts['decisions']:,} decisions as there. The same episodes, not the same bits: "
-            f"{counts['close_states'] / counts['observations']:.1%} of the states agree to 1e-9.",
-        ),
-        ("Where dial and curve come from", html.escape(dial.source)),
-    ]
-
-
 FILE = "index.html"
 
 
 def page(dial: PageDial | None = None) -> str:
-    """Return the page's HTML. It makes no request; its program and its styles are named by hash.
+    """Return the page's HTML, which turns a dial, by default the shipped one.
 
-    Args:
-        dial: The dial that is turned; by default the shipped one.
+    It makes no request; its program and its styles are named by hash.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
     """
     dial = dial or shipped_dial()
+    counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
+    allowed = policy(script, style)
     blocks = {
-        "policy": policy(script, style),
+        "policy": f'<meta http-equiv="Content-Security-Policy" content="{allowed}">\n',
+        "title": "Turn the dial",
         "style": style,
-        "about": about(dial),
+        **{name: f"{count:,}" for name, count in counts.items()},
+        "close_states": f"{counts['close_states'] / counts['observations']:.1%}",
+        "source": html.escape(dial.source),
         "data": embedded(content(dial)),
         "program": script,
     }
-    text = (ASSETS / "index.html").read_text(encoding="utf-8")
-    for name, block in blocks.items():
-        text = text.replace(f"{{{name}}}", block)
-    return text
+    header, end, body = (ASSETS / "index.html").read_text(encoding="utf-8").partition("</header>\n")
+    return framed(header + end, body, blocks)
+
+
+def framed(header: str, body: str, blocks: Mapping[str, str]) -> str:
+    """Return a page's HTML: the frame around a header and a body, with each block in its place."""
+    text = (ASSETS / "frame.html").read_text(encoding="utf-8")
+    text = text.replace("{header}", header).replace("{body}", body)
+    return re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], text)
 
 
 def policy(script: str, style: str, connect: str = "") -> str:
     """Return a content security policy that allows one program with its worker, and one style.
 
-    Args:
-        script: Text of the program, which may compile WebAssembly.
-        style: Text of the style sheet.
-        connect: Sources that the program may connect to; none by default.
+    The program may compile WebAssembly, and connect to the sources; there are none by default.
     """
-    return "; ".join(
-        [
-            "default-src 'none'",
-            f"script-src {source_hash(script)} 'wasm-unsafe-eval'",
-            f"style-src {source_hash(style)}",
-            "worker-src blob:",
-            *([f"connect-src {connect}"] if connect else []),
-            "base-uri 'none'",
-            "form-action 'none'",
-        ]
-    )
+    rules = [
+        "default-src 'none'",
+        f"script-src {source_hash(script)} 'wasm-unsafe-eval'",
+        f"style-src {source_hash(style)}",
+        "worker-src blob:",
+        *([f"connect-src {connect}"] if connect else []),
+        "base-uri 'none'",
+        "form-action 'none'",
+    ]
+    return "; ".join(rules)
 
 
 def source_hash(text: str) -> str:
@@ -167,11 +127,7 @@ def embedded(data: Mapping[str, Any]) -> str:
 
 
 def write_page(folder: Path, dial: PageDial | None = None) -> Path:
-    """Write the page into a folder and return its path.
-
-    Args:
-        folder: The folder.
-        dial: The dial that is turned; by default the shipped one.
+    """Write the page of a dial, by default of the shipped one, into a folder; return its path.
 
     Raises:
         UserError: If it can't be written, or the committed results did not come with the package.

@@ -12,14 +12,6 @@ Decide = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 """Answer to a question of the page, both JSON-compatible; a `UserError` is shown on the page."""
 
 
-def _nothing() -> None:
-    pass
-
-
-def _no_part(number: int) -> Mapping[str, Any]:
-    raise IndexError(number)
-
-
 @dataclass(frozen=True)
 class View:
     """A user's file as content of the page.
@@ -41,7 +33,7 @@ class View:
     lead: str
     data: Mapping[str, Any]
     count: int = 0
-    part: Callable[[int], Mapping[str, Any]] = _no_part
+    part: Callable[[int], Mapping[str, Any]] = lambda _: {}
     options: Options = field(default_factory=Options)
     decide: Decide | None = None
-    close: Callable[[], None] = _nothing
+    close: Callable[[], None] = lambda: None

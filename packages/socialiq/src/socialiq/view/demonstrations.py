@@ -12,7 +12,6 @@ from jaxtyping import Float32
 from scipy.optimize import linear_sum_assignment
 
 from socialiq.demonstrations import files
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.social.angle import angle_of
@@ -41,17 +40,31 @@ class Replay:
 
     def __init__(self, path: Path) -> None:
         self._table = table = files.load(path)
-        _check_world(path, table)
+        if table.source.get("made_by") in RECORDED:
+            raise UserError(
+                f"{path} holds drivers of a recorded road, not of the intersection: name the "
+                "recording itself to see them"
+            )
+        world = Intersection(Options())
+        ego = table.observation[:, : len(FEATURES)].astype(np.float64)
+        fits = table.n_features in (world.n_features, world.n_features + 1)
+        fits = fits and table.n_actions == world.n_actions
+        if fits:
+            turned = np.abs(np.hypot(ego[:, 5], ego[:, 6]) - 1.0) < 1e-3
+            placed = (ego[:, 0] == 1.0).all() and (np.abs(ego[:, 1:5]) <= 1.0).all()
+            fits = bool(turned.all() and placed)
+        if not fits:
+            raise UserError(
+                f"{path} has {table.n_features} features and {table.n_actions} actions and is not "
+                f"of the intersection ({world.n_features} and {world.n_actions}, absolute places): "
+                "view shows demonstrations of that world alone"
+            )
         self._seeds = seeds_of(table.source, table.n_episodes)
         self._starts = [*table.episode_starts.tolist(), table.n_transitions]
         self._seconds = 1 / Options().policy_frequency
 
     def episode(self, number: int) -> dict[str, Any]:
-        """Return an episode, JSON-compatible.
-
-        Args:
-            number: Number of the episode, from 0.
-        """
+        """Return an episode by its number from 0, JSON-compatible."""
         table = self._table
         rows = slice(self._starts[number], self._starts[number + 1])
         steps = table.step[rows]
@@ -116,9 +129,6 @@ class Replay:
 def demonstrations_view(path: Path) -> View:
     """Return a file of demonstrations as content of the page.
 
-    Args:
-        path: The file.
-
     Raises:
         UserError: If it is damaged, or not of the intersection.
     """
@@ -138,9 +148,7 @@ def demonstrations_view(path: Path) -> View:
 def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
     """Return the seed of each episode by the provenance of a file, or None if it does not say.
 
-    Args:
-        source: Provenance of the demonstrations: `seeds`, or `first_seed` and `episodes`.
-        episodes: Number of episodes.
+    It says `seeds`, or `first_seed` and `episodes`.
     """
     seeds, first = source.get("seeds"), source.get("first_seed")
     if type(first) is int and source.get("episodes") == episodes:
@@ -148,27 +156,6 @@ def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
     if not isinstance(seeds, list) or len(seeds) != episodes:
         return None
     return seeds if all(type(seed) is int and 0 <= seed < MOST_SEED for seed in seeds) else None
-
-
-def _check_world(path: Path, table: Demonstrations) -> None:
-    """Refuse demonstrations of another world: `view` draws the intersection's observations."""
-    if table.source.get("made_by") in RECORDED:
-        raise UserError(
-            f"{path} holds drivers of a recorded road, not of the intersection: name the recording "
-            "itself to see them"
-        )
-    world = Intersection(Options())
-    sizes = table.n_features in (world.n_features, world.n_features + 1)
-    if sizes and table.n_actions == world.n_actions:
-        ego = table.observation[:, : len(FEATURES)].astype(np.float64)
-        turned = np.abs(np.hypot(ego[:, 5], ego[:, 6]) - 1.0) < 1e-3
-        if turned.all() and (ego[:, 0] == 1.0).all() and (np.abs(ego[:, 1:5]) <= 1.0).all():
-            return
-    raise UserError(
-        f"{path} has {table.n_features} features and {table.n_actions} actions and is not of the "
-        f"intersection ({world.n_features} and {world.n_actions}, absolute places): view shows "
-        "demonstrations of that world alone"
-    )
 
 
 def _mean(values: np.ndarray) -> list[float]:
@@ -188,15 +175,10 @@ _FAR = 1e6
 def scenes_of(
     observations: Float32[np.ndarray, "time feature"], seconds: float
 ) -> list[list[list[float | int]]]:
-    """Return the vehicles of each observation.
+    """Return the vehicles of the ego's observations, so many seconds apart; a clock is ignored.
 
-    Args:
-        observations: The ego's observations, in order; a clock at their end is ignored.
-        seconds: Time between two of them.
-
-    Returns:
-        By time, a row for each vehicle: x, y in m, heading in rad, speed in m/s, and a number that
-        the same vehicle keeps. The ego comes first.
+    By time, there is a row for each vehicle, the ego first: x, y in m, heading in rad, speed in
+    m/s, and a number that the same vehicle keeps.
     """
     rows = len(FEATURES) * (observations.shape[1] // len(FEATURES))
     before, names, scenes = np.empty((0, 7)), np.empty(0, int), []
@@ -207,9 +189,11 @@ def scenes_of(
         new = np.flatnonzero(numbers < 0)
         numbers[new] = next_name + np.arange(len(new))
         next_name += len(new)
-        scenes.append(
-            [_vehicle(vehicle, int(name)) for vehicle, name in zip(now, numbers, strict=True)]
-        )
+        scene = []
+        for (_, x, y, vx, vy, cosine, sine), name in zip(now.tolist(), numbers, strict=True):
+            heading, speed = float(np.arctan2(sine, cosine)), float(np.hypot(vx, vy)) * SPEED_RANGE
+            scene.append([x * POSITION_RANGE, y * POSITION_RANGE, heading, speed, int(name)])
+        scenes.append(scene)
         before, names = now, numbers
     return scenes
 
@@ -228,10 +212,3 @@ def _matched(before: Any, names: np.ndarray, now: Any, seconds: float) -> np.nda
         if apart[old, new] <= FURTHEST:
             numbers[new] = names[old]
     return numbers
-
-
-def _vehicle(row: Any, name: int) -> list[float | int]:
-    _, x, y, vx, vy, cosine, sine = row.tolist()
-    heading = float(np.arctan2(sine, cosine))
-    speed = float(np.hypot(vx, vy)) * SPEED_RANGE
-    return [x * POSITION_RANGE, y * POSITION_RANGE, heading, speed, name]

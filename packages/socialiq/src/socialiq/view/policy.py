@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.resolve_policy import Trust, resolve_policy
+from socialiq.audit.request import Trust, resolve_policy
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
@@ -26,10 +26,7 @@ MOST_ROWS = 64
 class PolicyDecider:
     """Decisions of one policy, or of a dial at the angle that the page asks for.
 
-    Args:
-        spec: Policy, as `resolve_policy` takes it.
-        angle: Angle of a dial at the start, degrees.
-        trust: Permissions of a policy that is code.
+    Arguments are those of `policy_view`.
 
     Raises:
         UserError: If it can't be read, or is made for another world.
@@ -50,58 +47,42 @@ class PolicyDecider:
         return self.loaded.record.kind == "dial"
 
     def decide(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the actions of some observations.
+        """Return the `actions` of some observations, one for each.
 
         Args:
             question: `observations`, rows of the world's features; `decisions`, how many each
                 episode has had; and `angle` in degrees, of a dial.
 
-        Returns:
-            `actions`, one for each observation.
-
         Raises:
             UserError: If the question is malformed, the policy fails, or has no such angle.
         """
-        observations = self._observations(question)
-        chosen, _ = self._at(question.get("angle")).predict(observations, deterministic=True)
-        return {"actions": np.asarray(chosen).astype(int).tolist()}
-
-    def _load(self, angle: float) -> Loaded:
-        return self._open.enter_context(resolve_policy(self._spec, self._world, angle, self._trust))
-
-    def _at(self, angle: Any) -> Policy:
-        """Return the policy at an angle in whole degrees; only a dial has more than one."""
-        if not self.turns or angle is None:
-            return self._policies[self._angle]
-        if not isinstance(angle, int | float) or not 0 <= angle < 360:
-            raise UserError("the page asked for no angle: reload it")
-        degrees = float(angle)
-        if degrees not in self._policies:
-            if len(self._policies) > 360:
-                raise UserError("the page asked for too many angles: reload it")
-            self._policies[degrees] = self._load(degrees).policy
-        return self._policies[degrees]
-
-    def _observations(self, question: Mapping[str, Any]) -> np.ndarray:
-        """Return the rows of a question, with the time where the policy takes it."""
+        n_features = self._world.n_features
+        unknown = UserError("the page asked in a way that is not known: reload it")
         try:
             observations = np.array(question["observations"], np.float32)
             times = np.array(question["decisions"], np.float32)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise UserError("the page asked in a way that is not known: reload it") from error
-        fits = (
-            observations.ndim == 2
-            and 1 <= len(observations) <= MOST_ROWS
-            and times.shape == (len(observations),)
-        )
-        if (
-            not fits
-            or observations.shape[1] != self._world.n_features
-            or not np.isfinite(observations).all()
-        ):
-            raise UserError("the page asked in a way that is not known: reload it")
-        timed = self.loaded.record.interface.n_features == self._world.n_features + 1
-        return np.column_stack([observations, times]) if timed else observations
+            raise unknown from error
+        rows = len(observations) if observations.ndim == 2 else 0
+        fits = 1 <= rows <= MOST_ROWS and times.shape == (rows,)
+        if not fits or observations.shape[1] != n_features or not np.isfinite(observations).all():
+            raise unknown
+        if self.loaded.record.interface.n_features == n_features + 1:
+            observations = np.column_stack([observations, times])
+        angle, degrees = question.get("angle"), self._angle
+        if self.turns and angle is not None:
+            if not isinstance(angle, int | float) or not 0 <= angle < 360:
+                raise UserError("the page asked for no angle: reload it")
+            degrees = float(angle)
+        if degrees not in self._policies:
+            if len(self._policies) > 360:
+                raise UserError("the page asked for too many angles: reload it")
+            self._policies[degrees] = self._load(degrees).policy
+        chosen, _ = self._policies[degrees].predict(observations, deterministic=True)
+        return {"actions": np.asarray(chosen).astype(int).tolist()}
+
+    def _load(self, angle: float) -> Loaded:
+        return self._open.enter_context(resolve_policy(self._spec, self._world, angle, self._trust))
 
 
 def policy_view(spec: str, angle: float, trust: Trust) -> View:
@@ -117,23 +98,17 @@ def policy_view(spec: str, angle: float, trust: Trust) -> View:
     """
     decider = PolicyDecider(spec, angle, trust)
     record = decider.loaded.record
-    data: dict[str, Any] = {"name": _name(spec), "policy": record.kind, "sha256": record.sha256}
+    name = one_line(spec if ":" in spec else Path(spec).name, 60)
+    data: dict[str, Any] = {"name": name, "policy": record.kind, "sha256": record.sha256}
     if decider.turns:
         dial = DialPolicy.load(Path(spec))
         data |= {"dial": {"angle": angle, "low": dial.low, "high": dial.high}}
     return View(
         kind="policy",
-        title=data["name"],
+        title=name,
         lead="Your policy on the same seeds as the dial of the package. It decides in Python, the "
         "traffic runs in this page.",
         data=data,
         decide=decider.decide,
         close=decider.close,
     )
-
-
-def _name(spec: str) -> str:
-    """Return a short name of a policy."""
-    if ":" not in spec:
-        return one_line(Path(spec).name, 60)
-    return one_line(spec, 60)

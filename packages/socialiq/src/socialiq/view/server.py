@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import html
 import json
-import re
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -15,11 +14,11 @@ from typing import Any, NamedTuple
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.page.dial import shipped_dial
-from socialiq.page.write import ASSETS, content, core, embedded, page, policy, program
+from socialiq.page.write import ASSETS, content, core, embedded, framed, page, policy, program
 from socialiq.view import Decide, View
 
 ADDRESS = "127.0.0.1"
-TOKEN_BYTES = 24
+TOKEN_BYTES = 24  # 192 bits of the address
 
 HEADERS = {
     "cache-control": "no-store",
@@ -35,11 +34,6 @@ Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
-
-
-def new_token() -> str:
-    """Return a random token of 192 bits, as text for an address."""
-    return secrets.token_urlsafe(TOKEN_BYTES)
 
 
 class Guard:
@@ -62,7 +56,14 @@ class Guard:
             return
         status, reason = self._fault(scope)
         if status:
-            await _refuse(scope, receive, send, status, reason)
+            if scope["type"] == "websocket":
+                await receive()
+                # Before it opens: 403.
+                await send({"type": "websocket.close", "code": 1008, "reason": reason})
+                return
+            headers = _encoded({**HEADERS, "content-type": "text/plain; charset=utf-8"})
+            await send({"type": "http.response.start", "status": status, "headers": headers})
+            await send({"type": "http.response.body", "body": f"{reason}\n".encode()})
             return
 
         async def send_with_headers(message: MutableMapping[str, Any]) -> None:
@@ -100,39 +101,18 @@ def _encoded(headers: dict[str, str]) -> list[tuple[bytes, bytes]]:
     return [(name.encode(), value.encode()) for name, value in headers.items()]
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
-    if scope["type"] == "websocket":
-        await receive()
-        await send(
-            {"type": "websocket.close", "code": 1008, "reason": reason}
-        )  # before it opens: 403
-        return
-    headers = {**HEADERS, "content-type": "text/plain; charset=utf-8"}
-    await send({"type": "http.response.start", "status": status, "headers": _encoded(headers)})
-    await send({"type": "http.response.body", "body": f"{reason}\n".encode()})
-
-
 OWN = Path(__file__).with_name("assets")
 
 
 class Front(NamedTuple):
-    """A page and its content security policy.
-
-    Attributes:
-        text: HTML.
-        policy: Its own script, its styles, its server; nothing else, and in no frame.
-    """
+    """A page as HTML, and its content security policy: its own script, styles and server alone."""
 
     text: str
     policy: str
 
 
 def front(view: View, socket_address: str) -> Front:
-    """Return the page that shows something.
-
-    Args:
-        view: View of the page; its texts may hold anything.
-        socket_address: Address of the websocket.
+    """Return the page that shows a view, whose texts may hold anything.
 
     Raises:
         UserError: If the package was installed without the committed results.
@@ -141,14 +121,15 @@ def front(view: View, socket_address: str) -> Front:
     style = (ASSETS / "style.css").read_text(encoding="utf-8") + _asset("opened.css")
     about = {"kind": view.kind, "count": view.count, **view.data}
     blocks = {
+        "policy": "",
         "style": style,
         "title": html.escape(view.title),
         "lead": html.escape(view.lead),
-        "body": _asset(f"{view.kind}.html").replace("{controls}", _asset("controls.html")),
+        "controls": _asset("controls.html"),
         "data": embedded({**content(shipped_dial()), **core(view.options), "shown": about}),
         "program": script,
     }
-    text = re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], _asset("opened.html"))
+    text = framed(_asset("opened.html"), _asset(f"{view.kind}.html") + "\n", blocks)
     allowed = policy(script, style, f"'self' {socket_address}")
     return Front(text, f"{allowed}; frame-ancestors 'none'")
 
@@ -164,30 +145,19 @@ BUSY = 4001
 """Code by which a second tab is told that the policy answers another one."""
 
 
-_LIBRARIES = (
-    "starlette.applications",
-    "starlette.responses",
-    "starlette.routing",
-    "uvicorn",
-    "websockets",
-)
-
-
 def check_extra() -> None:
     """Refuse to go on without the libraries of the server.
 
     Raises:
         UserError: If the extra `web` is not installed.
     """
-    for name in _LIBRARIES:
+    starlette = ("applications", "responses", "routing")
+    for name in (*(f"starlette.{part}" for part in starlette), "uvicorn", "websockets"):
         optional(name, "web", "view")
 
 
 def bound(port: int) -> socket.socket:
-    """Return a listening socket at 127.0.0.1, which no other machine reaches.
-
-    Args:
-        port: Port; 0 takes a free one.
+    """Return a listening socket at 127.0.0.1, which no other machine reaches; port 0 is a free one.
 
     Raises:
         UserError: If the port is taken, or not a port for users.
@@ -211,10 +181,8 @@ def bound(port: int) -> socket.socket:
 def application(view: View | None, port: int, token: str) -> App:
     """Return the ASGI application that shows something, and refuses what the page did not ask.
 
-    Args:
-        view: What is view; None for the page of the shipped dial alone.
-        port: Port at which it listens.
-        token: Token of the address.
+    Without a view it is the page of the shipped dial alone. It listens at the port, below the token
+    in its address.
 
     Raises:
         UserError: If the extra `web` is not installed.
@@ -279,30 +247,25 @@ class _Conversation:
     async def _answer(self, text: str) -> dict[str, Any]:
         number = None
         try:
-            question = _object(text)
-            number = question.get("number")
+            try:
+                question = json.loads(text)
+            except (ValueError, RecursionError):
+                question = None
+            number = question.get("number") if isinstance(question, dict) else None
+            if not isinstance(question, dict) or not isinstance(number, int):
+                number = None
+                raise UserError("the page asked in a way that is not known: reload it")
             answer = await asyncio.to_thread(self._decide, question)
         except UserError as error:
             return {"number": number, "fault": one_line(str(error), 400)}
         return {"number": number, **answer}
 
 
-def _object(text: str) -> dict[str, Any]:
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
-        content = None
-    number = content.get("number") if isinstance(content, dict) else None
-    if not isinstance(content, dict) or not isinstance(number, int):
-        raise UserError("the page asked in a way that is not known: reload it")
-    return content
-
-
 def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     """Serve until Ctrl-C.
 
     Args:
-        view: What is view; None for the page of the shipped dial alone.
+        view: What is shown; None for the page of the shipped dial alone.
         port: Port at 127.0.0.1; 0 takes a free one.
         opened: Called with the address once the server listens.
 
@@ -311,7 +274,7 @@ def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     """
     check_extra()
     uvicorn = optional("uvicorn", "web", "view")
-    token, listening = new_token(), bound(port)
+    token, listening = secrets.token_urlsafe(TOKEN_BYTES), bound(port)
     with listening:
         number = listening.getsockname()[1]
         settings = uvicorn.Config(

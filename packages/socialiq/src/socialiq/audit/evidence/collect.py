@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Float32, Int64
 
-from socialiq.audit.evidence.drive import (
-    CANDIDATES,
-    ByRule,
-    Course,
-    exact_optima,
-    exactly_as_declared,
-    trivial_drivers,
+from socialiq.audit.evidence import drive
+from socialiq.audit.evidence.outcomes import (
+    AS_DECLARED,
+    Evidence,
+    Recorder,
+    Reference,
+    joined,
 )
-from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Reference, events_of
 from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.profile import Profile, other_traffic
+from socialiq.audit.profile.reader import load
+from socialiq.audit.request import (
+    References,
+    Request,
+    is_code,
+    reference_dial,
+    resolve_policy,
+    resolve_references,
+)
 from socialiq.errors import UserError
+from socialiq.evaluation import parts
 from socialiq.evaluation.episodes import CONFLICT_SECONDS
-from socialiq.statistics.comparisons import Difference, paired_difference
-from socialiq.statistics.intervals import Share, wilson
+from socialiq.evaluation.simulate import SoftPolicy
+from socialiq.learners.callbacks import Report
+from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection import policies
@@ -31,17 +45,166 @@ from socialiq.worlds.world import World
 
 REPEATED = 3  # episodes of an environment that are started twice, to check its seeding
 
+Seeds = Int64[np.ndarray, " episode"]
+
+
+@dataclass(frozen=True)
+class Collection:
+    """The drivers of an audit in one traffic."""
+
+    request: Request
+    profile: Profile
+    traffic: int | None  # number of a traffic of `other_traffic`, or None for the declared one
+    world: World  # of the episodes
+    loaded: Loaded  # policy
+    references: References
+    by_rule: drive.ByRule | None
+
+    @staticmethod
+    def of(
+        request: Request,
+        profile: Profile,
+        traffic: int | None,
+        world: World,
+        loaded: Loaded,
+        closing: contextlib.ExitStack,
+    ) -> Collection:
+        """Resolve the references in the world; their processes end with `closing`.
+
+        Raises:
+            UserError: If one can't be read, or a declared rule doesn't fit the request.
+        """
+        specs, by_rule = request.references, None
+        references = resolve_references(world, specs, loaded.record, request.trust, closing)
+        if profile.rule is not None:
+            if loaded.record.kind == "dial":
+                raise UserError(
+                    "a dial has one angle here: write its policy with `socialiq turn --angle-rule`"
+                )
+            if request.soft:
+                raise UserError("a declared rule is tested with best actions: leave out --soft")
+            dial = None if world.is_exact else reference_dial(specs)
+            by_rule = drive.ByRule(profile.rule, dial)
+            if dial is not None:
+                ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
+        return Collection(request, profile, traffic, world, loaded, references, by_rule)
+
+    def check_parts(self) -> None:
+        """Refuse a stochastic policy whose draws depend on the order of all episodes.
+
+        Raises:
+            UserError: If parts of the episodes would give other evidence than all at once.
+        """
+        draws_by_seed = self.world.draws_by_seed and isinstance(self.loaded.policy, SoftPolicy)
+        if self.by_rule is not None:
+            raise UserError("a declared rule is tested in one process: leave out --processes")
+        if self.request.soft and not draws_by_seed:
+            raise UserError(
+                "this policy draws its actions in order: leave out --soft, or --processes"
+            )
+
+    def collect(self, seeds: Seeds, side_by_side: int | None = None) -> Evidence:
+        """Run all drivers in this process; ask a policy that is code again what it was asked.
+
+        Policies that are data run by this package's code, and drawn actions differ by design.
+        """
+        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
+        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
+        evidence = collect_evidence(
+            self.world,
+            policy,
+            seeds,
+            self.references.drivers,
+            deterministic=not request.soft,
+            threads=request.threads,
+            side_by_side=side_by_side,
+            by_rule=self.by_rule,
+        )
+        if isinstance(policy, Recorder):
+            angle = self.profile.angle
+            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
+                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
+        self.loaded.check_unchanged()
+        return evidence
+
+    def collect_in_parts(
+        self, seeds: Seeds, processes: int, on_report: Callable[[Report], None] | None = None
+    ) -> Evidence:
+        """Run all drivers by several processes; the evidence is the same in however many.
+
+        Args:
+            seeds: Seeds of the episodes.
+            processes: Number of processes.
+            on_report: Called with the progress after each part.
+
+        Raises:
+            UserError: If a part fails.
+        """
+        hashes = (self.loaded.record.sha256, self.profile.sha256)
+        size = min(drive.SIDE_BY_SIDE, len(seeds))
+        play = functools.partial(_collect_part, self.request, self.traffic, hashes, size)
+        blocks = parts.blocks_of(seeds, processes)
+        played = parts.in_parts(play, blocks, processes, on_report)
+        first, drivers = played[0], []
+        for column in zip(*(evidence.drivers for evidence in played), strict=True):
+            names = ("totals", "ending", "contact", "length")
+            joint = {
+                name: np.concatenate([getattr(outcomes, name) for outcomes in column])
+                for name in names
+            }
+            drivers.append(dataclasses.replace(column[0], **joint))
+        if self.world.is_exact:
+            # Angles and expectations of the exact optima are computed here: their last bits depend
+            # on the number of threads of a process.
+            drivers = [
+                dataclasses.replace(driver, angles=exact.angles, expected=exact.expected)
+                for driver, exact in zip(drivers, self.collect(seeds[:1]).drivers, strict=True)
+            ]
+        count = 1 + len(first.references)
+        return Evidence(
+            scenario=first.scenario,
+            seeds=seeds,
+            policy=drivers[0],
+            references=tuple(drivers[1:count]),
+            strata={
+                name: np.concatenate([evidence.strata[name] for evidence in played])
+                for name in first.strata
+            },
+            trivial=tuple(drivers[count:]),
+            consistency=joined([evidence.consistency for evidence in played]),
+        )
+
+
+def _collect_part(
+    request: Request,
+    traffic: int | None,
+    hashes: tuple[str, str],
+    side_by_side: int,
+    seeds: Seeds,
+) -> Evidence:
+    """Run all drivers in a process of its own, if policy and declaration have these hashes."""
+    profile = load(request.profile)
+    world = scenario = profile.world(request.trust.allow_code)
+    if traffic is not None:
+        scenario = other_traffic(profile)[traffic].world
+    with contextlib.ExitStack() as closing:
+        loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
+        closing.enter_context(loaded)
+        if (loaded.record.sha256, profile.sha256) != hashes:
+            raise UserError("policy or declaration have changed since the audit began")
+        collection = Collection.of(request, profile, traffic, scenario, loaded, closing)
+        return collection.collect(seeds, side_by_side)
+
 
 def collect_evidence(
     world: World,
     policy: Policy,
-    seeds: Int64[np.ndarray, " episode"],
+    seeds: Seeds,
     references: Sequence[Reference] = (),
-    name: str = "policy",
     deterministic: bool = True,
     threads: int = 1,
     side_by_side: int | None = None,
-    by_rule: ByRule | None = None,
+    by_rule: drive.ByRule | None = None,
 ) -> Evidence:
     """Run the policy, its references and trivial drivers on the same episodes.
 
@@ -54,7 +217,6 @@ def collect_evidence(
         policy: The policy under audit.
         seeds: Seeds of the episodes: `outcomes.episode_seeds`.
         references: Further drivers, for instance a family of policies over the angles.
-        name: Name of the policy in the report.
         deterministic: Whether the policy takes its best action; references always do.
         threads: Number of threads of a compiled world.
         side_by_side: Number of episodes at once on a road. The last bits of a network's output may
@@ -75,18 +237,21 @@ def collect_evidence(
             world.check_repeats(int(seed))
     if by_rule is not None and by_rule.dial is not None:
         drivers.append(Reference(AS_DECLARED, ContextPolicy.of(by_rule.dial, by_rule.rule)))
-    course = Course(world, seeds, side_by_side, threads, by_rule)
-    audited = course.drive(Reference(name, policy), deterministic, CANDIDATES)
-    compared = [*(exact_optima(course) if world.is_exact else ()), *map(course.drive, drivers)]
+    course = drive.Course(world, seeds, side_by_side, threads, by_rule)
+    audited = course.drive(Reference("policy", policy), deterministic, drive.CANDIDATES)
+    compared = [
+        *(drive.exact_optima(course) if world.is_exact else ()),
+        *map(course.drive, drivers),
+    ]
     if by_rule is not None and world.is_exact:
-        compared.append(exactly_as_declared(course, by_rule.rule))
+        compared.append(drive.exactly_as_declared(course, by_rule.rule))
     return Evidence(
         scenario=world.description,
         seeds=seeds,
         policy=audited,
         references=tuple(compared),
         strata=strata_of(course),
-        trivial=trivial_drivers(course),
+        trivial=drive.trivial_drivers(course),
     )
 
 
@@ -96,7 +261,7 @@ NO_CROSSING = "nobody crosses"  # codespell:ignore
 _SOON = 5  # steps of a gridworld within which the first conflicts are decided
 
 
-def strata_of(course: Course) -> dict[str, np.ndarray]:
+def strata_of(course: drive.Course) -> dict[str, np.ndarray]:
     """Return labels of all episodes by stratification; none in an environment of other code.
 
     They depend on the seeds alone: in a gridworld on the draws that decide where vehicles spawn,
@@ -105,7 +270,11 @@ def strata_of(course: Course) -> dict[str, np.ndarray]:
     batch, seeds, name = course.batch, course.seeds, course.world.name
     if course.world.is_exact:
         batch.reset(seeds)
-        return gridworld_strata(batch.save().fate, batch.table.world.chance)
+        fate, chance = batch.save().fate, batch.table.world.chance
+        if len(chance) == 1:  # nothing is drawn
+            return {}
+        spawns = (fate[:, 1 : 1 + _SOON] >= 1.0 - chance[-1]).sum(axis=1)
+        return {"density": np.select([spawns == 0, spawns == 1], ["0", "1"], "2 or more")}
     label = {"recorded-junction": junction_strata}.get(name)
     label = intersection_strata if name in INTERSECTIONS else label
     if label is None:
@@ -125,14 +294,10 @@ def intersection_strata(
 ) -> dict[str, np.ndarray]:
     """Return labels from the ego's first observation.
 
-    Args:
-        observation: Observation of each episode after the reset.
-
-    Returns:
-        `density`: number of other vehicles in view. `conflict`: whether a crossing vehicle is in
-        the junction, or will be within the 3 s in which the ego could be there. `right_of_way`:
-        whether one of these is on the other road, which has priority over the ego's, or all
-        are oncoming.
+    `density` is the number of other vehicles in view. `conflict` says whether a crossing vehicle is
+    in the junction, or will be within the 3 s in which the ego could be there; `right_of_way`
+    whether one of these is on the other road, which has priority over the ego's, or all are
+    oncoming.
     """
     rows = policies.in_metres(observation)
     vehicles = (rows[:, 1:, 0] > 0).sum(axis=1)
@@ -147,85 +312,7 @@ def intersection_strata(
 
 
 def junction_strata(observation: Float32[np.ndarray, "episode feature"]) -> dict[str, np.ndarray]:
-    """Return labels from the ego's first observation: the number of other rows, closed lines too.
-
-    Args:
-        observation: Observation of each episode after the reset.
-    """
+    """Return labels from the ego's first observation: number of other rows, closed lines too."""
     rows = observation.reshape(len(observation), -1, len(FEATURES))
     count = (rows[:, 1:, 0] > 0).sum(axis=1)
     return {"density": np.select([count <= 3, count <= 7], ["0 to 3", "4 to 7"], "8 or more")}
-
-
-def gridworld_strata(
-    fate: Float[np.ndarray, "episode draw"], chance: tuple[float, ...]
-) -> dict[str, np.ndarray]:
-    """Return labels from the draws that decide where vehicles spawn; none if nothing is drawn.
-
-    Args:
-        fate: Uniform numbers of each episode: for the first state, then for every step.
-        chance: Probability of each chance outcome; the last is a spawn.
-    """
-    if len(chance) == 1:
-        return {}
-    spawns = (fate[:, 1 : 1 + _SOON] >= 1.0 - chance[-1]).sum(axis=1)
-    return {"density": np.select([spawns == 0, spawns == 1], ["0", "1"], "2 or more")}
-
-
-_FEWEST = 2  # episodes of a stratum for the test of a difference
-
-
-@dataclass(frozen=True)
-class Stratum:
-    """A policy in the episodes of one label.
-
-    Attributes:
-        stratification: For instance "density".
-        label: For instance "4 or more".
-        episodes: Number of episodes.
-        regret: Regret towards the apparently best reference over all episodes, with a two-sided
-            Student interval; None if there are fewer than two episodes. Intervals are of each
-            stratum alone: of many, some miss.
-        shares: Share of each criterion of the floor, with a two-sided Wilson interval.
-    """
-
-    stratification: str
-    label: str
-    episodes: int
-    regret: Difference | None
-    shares: dict[str, Share]
-
-
-def stratified(
-    evidence: Evidence, angle: float, reference: str, confidence: float = 0.95
-) -> tuple[Stratum, ...]:
-    """Break the evidence down by every stratification.
-
-    The reference is the same in every stratum, so that regrets, weighted by episodes, add up to
-    the whole regret.
-
-    Args:
-        evidence: Policy and references.
-        angle: Declared angle in degrees.
-        reference: Name of the reference to compare with: `RegretTest.best`.
-        confidence: Confidence of the intervals.
-    """
-    best = next(driver for driver in evidence.references if driver.name == reference)
-    reference_values, ours = best.values(angle), evidence.policy.values(angle)
-    events, strata = events_of(evidence.policy), []
-    for stratification, labels in evidence.strata.items():
-        for label in np.unique(labels).tolist():
-            rows = labels == label
-            count = int(rows.sum())
-            enough = count >= _FEWEST
-            regret = (
-                paired_difference(reference_values[rows], ours[rows], confidence)
-                if enough
-                else None
-            )
-            shares = {
-                name: wilson(int(happened[rows].sum()), count, confidence)
-                for name, happened in events.items()
-            }
-            strata.append(Stratum(stratification, label, count, regret, shares))
-    return tuple(strata)

@@ -6,7 +6,7 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Int64
 
 from socialiq.audit.evidence.outcomes import AS_DECLARED, Outcomes, Reference
 from socialiq.evaluation.context import DecisionLosses, by_turning, losses_of, state_angles
@@ -37,11 +37,9 @@ CANDIDATES = tuple(15.0 * step for step in range(7))
 
 
 class ByRule(NamedTuple):
-    """A declared rule of the angle.
+    """A declared rule of the angle, and the reference dial that it turns.
 
-    Attributes:
-        rule: The rule.
-        dial: Reference dial, which the rule turns; None in a gridworld, where the optima are known.
+    In a gridworld the optima are known, and the dial is None.
     """
 
     rule: AngleRule
@@ -124,14 +122,7 @@ class Course:
         angles: tuple[float, ...] = (),
         expected: RewardPair | None = None,
     ) -> Outcomes:
-        """Run an actor on all episodes.
-
-        Args:
-            name: Name of the driver.
-            actor: The actor.
-            angles: As for `Outcomes`.
-            expected: As for `Outcomes`.
-        """
+        """Run an actor on all episodes; the driver has the name, angles and expected totals."""
         count = len(self.seeds)
         totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
         ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
@@ -169,17 +160,13 @@ def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: b
     return PolicyActor(policy, batch, deterministic, world.is_exact, checked)
 
 
-def _by_state(actions: Int[np.ndarray, "time state"]) -> Actor:
-    """Return the actor that takes these actions of a gridworld; all episodes begin at once."""
-    return ScriptedActor(lambda time, states, _: actions[time, states])
-
-
 def exactly_as_declared(course: Course, rule: AngleRule) -> Outcomes:
     """Run the exact dial of a gridworld turned by a declared rule, which loses nothing by it."""
     table = course.batch.table
     chances = by_turning(table, state_angles(table, rule))
     exact = horizon_evaluation(table.mdp, chances, table.world.horizon).totals
-    actor = _by_state(chances.argmax(axis=2))
+    actions = chances.argmax(axis=2)
+    actor = ScriptedActor(lambda time, states, _: actions[time, states])
     return course.outcomes(AS_DECLARED, actor, expected=exact)
 
 
@@ -196,7 +183,7 @@ def exact_optima(course: Course) -> tuple[Outcomes, ...]:
         reward = np.asarray(score(exact_weights((low + high) / 2), mdp.rewards))
         optimum = horizon_optimum(mdp, reward, horizon)
         exact = horizon_evaluation(mdp, optimum.probabilities(mdp.n_actions), horizon).totals
-        actor = _by_state(optimum.actions)
+        actor = ScriptedActor(lambda time, at, _, plan=optimum.actions: plan[time, at])
         optima.append(course.outcomes(f"optimum_{vertex:02d}", actor, (low, high), exact))
     return tuple(optima)
 
@@ -212,11 +199,7 @@ GO_AND_WAIT = ("go", "wait")
 
 
 class UniformPolicy:
-    """Policy that chooses every action with the same probability, whatever it observes.
-
-    Args:
-        actions: Number of actions.
-    """
+    """Policy that chooses each of some actions with the same probability, whatever it observes."""
 
     def __init__(self, actions: int) -> None:
         self._actions = actions
@@ -259,18 +242,15 @@ def trivial_drivers(course: Course) -> tuple[Outcomes, ...]:
         course.drive(Reference(f"{PREFIX}{name}", ConstantPolicy(action)))
         for name, action in constant.items()
     ]
-    return (*outcomes, _random(course, interface))
-
-
-def _random(course: Course, interface: Interface) -> Outcomes:
-    """Run random actions, drawn by the seeds of the episodes."""
-    if course.world.is_exact:
+    if world.is_exact:
         horizon = course.batch.table.world.horizon
         streams = [np.random.default_rng([UNIFORM, seed]) for seed in course.seeds.tolist()]
         actions = [stream.integers(interface.n_actions, size=horizon) for stream in streams]
         table = np.array(actions).T
-        return course.outcomes(RANDOM, ScriptedActor(lambda time, _, __: table[time]))
-    if interface.action_size:
-        return course.outcomes(RANDOM, UniformActor(interface.action_size, course.batch))
-    driver = Reference(RANDOM, UniformPolicy(interface.n_actions))
-    return course.drive(driver, deterministic=False)
+        random = course.outcomes(RANDOM, ScriptedActor(lambda time, _, __: table[time]))
+    elif interface.action_size:
+        random = course.outcomes(RANDOM, UniformActor(interface.action_size, course.batch))
+    else:
+        driver = Reference(RANDOM, UniformPolicy(interface.n_actions))
+        random = course.drive(driver, deterministic=False)
+    return (*outcomes, random)

@@ -1,26 +1,61 @@
-"""Chosen episodes of the policy, run again one by one, with the way of every vehicle."""
+"""Chosen episodes of the policy, run again one by one: the way of every vehicle, and films."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float32, Int64
 
 from socialiq.audit.evidence.drive import actor_of
-from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.evidence.outcomes import Evidence, Reference
+from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.environment import LARGEST_SEED
+from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
-from socialiq.worlds.highway import render
-from socialiq.worlds.highway.render import Scene
+from socialiq.worlds.highway import render, sheet
+from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.views import REACH
 from socialiq.worlds.world import World
+
+_SELECTED = 3
+
+
+def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]]:
+    """Return rows of the policy's median and worst episodes by R(α) at an angle in degrees.
+
+    Rows are by "median" and "worst", of equal values in the order of the episodes.
+    """
+    policy, values = evidence.policy, evidence.policy.values(angle)
+    order = np.argsort(values, kind="stable")
+    count = min(_SELECTED, len(order))
+    first = (len(order) - count) // 2
+    chosen = {"median": order[first : first + count], "worst": order[:count]}
+    return {
+        kind: [
+            {
+                "episode": episode,
+                # Text, since many readers of JSON keep no more than 53 bits of a number.
+                "seed": str(int(evidence.seeds[episode])),
+                "r_env": float(policy.totals[episode, 0]),
+                "r_social": float(policy.totals[episode, 1]),
+                "value": float(values[episode]),
+                "ending": kind_of_ending(policy, episode),
+                "decisions": int(policy.length[episode]),
+            }
+            for episode in episodes.tolist()
+        ]
+        for kind, episodes in chosen.items()
+    }
+
 
 PER_SECOND = 5
 """Frames of a second on a road, fewer in episodes of more than `MOST_FRAMES`."""
@@ -40,13 +75,7 @@ SEEN = 1.3 * REACH  # m from the centre; vehicles further away are left out
 
 
 class Pose(NamedTuple):
-    """Place and heading of a vehicle in one frame.
-
-    Attributes:
-        x: Metres or cells to the east.
-        y: Metres or cells to the south.
-        heading: Degrees clockwise from east.
-    """
+    """Place of a vehicle, in metres or cells to the east and south; degrees clockwise from east."""
 
     x: float
     y: float
@@ -55,47 +84,28 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class Track:
-    """Way of one vehicle.
+    """Way of one vehicle."""
 
-    Attributes:
-        ego: Whether it is the vehicle that the policy drives.
-        crashed: Whether it has collided at the end.
-        first: Number of its first frame.
-        poses: "x y heading" of each frame from there on, divided by ";".
-    """
-
-    ego: bool
-    crashed: bool
-    first: int
-    poses: str
+    ego: bool  # whether it is the vehicle that the policy drives
+    crashed: bool  # whether it has collided at the end
+    first: int  # number of its first frame
+    poses: str  # "x y heading" of each frame from there on, divided by ";"
 
 
 @dataclass(frozen=True)
 class Trace:
-    """Ways of all vehicles in one episode.
+    """Ways of all vehicles in one episode."""
 
-    Attributes:
-        per_second: Frames of a second.
-        frames: Number of frames.
-        tracks: Way of each vehicle, the ego's first.
-        actions: Decisions on a road, a digit each; "" in a gridworld, and where actions are
-            continuous.
-    """
-
-    per_second: float
+    per_second: float  # frames
     frames: int
-    tracks: tuple[Track, ...]
-    actions: str = ""
+    tracks: tuple[Track, ...]  # way of each vehicle, the ego's first
+    actions: str = ""  # decisions on a road where they are discrete, a digit each
 
 
 class ReplayedEpisode(NamedTuple):
-    """An episode that was run again: its trace, decisions and sums of rewards.
+    """An episode that was run again: ways of the vehicles, number of decisions, sums of rewards.
 
-    Attributes:
-        trace: Ways of the vehicles.
-        decisions: Number of decisions.
-        totals: Sums of the rewards.
-        near: Largest difference of the totals of the same episode.
+    `near` is the largest difference of the totals of the same episode.
     """
 
     trace: Trace
@@ -127,18 +137,28 @@ def replayer(
     road = road_of(world)
     if road is not None:
         return lambda seed: _on_road(road, policy, seed, deterministic)
-    if world.is_exact:
-        return _grid_replayer(world, policy, deterministic)
-    return None
+    if not world.is_exact:
+        return None
+    batch = GridBatch(world.table(), 1)  # with the last states, from which none is reached
+
+    def replay(seed: int) -> ReplayedEpisode:
+        actor = actor_of(world, batch, Reference("policy", policy), deterministic)
+        states, totals = [], np.zeros(2)
+        for step in simulate(batch, actor, np.array([seed])):
+            states = states or [int(step.observation[0])]
+            states.append(int(step.made.state[0]))
+            totals += [float(reward[0]) for reward in step.made.rewards]
+        tracks = _tracks(_numbered(batch.table, states), 0, set())
+        trace = Trace(GRID_PER_SECOND, len(states), tracks)
+        return ReplayedEpisode(trace, len(states) - 1, RewardPair(*totals.tolist()))
+
+    return replay
 
 
 class Road(NamedTuple):
     """Compiled road of a world.
 
-    Attributes:
-        world: The road.
-        is_scene: Whether it is a scene of highway-env, whose episodes an audit drives one by one
-            as those of any environment.
+    An audit drives the episodes of a scene of highway-env one by one, as those of any environment.
     """
 
     world: RoadWorld
@@ -163,12 +183,7 @@ def road_of(world: World) -> Road | None:
 
 
 class _OneByOne:
-    """A policy that is asked about one observation at a time, as in environments, for an episode.
-
-    Args:
-        policy: The policy.
-        deterministic: Whether it takes its best actions.
-    """
+    """A policy that is asked about one observation at a time in an episode, as in environments."""
 
     def __init__(self, policy: Policy, deterministic: bool) -> None:
         self._actor = GymActor(policy, deterministic)
@@ -188,7 +203,7 @@ class _OneByOne:
 def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> ReplayedEpisode:
     world = road.world
     batch, continuous = world.batch(1, traced=True), world.action_size > 0
-    recorded: list[Scene] = []
+    recorded: list[render.Scene] = []
     totals, actions, decisions = np.zeros(2), "", 0
     driver, seeds = road.as_asked(policy, deterministic), np.array([road.first_seed(seed)])
     for step in play(batch, driver, seeds, deterministic):
@@ -196,46 +211,25 @@ def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> Repl
         totals += [float(reward[0]) for reward in step.made.rewards]
         actions += "" if continuous else str(int(step.action[0]))
         decisions += 1
-    rate = world.options.simulation_frequency
+    rate, within = world.options.simulation_frequency, math.inf if road.is_scene else SEEN
     every = max(1, rate // PER_SECOND, math.ceil(len(recorded) / MOST_FRAMES))
     chosen = [*recorded[:-1:every], recorded[-1]]
-    tracks = _joined(_poses_of(frame, math.inf if road.is_scene else SEEN) for frame in chosen)
+    frames = (
+        {
+            int(vehicle["identity"]): Pose(
+                float(vehicle["x"]), float(vehicle["y"]), math.degrees(float(vehicle["heading"]))
+            )
+            for vehicle in scene.vehicles
+            if max(abs(float(vehicle["x"])), abs(float(vehicle["y"]))) < within
+        }
+        for scene in chosen
+    )
     last = chosen[-1].vehicles
     crashed = {int(vehicle["identity"]) for vehicle in last if vehicle["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
-    trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed), actions)
+    trace = Trace(rate / every, len(chosen), _tracks(frames, ego, crashed), actions)
     near = _NEAR if continuous else _ROUNDING
     return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()), near)
-
-
-def _poses_of(scene: Scene, within: float) -> dict[int, Pose]:
-    """Return the poses of the vehicles less than so many metres from the centre, by identity."""
-    return {
-        int(vehicle["identity"]): Pose(
-            float(vehicle["x"]), float(vehicle["y"]), math.degrees(float(vehicle["heading"]))
-        )
-        for vehicle in scene.vehicles
-        if max(abs(float(vehicle["x"])), abs(float(vehicle["y"]))) < within
-    }
-
-
-def _grid_replayer(
-    world: World, policy: Policy, deterministic: bool
-) -> Callable[[int], ReplayedEpisode]:
-    batch = GridBatch(world.table(), 1)  # with the last states, from which none is reached
-
-    def replay(seed: int) -> ReplayedEpisode:
-        actor = actor_of(world, batch, Reference("policy", policy), deterministic)
-        states, totals = [], np.zeros(2)
-        for step in simulate(batch, actor, np.array([seed])):
-            states = states or [int(step.observation[0])]
-            states.append(int(step.made.state[0]))
-            totals += [float(reward[0]) for reward in step.made.rewards]
-        tracks = _joined(_numbered(batch.table, states))
-        trace = Trace(GRID_PER_SECOND, len(states), _tracks(tracks, 0, set()))
-        return ReplayedEpisode(trace, len(states) - 1, RewardPair(*totals.tolist()))
-
-    return replay
 
 
 def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
@@ -250,42 +244,100 @@ def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
             for vehicle in world.places(table.states[state].tolist())
         }
         for slot, pose in now.items():
-            again = slot not in before or _along(pose) < _along(before[slot])
+            # x - y is how far it has come on its way east or north.
+            again = slot not in before or pose.x - pose.y < before[slot].x - before[slot].y
             if again and slot != 0:
                 numbers[slot], following = following, following + 1
         yield {numbers.get(slot, 0): pose for slot, pose in now.items()}
         before = now
 
 
-def _along(pose: Pose) -> float:
-    """Return how far a vehicle has come on its way east or north."""
-    return pose.x - pose.y
-
-
-def _joined(frames: Iterable[dict[int, Pose]]) -> dict[int, tuple[int, list[Pose]]]:
-    """Return the first frame and the poses of each vehicle."""
+def _tracks(frames: Iterable[dict[int, Pose]], ego: int, crashed: set[int]) -> tuple[Track, ...]:
+    """Return the way of each vehicle, as far as it has no gaps; the ego's first."""
     ways: dict[int, tuple[int, list[Pose]]] = {}
     for number, frame in enumerate(frames):
         for identity, pose in frame.items():
             first, poses = ways.setdefault(identity, (number, []))
-            if len(poses) == number - first:  # without gaps: it has not been away
+            if len(poses) == number - first:  # it has not been away
                 poses.append(pose)
-    return ways
+    tracks = []
+    for vehicle in sorted(ways, key=lambda vehicle: (vehicle != ego, vehicle)):
+        first, poses = ways[vehicle]
+        headings = np.unwrap([pose.heading for pose in poses], period=360.0)
+        text = ";".join(
+            f"{round(pose.x, 1) + 0.0:g} {round(pose.y, 1) + 0.0:g} {round(turned)}"
+            for pose, turned in zip(poses, headings.tolist(), strict=True)
+        )
+        tracks.append(Track(vehicle == ego, vehicle in crashed, first, text))
+    return tuple(tracks)
 
 
-def _tracks(
-    ways: dict[int, tuple[int, list[Pose]]], ego: int, crashed: set[int]
-) -> tuple[Track, ...]:
-    order = sorted(ways, key=lambda vehicle: (vehicle != ego, vehicle))
-    return tuple(
-        Track(vehicle == ego, vehicle in crashed, ways[vehicle][0], _text(ways[vehicle][1]))
-        for vehicle in order
-    )
+Traces = Mapping[str, Sequence[Trace | Mapping[str, Any] | None]]
+"""Traces of the chosen episodes, or their JSON, by "median" and "worst"."""
 
 
-def _text(poses: list[Pose]) -> str:
-    headings = np.unwrap([pose.heading for pose in poses], period=360.0)
-    return ";".join(
-        f"{round(pose.x, 1) + 0.0:g} {round(pose.y, 1) + 0.0:g} {round(turned)}"
-        for pose, turned in zip(poses, headings.tolist(), strict=True)
-    )
+def traces_of(
+    world: World,
+    policy: Policy,
+    chosen: Mapping[str, Sequence[Mapping[str, Any]]],
+    deterministic: bool = True,
+) -> Traces:
+    """Run the episodes of `selected` again, one by one, and return the ways of all vehicles.
+
+    There is None in the place of a trace where the policy drives another episode than in the
+    evidence, and in an environment.
+    """
+    again = replayer(world, policy, deterministic)
+
+    def traced(row: Mapping[str, Any]) -> Trace | None:
+        if again is None:
+            return None
+        played = again(int(row["seed"]))
+        same = played.repeats(row["decisions"], RewardPair(row["r_env"], row["r_social"]))
+        return played.trace if same else None
+
+    return {kind: [traced(row) for row in rows] for kind, rows in chosen.items()}
+
+
+def path_of(kind: str, number: int) -> str:
+    """Return the path of a film in the report's folder: of "median" or "worst", from number 1."""
+    return f"episodes/{kind}-{number}.gif"
+
+
+def check_filmed(world: World) -> Road:
+    """Return the road of a world if films of its episodes can be drawn.
+
+    Raises:
+        UserError: If the world is no road of highway-env.
+    """
+    road = road_of(world)
+    if road is None:
+        roads = ", ".join(("intersection", *SCENES))
+        raise UserError(f"films are drawn of roads alone ({roads}): leave out --films")
+    return road
+
+
+def films_of(
+    world: World, policy: Policy, chosen: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> dict[str, bytes]:
+    """Run the episodes of `selected` again with the policy's best actions, and draw them.
+
+    The GIF files are by path in the report's folder.
+
+    Raises:
+        UserError: If the world is no road of highway-env.
+    """
+    films, road = {}, check_filmed(world)
+    # Every sub-step would take three times as long to draw.
+    every = max(1, road.world.options.simulation_frequency // PER_SECOND)
+    batch = road.world.batch(1, traced=True)
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film.gif"
+        for kind, rows in chosen.items():
+            for number, row in enumerate(rows, 1):
+                seed = road.first_seed(int(row["seed"]))
+                played = render.episode_scenes(batch, road.as_asked(policy), seed)
+                frames = [*played[:-1:every], played[-1]]
+                sheet.save(film, frames, road.world.view, PER_SECOND)
+                films[path_of(kind, number)] = film.read_bytes()
+    return films

@@ -21,7 +21,7 @@ MEASURED = ("r_env", "r_social", "ending", "decisions")
 """Columns of each driver."""
 
 LOSS = "loss"
-"""Column of each driver, besides, of a declared rule of the angle: its decision loss."""
+"""Further column of each driver where a rule of the angle is declared: its decision loss."""
 
 _INDEX = ("episode", "seed")
 
@@ -38,7 +38,6 @@ _ENDINGS: dict[tuple[int, int], str] = {
     (int(ending), int(contact)): (text if ending is Ending.COLLISION else ending.name.lower())
     for ending, (contact, text) in itertools.product(Ending, _COLLISIONS.items())
 }
-
 _KINDS: dict[str, tuple[int, int]] = {text: kind for kind, text in reversed(_ENDINGS.items())}
 
 
@@ -83,12 +82,9 @@ def _head(strata: Mapping[str, object], drivers: list[str], measured: tuple[str,
     return [*_INDEX, *strata, *columns]
 
 
-_QUOTED = tuple("=+-@\t\r'")
-
-
 def _no_formula(name: str) -> str:
     """Return a name that spreadsheets don't interpret as a formula."""
-    return f"'{name}" if name.startswith(_QUOTED) else name
+    return f"'{name}" if name.startswith(tuple("=+-@\t\r'")) else name
 
 
 def read_table(
@@ -101,6 +97,8 @@ def read_table(
 ) -> Evidence:
     """Read the result of `write_table`, exactly.
 
+    Contacts of episodes without a collision, which nothing depends on, are none.
+
     Args:
         content: Content of the file.
         scenario: The world's description.
@@ -108,9 +106,6 @@ def read_table(
         attributes: The references by name, in any order; the table has each of them once.
         trivial: Names of the trivial drivers, which follow the references.
         by_rule: Whether a rule of the angle is declared, so that there are decision losses.
-
-    Returns:
-        The evidence. Contacts of episodes without a collision, which nothing depends on, are none.
 
     Raises:
         UserError: If it is not exactly as `write_table` writes it.
@@ -120,21 +115,14 @@ def read_table(
         head = next(rows, [])
         measured = _measured(by_rule)
         first, names = _names(head, policy, [*attributes, *trivial], measured)
-        columns = _filled(rows, head[len(_INDEX) : first], first, names, measured)
+        seeds, strata, drivers = _filled(
+            rows, head[len(_INDEX) : first], first, names, measured, attributes
+        )
     except (ValueError, KeyError, OverflowError, csv.Error) as error:
         raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
-    drivers = [
-        columns.of(number, name, attributes.get(name, ReferenceAttributes()))
-        for number, name in enumerate(names)
-    ]
     count = 1 + len(attributes)
     evidence = Evidence(
-        scenario,
-        columns.seeds,
-        drivers[0],
-        tuple(drivers[1:count]),
-        columns.strata,
-        tuple(drivers[count:]),
+        scenario, seeds, drivers[0], tuple(drivers[1:count]), strata, tuple(drivers[count:])
     )
     if [driver.name for driver in evidence.trivial] != list(trivial):
         raise UserError("the trivial drivers don't follow the references")
@@ -160,31 +148,15 @@ def _names(
     return first, names
 
 
-class _Columns(NamedTuple):
-    """Columns of a table: episodes first, drivers second."""
-
-    seeds: np.ndarray
-    strata: dict[str, np.ndarray]
-    totals: np.ndarray
-    kinds: np.ndarray
-    lengths: np.ndarray
-    lost: np.ndarray | None
-
-    def of(self, driver: int, name: str, attributes: ReferenceAttributes) -> Outcomes:
-        """Return the outcomes of a driver."""
-        ending, contact = np.ascontiguousarray(self.kinds[:, driver].T)
-        totals, lengths = self.totals[:, driver].copy(), self.lengths[:, driver].copy()
-        lost = None if self.lost is None else self.lost[:, driver].copy()
-        return Outcomes(name, totals, ending, contact, lengths, *attributes, lost)
-
-
 def _filled(
     rows: Iterator[list[str]],
     strata: list[str],
     first: int,
     names: list[str],
     measured: tuple[str, ...],
-) -> _Columns:
+    attributes: Mapping[str, ReferenceAttributes],
+) -> tuple[np.ndarray, dict[str, np.ndarray], list[Outcomes]]:
+    """Return the seeds, the strata, and the outcomes of each driver."""
     width = first + len(measured) * len(names)
     seeds: list[int] = []
     labels: list[list[str]] = []
@@ -209,15 +181,21 @@ def _filled(
             raise ValueError(f"row {len(seeds)} has a loss that is no audit's")
     if not seeds:
         raise ValueError("no episodes")
-    columns = zip(*labels, strict=True)
-    return _Columns(
-        np.array(seeds, np.int64),
-        dict(zip(strata, map(np.array, columns), strict=True)),
-        np.array(totals),
-        np.array(kinds),
-        np.array(lengths),
-        np.array(lost) if lost else None,
-    )
+    drivers = []
+    for driver, name in enumerate(names):
+        ending, contact = np.array([row[driver] for row in kinds]).T.copy()
+        outcomes = Outcomes(
+            name,
+            np.array([row[driver] for row in totals]),
+            ending,
+            contact,
+            np.array([row[driver] for row in lengths]),
+            *attributes.get(name, ReferenceAttributes()),
+            np.array([row[driver] for row in lost]) if lost else None,
+        )
+        drivers.append(outcomes)
+    columns = map(np.array, zip(*labels, strict=True))
+    return np.array(seeds, np.int64), dict(zip(strata, columns, strict=True)), drivers
 
 
 CONTEXTS = "contexts.csv"
@@ -226,12 +204,7 @@ _FIRST = ("episode", "context", "decisions", "declared")
 
 
 def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
-    """Return a CSV with a row for each episode and context, numbered from 0.
-
-    Args:
-        losses: The losses.
-        candidates: Angles of `by_angle`, in degrees.
-    """
+    """Return a CSV with a row for each episode and context, and the loss at candidate angles."""
     episodes, contexts = losses.declared.shape
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -247,13 +220,7 @@ def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
 def read_contexts(
     content: bytes, episodes: int, contexts: int, candidates: tuple[float, ...]
 ) -> ContextLosses:
-    """Read the result of `write_contexts`, exactly.
-
-    Args:
-        content: Content of the file.
-        episodes: Number of episodes.
-        contexts: Number of contexts of the rule.
-        candidates: Angles in degrees.
+    """Read the result of `write_contexts`, of so many episodes and contexts, exactly.
 
     Raises:
         UserError: If it is not exactly as `write_contexts` writes it.

@@ -97,15 +97,21 @@ class Environment(World):
         registered entry point or the named function, and the functions of the pair; of the files
         that they import, only the versions of installed packages are included.
         """
-        spec = self.env.spec
+        spec, module = self.env.spec, self.name.rpartition(":")[0]
+        # The file of the module in the name.
+        file = getattr(sys.modules.get(module), "__file__", None)
+        file = module if module.endswith(".py") else file
+        kwargs = "{}"
+        if spec is not None:  # values without a JSON form become their type's name
+            kwargs = json.dumps(dict(spec.kwargs), default=lambda value: type(value).__name__)
         described = {
             "name": self.name,
             "options": dict(self.options),
             "n_features": self.n_features,
             **(action_bounds(self.env) or {"n_actions": sizes(self.env)[1]}),
             "max_episode_steps": None if spec is None else spec.max_episode_steps,
-            "kwargs": {} if spec is None else _json_kwargs(spec.kwargs),
-            "sources": {**_sources(self._parts()), **self._named()},
+            "kwargs": json.loads(kwargs),
+            "sources": _sources(self._parts()) | ({module: _sha256(file)} if file else {}),
             "versions": _versions(self._parts()),
         }
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
@@ -133,56 +139,36 @@ class Environment(World):
             env = env.env
         return objects
 
-    def _named(self) -> dict[str, str]:
-        """Return the hash of the file of the module in the name."""
-        module = self.name.rpartition(":")[0]
-        file = (
-            module if module.endswith(".py") else getattr(sys.modules.get(module), "__file__", None)
-        )
-        return {module: _sha256(file)} if file else {}
-
     def check_repeats(self, seed: int) -> None:
-        """Check that the seed determines an episode.
+        """Check that a seed determines its episode, which is started twice.
 
-        Args:
-            seed: Seed of the episode that is started twice, with one action at every step: the
-                first, or the middle of a box.
+        At every step the action is the first, or the middle of a box.
 
         Raises:
             UserError: If observations, rewards or endings differ.
         """
-        first, second = (self._first_actions(seed) for _ in range(2))
-        if first != second:
+        space, traces = self.action_space, []
+        action = np.zeros(space.shape, np.float32) if isinstance(space, spaces.Box) else 0
+        for _ in range(2):
+            observation, _ = self.env.reset(seed=seed % LARGEST_SEED)
+            trace: list[Any] = [observation.tobytes()]
+            for _ in range(_REPEATED):
+                observation, _, terminated, truncated, info = self.env.step(action)
+                pair = tuple(info["reward_pair"])
+                trace.append((observation.tobytes(), pair, terminated, truncated))
+                if terminated or truncated:
+                    break
+            traces.append(trace)
+        if traces[0] != traces[1]:
             raise UserError(
                 f"an episode of {self.name} is not determined by its seed: draw every random "
                 "number from self.np_random, which reset(seed=...) seeds"
             )
 
-    def _first_actions(self, seed: int) -> list[Any]:
-        observation, _ = self.env.reset(seed=seed % LARGEST_SEED)
-        trace: list[Any] = [observation.tobytes()]
-        space = self.action_space
-        first = np.zeros(space.shape, np.float32) if isinstance(space, spaces.Box) else 0
-        for _ in range(_REPEATED):
-            observation, _, terminated, truncated, info = self.env.step(first)
-            trace.append((observation.tobytes(), tuple(info["reward_pair"]), terminated, truncated))
-            if terminated or truncated:
-                break
-        return trace
-
 
 def _module_of(defined: Any) -> str:
     """Return the name of the module of a class, a function or a callable object."""
     return getattr(defined, "__module__", None) or type(defined).__module__
-
-
-def _file_of(defined: Any) -> str | None:
-    """Return the file of the code; a module's name could belong to another file."""
-    kind = defined if isinstance(defined, type) else type(defined)
-    methods = [getattr(value, "__code__", None) for value in vars(kind).values()]
-    codes = [code for code in (getattr(defined, "__code__", None), *methods) if code is not None]
-    file = codes[0].co_filename if codes else None
-    return file if file is not None and Path(file).is_file() else None
 
 
 def _foreign(objects: list[Any]) -> list[Any]:
@@ -194,9 +180,16 @@ def _foreign(objects: list[Any]) -> list[Any]:
 
 
 def _sources(objects: list[Any]) -> dict[str, str]:
-    """Return the SHA-256 of the file of each part, by module."""
-    files = {_module_of(defined): _file_of(defined) for defined in _foreign(objects)}
-    return {name: _sha256(file) for name, file in sorted(files.items()) if file is not None}
+    """Return the SHA-256 of the file of each part's code, by module."""
+    files = {}
+    for defined in _foreign(objects):
+        # A module's name could belong to another file.
+        kind = defined if isinstance(defined, type) else type(defined)
+        members = (defined, *vars(kind).values())
+        codes = (getattr(member, "__code__", None) for member in members)
+        file = next((code.co_filename for code in codes if code is not None), "")
+        files[_module_of(defined)] = file
+    return {name: _sha256(file) for name, file in sorted(files.items()) if Path(file).is_file()}
 
 
 def _sha256(file: str) -> str:
@@ -209,9 +202,3 @@ def _versions(objects: list[Any]) -> dict[str, str]:
     tops = {_module_of(defined).split(".")[0] for defined in _foreign(objects)}
     names = {"gymnasium", *(owner for top in tops for owner in owners.get(top, ()))}
     return {name: importlib.metadata.version(name) for name in sorted(names)}
-
-
-def _json_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keyword arguments as JSON; values without a JSON form become their type's name."""
-    text = json.dumps(dict(kwargs), default=lambda value: type(value).__name__, sort_keys=True)
-    return json.loads(text)

@@ -40,26 +40,15 @@ WORLD_PATTERN = (
 
 @dataclass(frozen=True)
 class Field:
-    """One field of `profile.toml`.
+    """One field of `profile.toml`."""
 
-    Attributes:
-        path: Table and key, joined by a dot; a key of the top level has no table.
-        kind: Type of the value.
-        meaning: Comment above the field, one or two sentences.
-        low: Smallest number allowed.
-        high: Largest number allowed.
-        below_high: Whether `high` itself is refused.
-        above_low: Whether `low` itself is refused.
-        required: Whether the field must be there.
-    """
-
-    path: str
+    path: str  # table and key, joined by a dot; a key of the top level has no table
     kind: Kind
-    meaning: str
+    meaning: str  # comment above the field, one or two sentences
     low: float = 0.0
     high: float = LARGEST_NUMBER
-    below_high: bool = False
-    above_low: bool = False
+    below_high: bool = False  # whether `high` itself is refused
+    above_low: bool = False  # whether `low` itself is refused
     required: bool = True
 
     @property
@@ -85,13 +74,7 @@ def _share(path: str, meaning: str) -> Field:
 
 
 FIELDS = (
-    Field(
-        "format",
-        "number",
-        "Version of this file's format.",
-        low=float(FORMAT),
-        high=float(FORMAT),
-    ),
+    Field("format", "number", "Version of this file's format.", float(FORMAT), float(FORMAT)),
     Field(
         "angle",
         "number",
@@ -190,7 +173,7 @@ def visible(text: str) -> bool:
 def schema() -> dict[str, Any]:
     """Return the content of `profile.schema.json` (JSON Schema 2020-12)."""
     top = [field for field in FIELDS if "." not in field.path]
-    properties: dict[str, Any] = {field.path: _of(field) for field in top}
+    properties = {field.path: _schema_of(field) for field in top}
     for table in TABLES:
         inside = {
             field.path.split(".")[1]: field
@@ -198,7 +181,9 @@ def schema() -> dict[str, Any]:
             if field.path.startswith(f"{table}.")
         }
         needed = [name for name, field in inside.items() if field.required]
-        properties[table] = _table({name: _of(field) for name, field in inside.items()}, needed)
+        properties[table] = _table(
+            {name: _schema_of(field) for name, field in inside.items()}, needed
+        )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Declaration of a driving policy's social angle (profile.toml)",
@@ -216,41 +201,27 @@ def _table(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
     }
 
 
-def _of(field: Field) -> dict[str, Any]:
-    return {"description": field.meaning, **_constraints(field)}
-
-
-def _constraints(field: Field) -> dict[str, Any]:
-    if field.kind == "number":
-        low = "exclusiveMinimum" if field.above_low else "minimum"
-        high = "exclusiveMaximum" if field.below_high else "maximum"
-        return {"type": "number", low: field.low, high: field.high}
-    if field.kind == "rule":
-        return _rule_schema()
+def _schema_of(field: Field) -> dict[str, Any]:
+    low = "exclusiveMinimum" if field.above_low else "minimum"
+    high = "exclusiveMaximum" if field.below_high else "maximum"
+    text = {"type": "string", "maxLength": LONGEST_TEXT}
     number = {"type": "number", "minimum": -LARGEST_NUMBER, "maximum": LARGEST_NUMBER}
-    return {
-        "text": {
-            "type": "string",
-            "minLength": 1,
-            "maxLength": LONGEST_TEXT,
-            "pattern": TEXT_PATTERN,
-        },
+    numbers = {"type": "array", "items": number, "maxItems": MOST_SPEEDS}
+    option = {"anyOf": [text, {"type": "boolean"}, number, numbers]}
+    constraints: dict[Kind, dict[str, Any]] = {
+        "number": {"type": "number", low: field.low, high: field.high},
+        "rule": _rule_schema(),
+        "text": {**text, "minLength": 1, "pattern": TEXT_PATTERN},
         "sha256": {"type": "string", "pattern": SHA256_PATTERN},
-        "world": {"type": "string", "maxLength": LONGEST_TEXT, "pattern": WORLD_PATTERN},
+        "world": {**text, "pattern": WORLD_PATTERN},
         "date": {"type": "string", "format": "date"},
         "options": {
             "type": "object",
             "maxProperties": MOST_OPTIONS,
-            "additionalProperties": {
-                "anyOf": [
-                    {"type": "string", "maxLength": LONGEST_TEXT},
-                    {"type": "boolean"},
-                    number,
-                    {"type": "array", "items": number, "maxItems": MOST_SPEEDS},
-                ]
-            },
+            "additionalProperties": option,
         },
-    }[field.kind]
+    }
+    return {"description": field.meaning, **constraints[field.kind]}
 
 
 def _rule_schema() -> dict[str, Any]:

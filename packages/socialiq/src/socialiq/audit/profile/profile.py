@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
@@ -58,7 +58,17 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
             an environment can't be made.
     """
     if is_world_file(name):
-        _check_file(name, options)
+        if options:
+            raise UserError(
+                f"a recorded junction takes no options, got {', '.join(options)}: "
+                "`socialiq data world` makes another world"
+            )
+        if not Path(name).exists():
+            raise UserError(
+                f"no such file: {name}: the declaration names its world by this path, from the "
+                "current folder"
+            )
+        refuse_file(name)
         return load_world(name)
     refuse_file(name)
     if is_environment(name) and name not in NAMED.values():
@@ -75,58 +85,32 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     return world
 
 
-def _check_file(name: str, options: Mapping[str, Any]) -> None:
-    """Refuse options of a world from a file, and a file that is missing or holds no world."""
-    if options:
-        raise UserError(
-            f"a recorded junction takes no options, got {', '.join(options)}: "
-            "`socialiq data world` makes another world"
-        )
-    if not Path(name).exists():
-        raise UserError(
-            f"no such file: {name}: the declaration names its world by this path, from the "
-            "current folder"
-        )
-    refuse_file(name)
-
-
 def scenario_sha256(world: World) -> str:
     """Return the SHA-256 of a world's description: its name and every option."""
     return hashlib.sha256(world.description.encode()).hexdigest()
 
 
-def reward_specification(world: World) -> dict[str, Any]:
-    """Return the weights and units that define r_env and r_social, as one JSON object.
-
-    Two worlds with equal specifications give the same rewards for the same event, whatever their
-    traffic. The specification of an environment has the hashes of its code.
-    """
-    return {"id": world.reward_id, **world.reward}
-
-
-def reward_sha256(world: World) -> str:
-    """Return the SHA-256 of `reward_specification` as JSON with sorted keys."""
-    text = json.dumps(reward_specification(world), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def identity(world: World) -> dict[str, str]:
-    """Return the identity of a world, by field of the declaration."""
+    """Return the identity of a world, by field of the declaration.
+
+    The reward's hash is of the weights and units that define r_env and r_social, as JSON with
+    sorted keys. Two worlds with equal ones give the same rewards for the same event, whatever their
+    traffic. Those of an environment have the hashes of its code.
+    """
+    reward = {"id": world.reward_id, **world.reward}
+    text = json.dumps(reward, sort_keys=True, separators=(",", ":"))
     return {
         "reward.id": world.reward_id,
-        "reward.sha256": reward_sha256(world),
+        "reward.sha256": hashlib.sha256(text.encode()).hexdigest(),
         "scenario.sha256": scenario_sha256(world),
     }
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Check that options are texts, booleans, numbers or lists of numbers of moderate size.
-
-    Args:
-        options: Options of an environment, whose types are not known.
+    """Check that options of an environment, whose types are not known, are of moderate size.
 
     Raises:
-        UserError: If one is not.
+        UserError: If one is not text, a boolean, a number or a list of numbers.
     """
     for option, value in options.items():
         default = 0.0 if type(value) is float else value
@@ -160,15 +144,12 @@ def _typed(option: str, value: Any, default: Any) -> Any:
 
 def _check_size(options: Options) -> None:
     """Refuse a scenario that would need too much memory or time."""
-    sizes = {
-        "observed_vehicles": (options.observed_vehicles, MOST_VEHICLES),
-        "vehicles of an episode (initial_vehicle_count and duration)": (
-            options.capacity,
-            MOST_VEHICLES,
-        ),
-        "simulation_frequency": (options.simulation_frequency, MOST_SUB_STEPS),
-    }
-    for what, (value, most) in sizes.items():
+    vehicles = "vehicles of an episode (initial_vehicle_count and duration)"
+    for what, value, most in (
+        ("observed_vehicles", options.observed_vehicles, MOST_VEHICLES),
+        (vehicles, options.capacity, MOST_VEHICLES),
+        ("simulation_frequency", options.simulation_frequency, MOST_SUB_STEPS),
+    ):
         if value > most:
             raise UserError(f"{what} must be at most {most} in an audit, got {value}")
 
@@ -180,15 +161,12 @@ WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
 class Margin:
     """Margins within which a policy counts as declared.
 
-    Attributes:
-        regret: Largest regret at the declared angle, in reward per episode.
-        degrees: Largest distance of the calibrated angle.
-        largest_loss: The most by which one driver's R(α) can lie below another's in an episode;
-            None if no bound is declared.
+    A largest loss is the most by which one driver's R(α) can lie below another's in an episode;
+    None if no bound is declared.
     """
 
-    regret: float
-    degrees: float
+    regret: float  # largest regret at the declared angle, in reward per episode
+    degrees: float  # largest distance of the calibrated angle
     largest_loss: float | None = None
 
 
@@ -211,48 +189,31 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Floor:
-    """Safety floor, independent of the angle; shares of episodes.
+    """Safety floor, independent of the angle; shares of episodes."""
 
-    Attributes:
-        max_at_fault: Largest share of collisions caused by the ego's motion.
-        max_struck: Largest share of collisions caused by another's motion.
-        min_arrival: Smallest share of arrivals.
-        max_timeout: Largest share of timeouts.
-    """
-
-    max_at_fault: float
-    max_struck: float
-    min_arrival: float
-    max_timeout: float
+    max_at_fault: float  # largest share of collisions caused by the ego's motion
+    max_struck: float  # largest share of collisions caused by another's motion
+    min_arrival: float  # smallest share of arrivals
+    max_timeout: float  # largest share of timeouts
 
 
 @dataclass(frozen=True)
 class Profile:
     """Declaration of a policy's social angle.
 
-    Attributes:
-        angle: Declared social angle, degrees in [0, 360).
-        confidence: Confidence of the verdict.
-        owner: Name of the owner.
-        date: Date of the declaration.
-        margin: Margins within which a policy counts as declared.
-        reward: Reward pair that the angle weighs.
-        scenario: Scenario of the audit.
-        competence: Safety floor.
-        source: The file's bytes.
-        rule: Rule that gives the angle by the situation; None for the angle alone. With a rule,
-            `angle` weighs whole episodes in tables and pictures, and doesn't decide.
+    A rule gives the angle by the situation. With one, `angle` weighs whole episodes in tables and
+    pictures, and doesn't decide.
     """
 
-    angle: float
-    confidence: float
+    angle: float  # degrees in [0, 360)
+    confidence: float  # of the verdict
     owner: str
     date: datetime.date
     margin: Margin
     reward: Reward
     scenario: Scenario
     competence: Floor
-    source: bytes = field(repr=False, compare=False)
+    source: bytes = field(repr=False, compare=False)  # the file's bytes
     rule: AngleRule | None = None
 
     @property
@@ -261,10 +222,7 @@ class Profile:
         return hashlib.sha256(self.source).hexdigest()
 
     def world(self, allow_code: bool = False) -> World:
-        """Build the world of the scenario.
-
-        Args:
-            allow_code: Whether an environment's module may be imported.
+        """Build the world of the scenario; an environment's module is imported if that is allowed.
 
         Raises:
             UserError: If an environment can't be made, or differs from the declared environment.
@@ -275,3 +233,30 @@ class Profile:
             if value != declared_value:
                 raise UserError(WRONG_WORLD.format(path=path, value=value))
         return world
+
+
+class Traffic(NamedTuple):
+    """Another traffic in the declared world, by the options that differ from the declaration's."""
+
+    name: str
+    options: Mapping[str, Any]
+    world: World
+
+
+def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
+    """Return the other traffic of the declared world.
+
+    Raises:
+        UserError: If the world has no other traffic.
+    """
+    declared = profile.scenario
+    if profile.rule is not None:
+        raise UserError("a declared rule is not tested in other traffic: leave out --shift")
+    # Making an environment may run code; it has one traffic only.
+    variants = profile.world().other_traffic() if declared.world in NAMES else {}
+    if not variants:
+        raise UserError(f"{declared.world} has one traffic only: leave out --shift")
+    return tuple(
+        Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
+        for name, changed in variants.items()
+    )

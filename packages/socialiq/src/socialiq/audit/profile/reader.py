@@ -54,11 +54,7 @@ def load(path: Path) -> Profile:
 
 
 def parse(content: bytes, name: str = "profile.toml") -> Profile:
-    """Read a declaration from a file's bytes.
-
-    Args:
-        content: UTF-8 TOML.
-        name: Name of the file in messages.
+    """Read a declaration from the bytes of a file, which has this name in messages.
 
     Raises:
         UserError: As `load`.
@@ -91,14 +87,34 @@ class _Reader:
             # Without multi-line text `line_of` is exact.
             if any(token in _MULTI_LINE for token in _TOKEN.findall(line)):
                 self._stop(number, "multi-line text is not used here: write it on one line")
-        self._content = self._parsed()
+        try:
+            self._content: dict[str, Any] = tomllib.loads(text)
+        except RecursionError:
+            self._stop(1, "tables or lists are nested too deeply: a profile has one level")
+        except tomllib.TOMLDecodeError as error:
+            where = re.search(r"\(at line (\d+)", str(error))
+            line = int(where[1]) if where else text.count("\n") + 1
+            reason = str(error).split(" (at ")[0]
+            self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
 
     def profile(self, source: bytes) -> Profile:
         self._check_names()
         values = {field.path: self._value(field) for field in fields.FIELDS}
-        self._check_loss(values)
+        loss, margin = values["margin.largest_loss"], values["margin.regret"]
+        if loss is not None and loss <= margin:  # no policy could fail
+            self.refuse(
+                "margin.largest_loss",
+                f"margin.largest_loss must be above margin.regret ({margin:g}), got {loss:g}: it "
+                "is the loss of a single episode, not of the mean",
+            )
         self._check_scenario(values)
-        rule = self._rule(values.pop(fields.RULE), values["scenario.world"])
+        rule, content = None, values.pop(fields.RULE)
+        if content is not None:
+            try:
+                rule = AngleRule.of(content)
+                check_rule(rule, values["scenario.world"])
+            except UserError as error:
+                self.refuse(fields.RULE, _quoted(str(error), quoted=False))
         tables: dict[str, dict[str, Any]] = {table: {} for table in ("", *fields.TABLES)}
         for path, value in values.items():
             table, _, key = path.rpartition(".")
@@ -122,17 +138,6 @@ class _Reader:
 
     def _stop(self, line: int, message: str) -> NoReturn:
         raise UserError(f"{self._name}:{line}: {message}")
-
-    def _parsed(self) -> dict[str, Any]:
-        try:
-            return tomllib.loads(self._text)
-        except RecursionError:
-            self._stop(1, "tables or lists are nested too deeply: a profile has one level")
-        except tomllib.TOMLDecodeError as error:
-            where = re.search(r"\(at line (\d+)", str(error))
-            line = int(where[1]) if where else self._text.count("\n") + 1
-            reason = str(error).split(" (at ")[0]
-            self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
 
     def _check_names(self) -> None:
         """Refuse unknown names, on the top level and in tables."""
@@ -161,44 +166,16 @@ class _Reader:
         if key not in holder:
             self.refuse(field.path, f"{field.path} is missing: add {field.demand}")
         value = holder[key]
-        if field.path == "scenario.world" and isinstance(value, str):
-            self._check_reacts(value)
+        is_world = field.path == "scenario.world" and isinstance(value, str)
+        # A report is verified without its world, so that a missing file is none of its errors.
+        if is_world and (not is_world_file(value) or Path(value).exists()):
+            try:  # a recording has a reason of its own, which helps more than a list of worlds
+                refuse_file(value)
+            except UserError as error:
+                self.refuse("scenario.world", str(error))
         if not _fits(field, value):
             self.refuse(field.path, f"{field.path} must be {field.demand}, got {_quoted(value)}")
         return float(value) if field.kind == "number" else value
-
-    def _check_reacts(self, world: str) -> None:
-        """Refuse a recording with its own reason, which helps more than a list of worlds.
-
-        A report is verified without its world, so that a missing file is none of its errors.
-        """
-        if is_world_file(world) and not Path(world).exists():
-            return
-        try:
-            refuse_file(world)
-        except UserError as error:
-            self.refuse("scenario.world", str(error))
-
-    def _rule(self, content: Any, world: str) -> AngleRule | None:
-        """Read a rule of the angle, and check that the world has its features."""
-        if content is None:
-            return None
-        try:
-            rule = AngleRule.of(content)
-            check_rule(rule, world)
-        except UserError as error:
-            self.refuse(fields.RULE, _quoted(str(error), quoted=False))
-        return rule
-
-    def _check_loss(self, values: Mapping[str, Any]) -> None:
-        """Refuse a bound within the margin, by which no policy could fail."""
-        loss, margin = values["margin.largest_loss"], values["margin.regret"]
-        if loss is not None and loss <= margin:
-            self.refuse(
-                "margin.largest_loss",
-                f"margin.largest_loss must be above margin.regret ({margin:g}), got {loss:g}: it "
-                "is the loss of a single episode, not of the mean",
-            )
 
     def _check_scenario(self, values: Mapping[str, Any]) -> None:
         """Check that the world exists and has the declared hashes."""
@@ -267,17 +244,11 @@ _KEY = re.compile(r"^\s*([A-Za-z0-9_\-\"'. ]+?)\s*=")
 
 
 def line_of(text: str, path: str) -> int:
-    """Return the number of the line, from 1, on which a field begins.
+    """Return the number of the line, from 1, on which a field begins: table and key with a dot.
 
-    Exact for files without multi-line strings, which a profile refuses.
-
-    Args:
-        text: The file.
-        path: Table and key, joined by a dot.
-
-    Returns:
-        The line; of a field that is missing, or hidden in an inline table, the line of the
-        innermost table around it, and 1 if that is missing too.
+    Of a field that is missing, or hidden in an inline table, it is the line of the innermost table
+    around it, and 1 if that is missing too. Exact for files without multi-line strings, which a
+    profile refuses.
     """
     table, lines = "", {}
     for number, line in enumerate(text.split("\n"), 1):

@@ -124,26 +124,16 @@ _DIGITS = 4  # to which the limit is rounded up, so that a profile shows a short
 
 
 def possible_loss(world: World, angle: float) -> float | None:
-    """Return the most by which R(α) of two drivers can differ in one episode.
+    """Return the most by which R(α) of two drivers can differ in one episode, rounded up.
 
-    It is the range of R(α) over all drivers and episodes: exact in a gridworld; at the
-    intersection from the limits of each signal, the largest number of vehicles and the time limit.
-
-    Args:
-        world: World of the episodes.
-        angle: Social angle α in degrees.
-
-    Returns:
-        The difference, rounded up; None where the limits are not known: in an environment, at a
-        recorded junction, and where the ego steers along a turn.
+    It is the range of R(α) over all drivers and episodes at an angle in degrees: exact in a
+    gridworld; at the intersection from the limits of each signal, the largest number of vehicles
+    and the time limit. It is None where the limits are not known: in an environment, at a recorded
+    junction, and where the ego steers along a turn.
     """
     difference = world.largest_difference(exact_weights(angle))
-    return None if difference is None else _rounded_up(difference)
-
-
-def _rounded_up(value: float) -> float:
-    """Return the value rounded up to `_DIGITS` significant digits, well above rounding errors."""
-    if value <= 0.0:
-        return value
-    unit = 10.0 ** (math.floor(math.log10(value)) - _DIGITS + 1)
-    return round(math.ceil(value * (1.0 + 1e-9) / unit) * unit, 12)
+    if difference is None or difference <= 0.0:
+        return difference
+    unit = 10.0 ** (math.floor(math.log10(difference)) - _DIGITS + 1)
+    # Well above rounding errors.
+    return round(math.ceil(difference * (1.0 + 1e-9) / unit) * unit, 12)

@@ -35,23 +35,14 @@ _AWAY = "translate(-9999px,0px)"
 
 
 class Ground(NamedTuple):
-    """Road of a world, and the size of its vehicles, in the picture's units.
+    """Path of a world's road, and the size of its vehicles, in the picture's units."""
 
-    Attributes:
-        view: Left, top, width and height of the view.
-        road: Path of the road.
-        length: Length of a vehicle.
-        width: Width of a vehicle.
-        tolerance: Largest error of a place between keyframes.
-        follows: Whether the view follows the ego, along x and along y.
-    """
-
-    view: tuple[float, float, float, float]
+    view: tuple[float, float, float, float]  # left, top, width and height of the view
     road: str
     length: float
     width: float
-    tolerance: float
-    follows: tuple[bool, bool] = (False, False)
+    tolerance: float  # largest error of a place between keyframes
+    follows: tuple[bool, bool] = (False, False)  # whether the view follows the ego, by axis
 
 
 class Keyframe(NamedTuple):
@@ -63,14 +54,7 @@ class Keyframe(NamedTuple):
 
 @dataclass(frozen=True)
 class Car:
-    """A vehicle.
-
-    Attributes:
-        name: Name of its animation.
-        ego: Whether the policy drives it.
-        still: Transform in the last frame; "" if it is not there.
-        keyframes: Its way.
-    """
+    """A vehicle by the name of its animation; `still` is its transform in the last frame, or ""."""
 
     name: str
     ego: bool
@@ -80,33 +64,19 @@ class Car:
 
 @dataclass(frozen=True)
 class MovingPicture:
-    """An episode.
+    """An episode."""
 
-    Attributes:
-        kind: "worst" or "median".
-        number: Number of the episode of this kind, from 1.
-        row: Its row in the report.
-        seconds: Duration of a round, with `HELD`; 0 without a trace.
-        ground: Road and sizes.
-        way: Path of the ego.
-        cars: Vehicles, the ego last, so that it is drawn on top.
-        camera: Transforms of the whole picture where the view follows the ego.
-        framed: The last of them.
-        crashes: Places of those that have collided at the end.
-        ended: When the episode has ended, in percent of a round.
-    """
-
-    kind: str
-    number: int
-    row: Mapping[str, Any]
-    seconds: float
-    ground: Ground
-    way: str
-    cars: tuple[Car, ...]
-    camera: tuple[Keyframe, ...] = ()
-    framed: str = ""
-    crashes: tuple[tuple[float, float], ...] = ()
-    ended: float = 0.0
+    kind: str  # "worst" or "median"
+    number: int  # number of the episode of this kind, from 1
+    row: Mapping[str, Any]  # its row in the report
+    seconds: float  # duration of a round, with `HELD`; 0 without a trace
+    ground: Ground  # road and sizes
+    way: str  # path of the ego
+    cars: tuple[Car, ...]  # vehicles, the ego last, so that it is drawn on top
+    camera: tuple[Keyframe, ...] = ()  # of the picture, where the view follows the ego
+    framed: str = ""  # the last of them
+    crashes: tuple[tuple[float, float], ...] = ()  # places of those that have collided at the end
+    ended: float = 0.0  # when the episode has ended, in percent of a round
 
 
 def moving(report: Mapping[str, Any]) -> list[MovingPicture]:
@@ -131,7 +101,15 @@ def ground_of(world: str) -> Ground | None:
         road = f"M-.5 {low:g} H{end:g} V{high:g} H-.5 Z M{low:g} -.5 H{high:g} V{end:g} H{low:g} Z"
         return Ground((-0.5, -0.5, size, size), road, 0.74, 0.44, 0.02)
     if world in INTERSECTIONS:
-        return Ground((-32.0, -28.0, 64.0, 64.0), _crossing(), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
+        side, far, stop = LANE_WIDTH, 60.0, JUNCTION
+        bend = f"A{stop - side:g} {stop - side:g} 0 0"
+        road = (  # two roads with round corners, clockwise from the northern arm
+            f"M{side:g} {-far:g} V{-stop:g} {bend} 0 {stop:g} {-side:g} H{far:g} V{side:g} "
+            f"H{stop:g} {bend} 0 {side:g} {stop:g} V{far:g} H{-side:g} V{stop:g} "
+            f"{bend} 0 {-stop:g} {side:g} H{-far:g} V{-side:g} H{-stop:g} "
+            f"{bend} 0 {-side:g} {-stop:g} V{-far:g} Z"
+        )
+        return Ground((-32.0, -28.0, 64.0, 64.0), road, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
     scene = scene_named(world)
     return None if scene is None else _of_scene(scene)
 
@@ -150,31 +128,17 @@ def _of_scene(scene: str) -> Ground:
     follows = high - low > _WIDEST
     low, high = np.where(follows, -_FOLLOWED / 2, low), np.where(follows, _FOLLOWED / 2, high)
     left, top, wide, deep = np.round([*low, *(high - low)], 1).tolist()
-    strips = (shapes.edges(_few_points(lane), LANE_WIDTH) for lane in road.lanes)
-    outlines = (np.concatenate([right, edge[::-1]]).round(1).tolist() for edge, right in strips)
-    outline = " ".join(path([(x, y) for x, y in line], closed=True) for line in outlines)
-    view, sizes = (left, top, wide, deep), (VEHICLE_LENGTH, VEHICLE_WIDTH)
-    return Ground(view, outline, *sizes, 0.2, (bool(follows[0]), bool(follows[1])))
-
-
-def _few_points(lane: np.void) -> np.ndarray:
-    """Return the centre line of a lane: the ends of a straight one, else a point every 2 m."""
-    line = shapes.way(lane)
-    if lane["straight"] and not lane["amplitude"]:
-        return line[[0, -1]]
-    return line[[*range(0, len(line) - 1, 4), -1]]
-
-
-def _crossing() -> str:
-    """Return two roads with round corners, clockwise from the northern arm."""
-    side, far, stop = LANE_WIDTH, 60.0, JUNCTION
-    bend = f"A{stop - side:g} {stop - side:g} 0 0"
-    return (
-        f"M{side:g} {-far:g} V{-stop:g} {bend} 0 {stop:g} {-side:g} H{far:g} V{side:g} "
-        f"H{stop:g} {bend} 0 {side:g} {stop:g} V{far:g} H{-side:g} V{stop:g} "
-        f"{bend} 0 {-stop:g} {side:g} H{-far:g} V{-side:g} H{-stop:g} "
-        f"{bend} 0 {-side:g} {-stop:g} V{-far:g} Z"
-    )
+    outlines = []
+    for lane in road.lanes:
+        line = shapes.way(lane)
+        straight = lane["straight"] and not lane["amplitude"]  # else a point every 2 m
+        points = line[[0, -1]] if straight else line[[*range(0, len(line) - 1, 4), -1]]
+        edge, right = shapes.edges(points, LANE_WIDTH)
+        strip = np.concatenate([right, edge[::-1]]).round(1).tolist()
+        outlines.append(path([(x, y) for x, y in strip], closed=True))
+    outline, view = " ".join(outlines), (left, top, wide, deep)
+    along = bool(follows[0]), bool(follows[1])
+    return Ground(view, outline, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
 
 
 def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> MovingPicture:
@@ -197,7 +161,10 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
     ]
     crashed = [way[-1] for track, way in ways if track["crashed"]]
     ego = next((way for track, way in ways if track["ego"]), [])
-    camera = [_before(pose, ground.follows) for pose in ego] if any(ground.follows) else []
+    camera = []
+    if any(ground.follows):  # shifts that bring the ego to the middle of the view
+        by_x, by_y = ground.follows
+        camera = [Pose(-x if by_x else 0.0, -y if by_y else 0.0, 0.0) for x, y, _ in ego]
     return MovingPicture(
         kind,
         number,
@@ -211,14 +178,6 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
         tuple((pose.x, pose.y) for pose in crashed),
         round(pace * (trace["frames"] - 1), 2),
     )
-
-
-def _before(ego: Pose, follows: tuple[bool, bool]) -> Pose:
-    """Return the shift that brings the ego to the middle of the view, along the followed axes."""
-    x, y = (
-        -coordinate if followed else 0.0 for coordinate, followed in zip(ego, follows, strict=False)
-    )
-    return Pose(x, y, 0.0)
 
 
 def poses(text: str) -> list[Pose]:
@@ -245,36 +204,28 @@ _TURN = 3.0  # degrees, largest error of a heading between keyframes
 
 
 def simplified(way: Sequence[Pose], tolerance: float) -> list[int]:
-    """Return the frames between which motion is uniform, up to a tolerance.
+    """Return the frames between which motion is uniform, up to a largest error of a place.
 
     As Douglas and Peucker simplify a line, but with the time as its parameter.
-
-    Args:
-        way: Pose in each frame.
-        tolerance: Largest error of a place.
     """
     frames, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
     while open_parts:
         start, end = open_parts.pop()
-        errors = [
-            (_error(way, start, frame, end, tolerance), frame) for frame in range(start + 1, end)
-        ]
+        errors = []
+        for frame in range(start + 1, end):  # of uniform motion, in tolerances
+            share = (frame - start) / (end - start)
+            x, y, heading = (
+                from_value + share * (to_value - from_value)
+                for from_value, to_value in zip(way[start], way[end], strict=True)
+            )
+            off = math.hypot(way[frame].x - x, way[frame].y - y)
+            error = max(off / tolerance, abs(way[frame].heading - heading) / _TURN)
+            errors.append((error, frame))
         worst, frame = max(errors, default=(0.0, start))
         if worst > 1.0:
             frames.add(frame)
             open_parts += [(start, frame), (frame, end)]
     return sorted(frames)
-
-
-def _error(way: Sequence[Pose], start: int, frame: int, end: int, tolerance: float) -> float:
-    """Return the error of uniform motion in one frame, in tolerances."""
-    share = (frame - start) / (end - start)
-    x, y, heading = (
-        from_value + share * (to_value - from_value)
-        for from_value, to_value in zip(way[start], way[end], strict=True)
-    )
-    off = math.hypot(way[frame].x - x, way[frame].y - y)
-    return max(off / tolerance, abs(way[frame].heading - heading) / _TURN)
 
 
 def _css(pose: Pose) -> str:

@@ -9,28 +9,18 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from socialiq.audit.evidence.collect import stratified
-from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
-from socialiq.audit.looks.look import Look
-from socialiq.audit.profile.profile import Profile, is_world_file
+from socialiq.audit.evidence.outcomes import Consistency, Evidence, Outcomes, events_of
+from socialiq.audit.evidence.replay import path_of, selected
+from socialiq.audit.look import Look
+from socialiq.audit.profile.profile import Profile, Traffic, is_world_file
 from socialiq.audit.profile.template import possible_loss
-from socialiq.audit.report.episodes import path_of, selected
-from socialiq.audit.report.seeds import seeds_of
-from socialiq.audit.report.words import (
-    Caveat,
-    caveats,
-    caveats_of_loss,
-    caveats_of_replay,
-    caveats_of_rule,
-    claims_of_auditor,
-)
-from socialiq.audit.seeds import Draw
+from socialiq.audit.report import words
+from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round, worth
 from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import Results, dependence, results_of
-from socialiq.audit.verdict.shift import Shift, Traffic, sentence_of
+from socialiq.audit.verdict.results import Results, results_of, stratified
+from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
@@ -38,54 +28,36 @@ from socialiq.worlds.registry import GRIDWORLDS, NAMES
 
 FORMAT = 2
 
+_ORDER = (
+    "Policy and declaration were read and hashed first. Only then was the seed drawn or "
+    "accepted. Seeds of episodes come from the seed and both hashes together."
+)
+
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
 CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
-Episodes = dict[str, list[dict[str, Any]]]
-
 
 @dataclass(frozen=True)
 class Audited:
-    """Data and results of an audit.
-
-    Attributes:
-        profile: The declaration.
-        policy: The policy's record as JSON: kind, source, sha256, covers and more.
-        deterministic: Whether it took its best actions.
-        drawn: Commitment and seed.
-        look: The look; None without a log.
-        records: Record of each reference by its name, as far as it was loaded.
-        reference_files: The user's references, as given with `--reference`.
-        left_out: Names of references that are the policy itself.
-        consistency: Answers of the policy to repeated queries; None if it was not asked.
-        evidence: Result of `collect_evidence`, with the references that are left out.
-        elsewhere: The same in each other traffic.
-        traffic: Other traffic, or none.
-        films: Films by path in the folder: `episodes.path_of`.
-        traces: Result of `episodes.traces_of`, or the same as JSON.
-        command: Command that repeats the audit.
-        started: Time of the start.
-        seconds: Duration.
-    """
+    """Data and results of an audit."""
 
     profile: Profile
-    policy: Mapping[str, Any]
-    deterministic: bool
-    drawn: Draw
-    look: Look | None
-    records: Mapping[str, Mapping[str, Any] | None]
-    reference_files: Sequence[str]
-    left_out: Sequence[str]
-    consistency: Consistency | None
-    evidence: Evidence
-    elsewhere: Sequence[Evidence]
+    policy: Mapping[str, Any]  # the policy's record as JSON: kind, source, sha256, covers and more
+    deterministic: bool  # whether it took its best actions
+    drawn: Draw  # commitment and seed
+    look: Look | None  # None without a log
+    records: Mapping[str, Mapping[str, Any] | None]  # of loaded references
+    reference_files: Sequence[str]  # the user's references, as given with `--reference`
+    left_out: Sequence[str]  # names of references that are the policy itself
+    consistency: Consistency | None  # None if the policy was not asked again
+    evidence: Evidence  # result of `collect_evidence`, with the references that are left out
+    elsewhere: Sequence[Evidence]  # the same in each other traffic
     traffic: Sequence[Traffic]
-    films: Mapping[str, bytes]
-    traces: Mapping[str, Sequence[Any]]
-    command: str
+    films: Mapping[str, bytes]  # films by path in the folder: `replay.path_of`
+    traces: Mapping[str, Sequence[Any]]  # result of `replay.traces_of`, or the same as JSON
+    command: str  # which repeats the audit
     started: datetime.datetime
-    seconds: float
 
     def references(self, left_out: bool) -> list[dict[str, Any]]:
         """Return the rows of the references that are left out, or of the others."""
@@ -114,7 +86,7 @@ def content(audited: Audited) -> dict[str, Any]:
         audited.traffic,
         audited.elsewhere,
         error=None if look is None else look.error,
-        findings=dependence(audited.consistency),
+        consistency=audited.consistency,
     )
     verdict = results.verdict
     evidence = audited.evidence.without(audited.left_out)
@@ -130,7 +102,7 @@ def content(audited: Audited) -> dict[str, Any]:
                 "deterministic": audited.deterministic,
                 "means": driver_row(evidence.policy, angle),
             },
-            "tests": _tests(verdict) | _contexts(audited),
+            "tests": _tests(audited, verdict),
             "discrimination": results.discrimination,
             "consistency": audited.consistency,
             "references": audited.references(left_out=False),
@@ -145,20 +117,23 @@ def content(audited: Audited) -> dict[str, Any]:
             "scenario": evidence.scenario,
             "seeds": seeds_of(audited.drawn, evidence.episodes),
             "look": look,
-            "hashes": _hashes(audited),
+            "hashes": {
+                "policy": audited.drawn.commitment.policy_sha256,
+                "profile": audited.drawn.commitment.profile_sha256,
+                "reward": profile.reward.sha256,
+                "scenario": profile.scenario.sha256,
+                "package": package_sha256(),
+            },
             "versions": versions(),
             "machine": machine(),
-            "timing": {
-                "started": audited.started.isoformat(timespec="seconds"),
-                "seconds": audited.seconds,
-            },
+            "timing": {"started": audited.started.isoformat(timespec="seconds"), "seconds": 0.0},
             "command": audited.command,
-            "claims_of_auditor": claims_of_auditor(audited.policy, audited.drawn, look),
+            "claims_of_auditor": words.claims_of_auditor(audited.policy, audited.drawn, look),
         }
     )
 
 
-def _caveats(audited: Audited, results: Results) -> list[Caveat]:
+def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     profile, regret = audited.profile, results.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
@@ -169,16 +144,16 @@ def _caveats(audited: Audited, results: Results) -> list[Caveat]:
     repeated = traces if world in NAMES and audited.deterministic else []
     equal = sum(trace is not None for trace in repeated)
     return [
-        *caveats_of_rule(profile.rule, profile.angle),
-        *caveats_of_loss(regret, possible),
-        *caveats(audited.drawn, audited.look, audited.policy, results.discrimination, world),
-        *caveats_of_replay(equal, len(repeated)),
+        *words.caveats_of_rule(profile.rule, profile.angle),
+        *words.caveats_of_loss(regret, possible),
+        *words.caveats(audited.drawn, audited.look, audited.policy, results.discrimination, world),
+        *words.caveats_of_replay(equal, len(repeated)),
     ]
 
 
 def _shown(
-    chosen: Episodes, films: Mapping[str, bytes], traces: Mapping[str, Sequence[Any]]
-) -> Episodes:
+    chosen: Mapping[str, Sequence[Any]], films: Mapping[str, bytes], traces: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the chosen episodes with the path of each one's film, and any trace."""
     return {
         kind: [
@@ -202,6 +177,16 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
     }
 
 
+def _tests(audited: Audited, verdict: Verdict) -> dict[str, Any]:
+    """Return the tests, with the angle that the policy follows in each context of a rule."""
+    names = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
+    tests = {name: getattr(verdict, name) for name in names}
+    profile, losses = audited.profile, audited.evidence.policy.contexts
+    if profile.rule is not None and losses is not None:
+        tests["contexts"] = followed_angles(profile.rule, losses, CANDIDATES, profile.confidence)
+    return tests
+
+
 def _shift(shifts: Sequence[Shift] | None, elsewhere: Sequence[Evidence]) -> dict[str, Any] | None:
     if shifts is None:
         return None
@@ -209,23 +194,21 @@ def _shift(shifts: Sequence[Shift] | None, elsewhere: Sequence[Evidence]) -> dic
         "sentence": sentence_of(shifts),
         "otherwise": any(shift.shown for shift in shifts),
         "traffic": [
-            {**to_json(shift), "references": _attributes_of(evidence)}
+            # Of the references what the table of episodes doesn't hold.
+            {
+                **to_json(shift),
+                "references": [
+                    {
+                        "name": driver.name,
+                        "angles": list(driver.angles),
+                        "expected": driver.expected,
+                    }
+                    for driver in evidence.references
+                ],
+            }
             for shift, evidence in zip(shifts, elsewhere, strict=True)
         ],
     }
-
-
-def _attributes_of(evidence: Evidence) -> list[dict[str, Any]]:
-    """Return what the table of episodes doesn't hold of the references."""
-    return [
-        {"name": reference.name, "angles": list(reference.angles), "expected": reference.expected}
-        for reference in evidence.references
-    ]
-
-
-def _tests(verdict: Verdict) -> dict[str, Any]:
-    names = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
-    return {name: getattr(verdict, name) for name in names}
 
 
 def _declaration(profile: Profile) -> dict[str, Any]:
@@ -238,32 +221,31 @@ def _declaration(profile: Profile) -> dict[str, Any]:
     return declared | {"angle_rule": rule}
 
 
-def _contexts(audited: Audited) -> dict[str, Any]:
-    """Return the angle that the policy follows in each context of a declared rule."""
-    rule, losses = audited.profile.rule, audited.evidence.policy.contexts
-    if rule is None or losses is None:
-        return {}
-    confidence = audited.profile.confidence
-    return {"contexts": followed_angles(rule, losses, CANDIDATES, confidence)}
-
-
-def _hashes(audited: Audited) -> dict[str, str]:
+def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
+    """Return the section `seeds` of the report."""
+    revealed, beacon = drawn.revealed, None
+    if isinstance(revealed, Round):
+        beacon = {
+            "chain_sha256": CHAIN,
+            "round": revealed.number,
+            "time": revealed.time.isoformat(),
+            "signature": revealed.signature,
+            "randomness": revealed.randomness,
+        }
     return {
-        "policy": audited.drawn.commitment.policy_sha256,
-        "profile": audited.drawn.commitment.profile_sha256,
-        "reward": audited.profile.reward.sha256,
-        "scenario": audited.profile.scenario.sha256,
-        "package": package_sha256(),
+        "seed": drawn.seed,
+        "source": drawn.source,
+        "worth": worth(drawn),
+        "nonce": revealed if isinstance(revealed, Nonce) else None,
+        "beacon": beacon,
+        "episodes": episodes,
+        "commitment_sha256": drawn.commitment.sha256,
+        "order": _ORDER,
     }
 
 
 def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
-    """Return one driver's means.
-
-    Args:
-        driver: Outcomes of the driver.
-        angle: Declared angle in degrees; `value` is the mean R(α) there.
-    """
+    """Return one driver's means; `value` is the mean R(α) at the declared angle in degrees."""
     return {
         "name": driver.name,
         "angles": list(driver.angles),

@@ -16,10 +16,7 @@ from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES
 
-INTERSECTION = "intersection"
-
-CONTINUOUS = "intersection with continuous actions"
-
+INTERSECTION, CONTINUOUS = "intersection", "intersection with continuous actions"
 JUNCTION = "recorded junction"
 
 
@@ -27,12 +24,7 @@ JUNCTION = "recorded junction"
 class Conformance:
     """A comparison of the compiled intersection with highway-env, decision by decision.
 
-    Attributes:
-        command: Command of one run.
-        runs: Variations of the command.
-        episodes: Number of episodes of all runs.
-        decisions: Number of decisions of all runs.
-        compared: Options of the world that the runs vary; the others have their defaults.
+    Episodes and decisions are those of all runs, which vary the compared options of the world.
     """
 
     command: str
@@ -90,14 +82,9 @@ ASSUMPTIONS = {
 def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts for the page `credibility.md`.
 
-    Args:
-        report: Content of `report.json`.
-
-    Returns:
-        `kind`: `INTERSECTION`, `CONTINUOUS`, `JUNCTION`, "gridworld" or "environment".
-        `assumptions`: sentences.
-        `conformance`: the comparison with highway-env, if the world is the intersection. `beyond`:
-        declared options that were not part of it.
+    `kind` is `INTERSECTION`, `CONTINUOUS`, `JUNCTION`, "gridworld" or "environment"; `assumptions`
+    are sentences; `conformance` is the comparison with highway-env, if the world is the
+    intersection, and `beyond` has the declared options that were not part of it.
     """
     scenario = report["declaration"]["scenario"]
     world = scenario["world"]
@@ -148,6 +135,9 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
     tests = report["tests"]
     floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
     verdict, regret = report["verdict"]["decision"], tests["regret"]["decision"]
+    strata: tuple[Status, str] = ("supported", "report.json: strata")
+    if not report["strata"] and world not in NAMES:
+        strata = _NO_EVIDENCE, "to be filled by the owner of the environment: no kinds are known"
     return [
         Claim(
             "G0",
@@ -177,13 +167,8 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
             _OF[regret],
             "report.json: tests.regret",
         ),
-        Claim(
-            "Sn2",
-            "The safety floor is kept",
-            _OF[floor],
-            "report.json: tests.competence",
-        ),
-        Claim("Sn3", "Results by kind of episode", *_strata(report)),
+        Claim("Sn2", "The safety floor is kept", _OF[floor], "report.json: tests.competence"),
+        Claim("Sn3", "Results by kind of episode", *strata),
         Claim(
             "G2",
             "The simulation represents the domain of use credibly",
@@ -197,20 +182,6 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
             "to be filled by the operator",
         ),
     ]
-
-
-def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
-    if report["strata"] or report["declaration"]["scenario"]["world"] in NAMES:
-        return "supported", "report.json: strata"
-    return (
-        _NO_EVIDENCE,
-        "to be filled by the owner of the environment: no kinds are known",
-    )
-
-
-def as_objects(tree: list[Claim]) -> list[dict[str, Any]]:
-    """Return the tree as the content of `claims.json`."""
-    return [{**claim._asdict(), "below": list(claim.below)} for claim in tree]
 
 
 def mermaid(tree: list[Claim]) -> str:
@@ -228,28 +199,34 @@ def materials(report: Mapping[str, Any]) -> bytes:
     """Return the bill of materials as CycloneDX 1.7.
 
     Training data are not known to an audit, so they are left out.
-
-    Args:
-        report: Content of `report.json`.
     """
     record, declared = report["policy"]["record"], report["declaration"]
     verdict, hashes = report["verdict"], report["hashes"]
     is_file = record["kind"] not in _CODE
+    regret, competence = report["tests"]["regret"], report["tests"]["competence"]
+    angle = f"{declared['angle']:g} degrees"
+    name = f"regret at {regret['angle']:g} degrees per episode"
+    if "angle_rule" in declared:
+        angle = declared["angle_rule"]["words"]
+        name = "decision loss at the declared rule per episode"
+    measured = [(name, regret["regret"], regret)]
+    measured += [(f"share of {test['name']}", test["share"], test) for test in competence]
     return bill_of_materials(
         record["source"],
         str(report["versions"].get("socialiq", "")),
         file_sha256=record["sha256"] if is_file else "",
         inputs=f"{record['n_features']} numbers",
         outputs=Interface.of_json(record).answer,
-        metrics=_metrics(report),
+        metrics=[
+            Metric(name, f"{value:.6g}", f"{test['low']:.6g}", f"{test['high']:.6g}")
+            for name, value, test in measured
+        ],
         limits=report["limits"],
         properties={
             "socialiq:kind": record["kind"],
             "socialiq:sha256": record["sha256"],
             "socialiq:hash-covers": record["covers"],
-            "socialiq:declared-angle": declared["angle_rule"]["words"]
-            if "angle_rule" in declared
-            else f"{declared['angle']:g} degrees",
+            "socialiq:declared-angle": angle,
             "socialiq:decision": verdict["decision"],
             "socialiq:episodes": str(verdict["episodes"]),
             "socialiq:world": declared["scenario"]["world"],
@@ -258,20 +235,3 @@ def materials(report: Mapping[str, Any]) -> bytes:
             "socialiq:declaration-sha256": hashes["profile"],
         },
     )
-
-
-def _metrics(report: Mapping[str, Any]) -> list[Metric]:
-    tests = report["tests"]
-    regret = tests["regret"]
-    name = f"regret at {regret['angle']:g} degrees per episode"
-    if "angle_rule" in report["declaration"]:
-        name = "decision loss at the declared rule per episode"
-    metrics = [_metric(name, regret, regret["regret"])]
-    metrics += [
-        _metric(f"share of {test['name']}", test, test["share"]) for test in tests["competence"]
-    ]
-    return metrics
-
-
-def _metric(name: str, test: Mapping[str, Any], value: float) -> Metric:
-    return Metric(name, f"{value:.6g}", f"{test['low']:.6g}", f"{test['high']:.6g}")

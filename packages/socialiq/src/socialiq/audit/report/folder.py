@@ -15,16 +15,16 @@ from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.evidence.table import CONTEXTS, write_contexts, write_table
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.documents import as_objects, claims, credibility, materials, mermaid
+from socialiq.audit.report.documents import claims, credibility, materials, mermaid
 from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.storage import write_atomically
 
-MANIFEST = "MANIFEST.sha256"
+REPORT, EVIDENCE, PROFILE = "report.json", "episodes.csv", "profile.toml"
 
-STATEMENT = "statement.intoto.json"
+MANIFEST, STATEMENT = "MANIFEST.sha256", "statement.intoto.json"
 
 SIGNATURES = "statement.dsse.json"
 """Envelope of the signed statement. It is made after the manifest, which does not list it."""
@@ -39,14 +39,7 @@ _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 
 
 def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the files with their statement and their manifest.
-
-    The statement's subjects are the files; the manifest covers those and the statement.
-
-    Args:
-        files: Content by path in the folder.
-        report: The content of `report.json`.
-    """
+    """Return files by path with their statement, and the manifest of all these."""
     subjects = {**files, STATEMENT: statement(files, report)}
     return {**subjects, MANIFEST: manifest(subjects)}
 
@@ -87,9 +80,6 @@ def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-EVIDENCE, PROFILE = "episodes.csv", "profile.toml"
-
-
 def files_of(
     report: Mapping[str, Any],
     profile: Profile,
@@ -98,11 +88,8 @@ def files_of(
 ) -> dict[str, bytes]:
     """Return the content of all files by path, with manifest and statement.
 
-    Args:
-        report: Content of `report.json`.
-        profile: The declaration, which is copied byte by byte.
-        evidence: Evidence of the verdict, then that of each other traffic.
-        films: Films of single episodes, by path.
+    The declaration is copied byte by byte; the first evidence is that of the verdict, then comes
+    that of each other traffic.
     """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     files = {
@@ -139,6 +126,7 @@ def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
     """Return the files that are made from the report alone."""
     tree = claims(report)
     diagram = Markdown(mermaid(tree))
+    objects = [{**claim._asdict(), "below": list(claim.below)} for claim in tree]
     return {
         "report.html": html(report).encode(),
         "report.md": markdown(report).encode(),
@@ -149,11 +137,8 @@ def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
         ).encode(),
         "credibility.md": markdown(report, "credibility.md.j2", facts=credibility(report)).encode(),
         "ml-bom.cdx.json": materials(report),
-        "claims.json": (json.dumps(as_objects(tree), indent=2) + "\n").encode(),
+        "claims.json": (json.dumps(objects, indent=2) + "\n").encode(),
     }
-
-
-REPORT = "report.json"
 
 
 def check_target(folder: Path, replace: bool) -> None:
@@ -179,12 +164,7 @@ def check_target(folder: Path, replace: bool) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> None:
-    """Write all files of a report, or leave the folder as it was.
-
-    Args:
-        folder: The folder.
-        files: Content by path in it.
-        replace: Whether an earlier report may be replaced.
+    """Write all files of a report by path, or leave the folder as it was.
 
     Raises:
         UserError: As `check_target`.

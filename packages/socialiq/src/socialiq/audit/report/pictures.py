@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 
 _MARGIN = 0.06  # of the span, left free on every side
 
-_STEPS = (1.0, 2.0, 5.0, 10.0)
-
 
 class Box(NamedTuple):
     """Position of a picture's axes in its units; y points down."""
@@ -34,13 +32,7 @@ class Tick(NamedTuple):
 
 @dataclass(frozen=True)
 class Scale:
-    """Places of points (x, y).
-
-    Attributes:
-        box: Position of the axes.
-        low: Smallest x and y shown.
-        factor: Units of the picture for each unit of reward.
-    """
+    """Places of points (x, y) in a box, above the smallest x and y, by a factor of the reward."""
 
     box: Box
     low: tuple[float, float]
@@ -55,9 +47,8 @@ class Scale:
         spans = [max(high - low, 1e-3) for low, high in zip(lows, highs, strict=True)]
         factor = (1 - 2 * _MARGIN) * min(wide / spans[0], high / spans[1])
         centre = [(low + high) / 2 for low, high in zip(lows, highs, strict=True)]
-        return Scale(
-            box, (centre[0] - wide / (2 * factor), centre[1] - high / (2 * factor)), factor
-        )
+        low = centre[0] - wide / (2 * factor), centre[1] - high / (2 * factor)
+        return Scale(box, low, factor)
 
     def at(self, x: float, y: float) -> tuple[float, float]:
         """Place of a point."""
@@ -82,7 +73,9 @@ def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, st
     least = (high - low) / about
     power = 10.0 ** math.floor(math.log10(least))
     # The smallest of 1, 2, 5 times a power of ten that is not below the distance asked for.
-    step = power * next(step for step in _STEPS if step * power >= least * (1 - 1e-9))
+    step = power * next(
+        step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1 - 1e-9)
+    )
     numbers = [step * row for row in range(math.ceil(low / step), math.floor(high / step) + 1)]
     return [(number, f"{number + 0.0:g}".replace("-", "−")) for number in numbers]
 
@@ -93,25 +86,17 @@ def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
     return text + " Z" if closed else text
 
 
-WIDTH, HEIGHT = 360, 300
-
 BOX = Box(44, 10, 352, 258)
 
 _ROUND = 72  # points of an ellipse
+_APART = 10.0  # units of the picture between marks whose numbers can be read
 
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A reference.
-
-    Attributes:
-        number: Number in the table.
-        x: Place.
-        y: Place.
-        hidden: Whether another mark covers it, so that its number can't be read.
-    """
+    """A reference by its number in the table; if another covers it, its number can't be read."""
 
     number: int
     x: float
@@ -121,33 +106,19 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture, in units of its view box.
-
-    Attributes:
-        box: Position of the axes.
-        x_ticks: Numbers below.
-        y_ticks: Numbers on the left.
-        zero: Place of (0, 0), or None if it is outside.
-        mean: Place of the policy's mean.
-        best: Place of the best reference at the declared angle.
-        marks: References.
-        front: Path through the best references for angles from 0 to 90 degrees.
-        ellipse: Path of the confidence ellipse of the mean.
-        arrow: From and to: the declared direction.
-        cloud: Places of single episodes.
-    """
+    """One picture, in units of its view box."""
 
     box: Box
     x_ticks: list[Tick]
     y_ticks: list[Tick]
-    zero: Point | None
-    mean: Point
-    best: Point | None = None
+    zero: Point | None  # place of (0, 0), or None if it is outside
+    mean: Point  # place of the policy's mean
+    best: Point | None = None  # place of the best reference at the declared angle
     marks: tuple[Mark, ...] = ()
-    front: str = ""
-    ellipse: str = ""
-    arrow: tuple[Point, Point] | None = None
-    cloud: tuple[Point, ...] = ()
+    front: str = ""  # path through the best references for angles from 0 to 90 degrees
+    ellipse: str = ""  # path of the confidence ellipse of the mean
+    arrow: tuple[Point, Point] | None = None  # from and to: the declared direction
+    cloud: tuple[Point, ...] = ()  # places of single episodes
 
 
 def means(report: Mapping[str, Any]) -> Panel:
@@ -156,19 +127,25 @@ def means(report: Mapping[str, Any]) -> Panel:
     references = [_of(row) for row in report["references"]]
     mean, angle = _of(report["policy"]["means"]), report["declaration"]["angle"]
     scale = scale_of(report)
-    reach = 0.42 * max(math.hypot(*point) for point in [*references, mean])
-    tip = (
-        reach * math.cos(math.radians(angle)),
-        reach * math.sin(math.radians(angle)),
-    )
-    tip = _inside(scale, tip)
+    box, reach = scale.box, 0.42 * max(math.hypot(*point) for point in [*references, mean])
+    tip = reach * math.cos(math.radians(angle)), reach * math.sin(math.radians(angle))
+    for _ in range(200):  # until it is inside the axes
+        x, y = scale.at(*tip)
+        if box.left + 4 <= x <= box.right - 4 and box.top + 4 <= y <= box.bottom - 4:
+            break
+        tip = (0.97 * tip[0], 0.97 * tip[1])
+    marks: list[Mark] = []
+    for number, point in enumerate((scale.at(*point) for point in references), 1):
+        visible = (mark for mark in marks if not mark.hidden)
+        hidden = any(math.dist(point, (mark.x, mark.y)) < _APART for mark in visible)
+        marks.append(Mark(number, *point, hidden))
     best_name = report["tests"]["regret"]["best"]
     best = [scale.at(*_of(row)) for row in report["references"] if row["name"] == best_name]
     return _panel(
         scale,
         mean,
         best=best[0] if best else None,
-        marks=_marks([scale.at(*point) for point in references]),
+        marks=tuple(marks),
         front=path([scale.at(*point) for point in front(references)]),
         ellipse=path([scale.at(*point) for point in region], closed=True),
         arrow=(scale.at(0.0, 0.0), scale.at(*tip)),
@@ -194,19 +171,6 @@ def scale_of(report: Mapping[str, Any]) -> Scale:
 
 def _cloud(report: Mapping[str, Any]) -> list[Point]:
     return [(float(env), float(social)) for env, social in report["cloud"]]
-
-
-_APART = 10.0  # units of the picture between marks whose numbers can be read
-
-
-def _marks(places: Sequence[Point]) -> tuple[Mark, ...]:
-    """Return the marks in their order; of several in one place the first has its number."""
-    marks: list[Mark] = []
-    for number, point in enumerate(places, 1):
-        visible = (mark for mark in marks if not mark.hidden)
-        hidden = any(math.dist(point, (mark.x, mark.y)) < _APART for mark in visible)
-        marks.append(Mark(number, *point, hidden))
-    return tuple(marks)
 
 
 def front(points: Sequence[Point]) -> list[Point]:
@@ -235,17 +199,6 @@ def _panel(scale: Scale, mean: Point, **parts: Any) -> Panel:
     )
 
 
-def _inside(scale: Scale, tip: Point) -> Point:
-    """Return the tip, moved inside the axes."""
-    box = scale.box
-    for _ in range(200):
-        x, y = scale.at(*tip)
-        if box.left + 4 <= x <= box.right - 4 and box.top + 4 <= y <= box.bottom - 4:
-            break
-        tip = (0.97 * tip[0], 0.97 * tip[1])
-    return tip
-
-
 def _ellipse(region: Mapping[str, Any]) -> list[Point]:
     tilt = math.radians(region["tilt"])
     points = []
@@ -262,37 +215,23 @@ def _of(row: Mapping[str, Any]) -> Point:
 
 
 _TICKS = (-135.0, -90.0, -45.0, 0.0, 45.0, 90.0, 135.0)  # degrees
-
 _ROOM = 1.15  # of the largest value that has to be seen
 
 
 @dataclass(frozen=True)
 class AnglePicture:
-    """One picture, in units of its view box.
-
-    Attributes:
-        box: Position of the axes.
-        x_ticks: Angles.
-        ends: Where own progress alone counts, and where others alone do.
-        y_ticks: Regrets.
-        allowed: Height of the margin: from the axis' end to it regrets are allowed.
-        curve: Path of the regret at every angle.
-        within: Parts of it within the margin.
-        declared: Place of the regret at the declared angle.
-        bounds: Heights of its bounds.
-        least: Place of the smallest regret, if it is beyond the margin, else None.
-    """
+    """Regret by angle, in units of the view box."""
 
     box: Box
     x_ticks: list[Tick]
-    ends: tuple[float, float]
+    ends: tuple[float, float]  # where own progress alone counts, and where others alone do
     y_ticks: list[Tick]
-    allowed: float
-    curve: str
-    within: tuple[str, ...]
-    declared: Point
-    bounds: tuple[float, float]
-    least: Point | None
+    allowed: float  # height of the margin: from the axis' end to it regrets are allowed
+    curve: str  # path of the regret at every angle
+    within: tuple[str, ...]  # parts of it within the margin
+    declared: Point  # place of the regret at the declared angle
+    bounds: tuple[float, float]  # heights of its bounds
+    least: Point | None  # place of the smallest regret, if it is beyond the margin, else None
 
 
 def angles(report: Mapping[str, Any]) -> AnglePicture:
@@ -312,22 +251,29 @@ def angles(report: Mapping[str, Any]) -> AnglePicture:
         share = (min(regret, 2.0 * highest) - bottom) / (highest - bottom)
         return BOX.bottom - share * (BOX.bottom - BOX.top)
 
-    beyond = rationalised["least"] > margin
+    runs: list[list[Point]] = [[]]
+    for point in curve:
+        if point[1] <= margin:
+            runs[-1].append(point)
+        elif runs[-1]:
+            runs.append([])
+    least = None
+    if rationalised["least"] > margin:
+        least = at(_turned(float(rationalised["least_angle"])), rationalised["least"])
+    labels = {angle: f"{angle:g}°".replace("-", "−") for angle in _TICKS}
     return AnglePicture(
         box=BOX,
-        x_ticks=[Tick(at(angle, 0.0)[0], _degrees(angle)) for angle in _TICKS],
+        x_ticks=[Tick(at(angle, 0.0)[0], label) for angle, label in labels.items()],
         ends=(at(0.0, 0.0)[0], at(90.0, 0.0)[0]),
         y_ticks=[
             Tick(round(height(regret), 2), text) for regret, text in round_steps(bottom, highest)
         ],
         allowed=round(height(margin), 2),
         curve=path([at(*point) for point in curve]),
-        within=tuple(path([at(*point) for point in run]) for run in _runs(curve, margin)),
+        within=tuple(path([at(*point) for point in run]) for run in runs if len(run) > 1),
         declared=at(declared, test["regret"]),
         bounds=(round(height(test["low"]), 2), round(height(test["high"]), 2)),
-        least=at(_turned(float(rationalised["least_angle"])), rationalised["least"])
-        if beyond
-        else None,
+        least=least,
     )
 
 
@@ -339,21 +285,6 @@ def regret_at(report: Mapping[str, Any], angle: float) -> float:
     return float(max(references) - policy)
 
 
-def _runs(curve: Sequence[Point], margin: float) -> list[list[Point]]:
-    """Return the parts of a curve that are within the margin, with at least two points each."""
-    runs: list[list[Point]] = [[]]
-    for point in curve:
-        if point[1] <= margin:
-            runs[-1].append(point)
-        elif runs[-1]:
-            runs.append([])
-    return [run for run in runs if len(run) > 1]
-
-
 def _turned(angle: float) -> float:
     """Return an angle in (-180, 180]."""
     return -((180.0 - angle) % 360.0 - 180.0)
-
-
-def _degrees(angle: float) -> str:
-    return f"{angle:g}°".replace("-", "−")

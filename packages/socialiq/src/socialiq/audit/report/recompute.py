@@ -18,21 +18,21 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
+from socialiq.audit.evidence.outcomes import Consistency, Evidence, episode_seeds
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.look import Look, Opened, spend
+from socialiq.audit.profile.profile import Profile, Traffic, other_traffic
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.content import Audited, content
+from socialiq.audit.report.content import Audited, content, seeds_of
 from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
-from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.words import ALWAYS, OF_CODE
-from socialiq.audit.resolve_policy import is_itself
-from socialiq.audit.seeds import Commitment, Draw
-from socialiq.audit.verdict.shift import Traffic, other_traffic
+from socialiq.audit.request import is_itself
+from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, reveal
+from socialiq.audit.verdict.verdict import whole_error
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import AngleRule
+from socialiq.to_json import to_json
 from socialiq.types import RewardPair
 
 TOLERANCE = 1e-9
@@ -41,6 +41,54 @@ TOLERANCE = 1e-9
 _CLAIMED = frozenset(
     {"report.timing", "report.versions", "report.machine", "report.hashes.package"}
 )
+
+
+def opened_of(report: Mapping[str, Any]) -> Opened:
+    """Return the seed and the look of a report."""
+    seeds, hashes = report["seeds"], report["hashes"]
+    revealed = None
+    if seeds["nonce"] is not None:
+        revealed = Nonce(seeds["nonce"]["value"])
+    elif seeds["beacon"] is not None:
+        revealed = Round(seeds["beacon"]["round"], seeds["beacon"]["signature"])
+    commitment = Commitment(hashes["policy"], hashes["profile"])
+    look = None if report["look"] is None else Look(**report["look"])
+    return Opened(Draw(commitment, seeds["seed"], seeds["source"], revealed), look)
+
+
+def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
+    """Return the contradictions of a report about commitment, seed and look.
+
+    Raises:
+        UserError: If the seed is a beacon's, and the library that checks signatures is missing.
+    """
+    draw, look = opened_of(report)
+    revealed, faults, whole = draw.revealed, [], whole_error(report["declaration"]["confidence"])
+    if look is not None and look.error != spend(whole, look.number):
+        faults.append(f"{REPORT}: the error of look {look.number} is not its share")
+    if report["verdict"]["error"] != (whole if look is None else look.error):
+        faults.append(f"{REPORT}: the error of the verdict is not that of the look")
+    if revealed is not None and look is None:
+        faults.append(f"{REPORT}: a seed of the {draw.source} needs a log")
+    elif revealed is not None and look is not None:
+        if reveal(draw.commitment, look.entry, revealed) != draw:
+            faults.append(f"{REPORT}: the seed does not follow from commitment and {draw.source}")
+        if isinstance(revealed, Round):
+            if not revealed.is_genuine():
+                faults.append(f"{REPORT}: the beacon did not sign this round")
+            try:
+                before = datetime.datetime.fromisoformat(look.committed) < revealed.time
+            except ValueError:  # the schema allows a 31 February
+                before = False
+            if not before:
+                faults.append(f"{REPORT}: the round was published before the commitment")
+    elif draw.source not in ("system entropy", "auditor's seed"):
+        faults.append(f"{REPORT}: there is no {draw.source}")
+    elif draw.source == "auditor's seed" and look is not None:
+        faults.append(f"{REPORT}: a log takes no audit whose seed was known before")
+    if not faults and to_json(seeds_of(draw, report["seeds"]["episodes"])) != report["seeds"]:
+        faults.append(f"{REPORT}: its statements about the seed are not those of its source")
+    return faults
 
 
 def recomputed_differences(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
@@ -64,18 +112,13 @@ def recomputed_differences(files: Mapping[str, bytes], report: Mapping[str, Any]
 def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, Any]:
     """Return the report that follows from the episodes; times and versions are this process's.
 
-    Args:
-        files: As for `recomputed_differences`.
-        report: As there.
-
-    Raises:
-        UserError: As there.
+    Files, report and errors are those of `recomputed_differences`.
     """
     profile = parse(files[PROFILE], PROFILE)
     record, (draw, look) = report["policy"]["record"], opened_of(report)
     commitment = Commitment(record["sha256"], profile.sha256)
     draw = dataclasses.replace(draw, commitment=commitment)
-    evidence = evidence_of(files, report, profile, draw)
+    evidence = _evidence_of(files, report, profile, draw)
     rows = [*report["references"], *report["left_out"]]
     left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
     return content(
@@ -99,19 +142,14 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
             },
             command=report["command"],
             started=datetime.datetime.now(datetime.UTC),
-            seconds=0.0,
         )
     )
 
 
-def evidence_of(
+def _evidence_of(
     files: Mapping[str, bytes], report: Mapping[str, Any], profile: Profile, draw: Draw
 ) -> list[Evidence]:
-    """Read the tables of episodes: the declared traffic first, then each other one.
-
-    Raises:
-        UserError: If one is missing or not that of an audit, or its seeds are others.
-    """
+    """Read the tables of episodes: the declared traffic first, then each other one."""
     scenario = report["scenario"]
     if hashlib.sha256(scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
@@ -235,7 +273,13 @@ def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: s
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         pairs = [(*pair, f"{path}[{row}]") for row, pair in enumerate(zip(old, new, strict=True))]
     else:
-        return [] if _same(old, new, relative) else [path]
+        numbers: Any = (old, new)
+        if relative and {*map(type, numbers)} in ({float}, {float, int}):
+            same = math.isclose(*numbers, rel_tol=relative, abs_tol=relative)
+        else:
+            texts = {json.dumps(value, sort_keys=True, default=str) for value in numbers}
+            same = len(texts) == 1
+        return [] if same else [path]
     return [
         difference
         for old_value, new_value, below in pairs
@@ -244,13 +288,3 @@ def _differences(old: Any, new: Any, ignored: Set[str], relative: float, path: s
 
 
 _ROW = re.compile(r"\[\d+\]")
-
-
-def _same(old: Any, new: Any, relative: float) -> bool:
-    if relative and {type(old), type(new)} in ({float}, {float, int}):
-        return math.isclose(old, new, rel_tol=relative, abs_tol=relative)
-    return _text(old) == _text(new)
-
-
-def _text(value: Any) -> str:
-    return json.dumps(value, sort_keys=True, default=str)

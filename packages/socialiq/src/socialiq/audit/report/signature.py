@@ -35,11 +35,10 @@ PASSPHRASE = "SOCIALIQ_KEY_PASSPHRASE"
 """Name of the environment variable with the passphrase of an encrypted key."""
 
 PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
-
 PublicKey = Ed25519PublicKey | ec.EllipticCurvePublicKey
 
 MOST_SIGNATURES = 16
-
+_LARGEST_KEY = 64 * 1024  # bytes
 _KINDS = "Ed25519 or ECDSA on the curve P-256"
 
 
@@ -63,7 +62,9 @@ def read_private_key(path: Path) -> PrivateKey:
     """
     passphrase = os.environ.get(PASSPHRASE)
     try:
-        key = load_pem_private_key(_content(path), passphrase.encode() if passphrase else None)
+        key = load_pem_private_key(
+            read_bytes(path, _LARGEST_KEY), passphrase.encode() if passphrase else None
+        )
     except TypeError as error:
         if passphrase is None:
             raise UserError(f"{path} is encrypted: put its passphrase into {PASSPHRASE}") from error
@@ -84,7 +85,7 @@ def read_public_key(path: Path) -> PublicKey:
         UserError: If the file is missing or is not such a key.
     """
     try:
-        key = load_pem_public_key(_content(path))
+        key = load_pem_public_key(read_bytes(path, _LARGEST_KEY))
     except (ValueError, UnsupportedAlgorithm) as error:
         raise UserError(
             f"{path} is not a public key in PEM: `openssl pkey -in PRIVATE -pubout` writes it"
@@ -94,13 +95,6 @@ def read_public_key(path: Path) -> PublicKey:
     raise UserError(f"{path} is a key of another kind: use {_KINDS}")
 
 
-_LARGEST_KEY = 64 * 1024  # bytes
-
-
-def _content(path: Path) -> bytes:
-    return read_bytes(path, _LARGEST_KEY)
-
-
 def _is_p256(key: object) -> bool:
     if not isinstance(key, ec.EllipticCurvePrivateKey | ec.EllipticCurvePublicKey):
         return False
@@ -108,15 +102,10 @@ def _is_p256(key: object) -> bool:
 
 
 def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> bytes:
-    """Return an envelope with a statement, its earlier signatures and one more.
+    """Return an envelope with a statement, the signatures of an earlier envelope, and one more.
 
-    A second signature by the same key replaces the first.
-
-    Args:
-        statement: Content of `statement.intoto.json`.
-        key: The signer's key.
-        envelope: Content of an earlier `statement.dsse.json`; if it is of another statement, its
-            signatures are dropped.
+    A second signature by the same key replaces the first. If the earlier envelope is of another
+    statement, its signatures are dropped.
 
     Raises:
         UserError: If the earlier envelope is damaged, or has too many signatures.
@@ -143,12 +132,7 @@ def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> 
 
 
 def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]:
-    """Return why a folder is not signed by a key, nothing if it is.
-
-    Args:
-        files: Content of the folder's files, by path.
-        key: The key of the supposed signer.
-    """
+    """Return why a folder, its files by path, is not signed by a key; nothing if it is."""
     if SIGNATURES not in files:
         return [f"{SIGNATURES} is missing: no one has signed this folder"]
     try:
@@ -159,21 +143,17 @@ def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]
         return [f"the signature in {SIGNATURES} is of another statement than {STATEMENT}"]
     # The key's id is a hint that anyone can write: what counts is the signature.
     body = encoded(PAYLOAD_TYPE, payload)
-    if any(_is_valid(entry["sig"], body, key) for entry in signatures):
+    for entry in signatures:
+        try:
+            content = _from_base64(entry["sig"])
+            if isinstance(key, Ed25519PublicKey):
+                key.verify(content, body)
+            else:
+                key.verify(content, body, ec.ECDSA(hashes.SHA256()))
+        except (InvalidSignature, ValueError):
+            continue
         return []
     return [f"no signature in {SIGNATURES} is by the key {key_id(key)}"]
-
-
-def _is_valid(signature: str, body: bytes, key: PublicKey) -> bool:
-    try:
-        content = _from_base64(signature)
-        if isinstance(key, Ed25519PublicKey):
-            key.verify(content, body)
-        else:
-            key.verify(content, body, ec.ECDSA(hashes.SHA256()))
-    except (InvalidSignature, ValueError):
-        return False
-    return True
 
 
 def _opened(envelope: bytes) -> tuple[bytes, list[dict[str, str]]]:

@@ -12,23 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.audit.evidence.table import CONTEXTS
-from socialiq.audit.looks.log import RESULT, SEED, AuditLog, Subject, read
-from socialiq.audit.looks.look import Look, origin_of
+from socialiq.audit.log import RESULT, SEED, AuditLog, Subject, read
+from socialiq.audit.look import origin_of
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.folder import (
-    MANIFEST,
-    PROFILE,
-    REPORT,
-    SEALS,
-    SIGNATURES,
-    STATEMENT,
-    evidence_path,
-    manifest,
-    statement,
-    views_of,
-)
-from socialiq.audit.report.recompute import recomputed_differences
-from socialiq.audit.report.seeds import faults_of_seeds, opened_of
+from socialiq.audit.report import folder as layout
+from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
+from socialiq.audit.report.recompute import faults_of_seeds, opened_of, recomputed_differences
 from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -36,12 +25,6 @@ from socialiq.provenance import package_sha256
 from socialiq.reading import open_file
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
-
-
-@cache
-def shipped_schema() -> dict[str, Any]:
-    """Return the JSON Schema of `report.json`."""
-    return json.loads(files("socialiq.audit.report").joinpath("report.schema.json").read_text())
 
 
 def read_report(path: Path) -> dict[str, Any]:
@@ -53,45 +36,44 @@ def read_report(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise UserError(f"no such file: {path}: name a folder that `socialiq audit` wrote")
     with open_file(path) as file:
-        return parse_report(file.read(LARGEST_REPORT + 1), path)
+        return _parsed(file.read(LARGEST_REPORT + 1), path)
 
 
-def parse_report(content: bytes, path: Path) -> dict[str, Any]:
-    """Parse the content of a `report.json` and check it.
+def _parsed(content: bytes, path: Path) -> dict[str, Any]:
+    """Parse the content of a `report.json` and check it; the path is for messages."""
 
-    Args:
-        content: The content.
-        path: Name of the file for error messages.
+    def refuse(word: str) -> None:
+        raise ValueError(word)
 
-    Raises:
-        UserError: As `read_report`.
-    """
     if len(content) > LARGEST_REPORT:
         raise UserError(f"{path} has more than {LARGEST_REPORT:,} bytes: it is not a report")
     try:
-        report = json.loads(content, parse_constant=_refuse)
+        report = json.loads(content, parse_constant=refuse)
         # Half of a surrogate pair is JSON, but no text: no page could be written with it.
         json.dumps(report, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path} is not JSON: restore it, or audit again") from error
-    fault = fault_of(report, shipped_schema())
+    fault = fault_of(report, _schema())
     if fault:
         raise UserError(f"{path} is not a report of this version: {fault}; audit again")
     return report
 
 
-def _refuse(word: str) -> None:
-    raise ValueError(word)
+@cache
+def _schema() -> dict[str, Any]:
+    return json.loads(files("socialiq.audit.report").joinpath("report.schema.json").read_text())
 
 
 def fault_of(value: Any, schema: dict[str, Any]) -> str:
-    """Return the first violation of a schema with its place in the report, or "" if none.
+    """Return the first violation of a JSON Schema with its place in the report, or "" if none."""
+    from jsonschema import Draft202012Validator, validators
 
-    Args:
-        value: JSON value.
-        schema: JSON Schema 2020-12.
-    """
-    error = next(_validator(schema).iter_errors(value), None)
+    # JSON Schema takes 1.0 for an integer, but a count of episodes has to be one in Python too.
+    types = Draft202012Validator.TYPE_CHECKER.redefine(
+        "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
+    )
+    validator: Any = validators.extend(Draft202012Validator, type_checker=types)(schema)
+    error = next(validator.iter_errors(value), None)
     while error is not None and error.context:  # of `anyOf`: why the first alternative fails
         error = error.context[0]
     if error is None:
@@ -99,25 +81,8 @@ def fault_of(value: Any, schema: dict[str, Any]) -> str:
     path_in_report = "the report" + "".join(
         f"[{step}]" if isinstance(step, int) else f".{step}" for step in error.absolute_path
     )
-    return one_line(f"{path_in_report} {_fault(error)}")
-
-
-def _validator(schema: dict[str, Any]) -> Any:
-    from jsonschema import Draft202012Validator, validators
-
-    # JSON Schema takes 1.0 for an integer, but a count of episodes has to be one in Python too.
-    types = Draft202012Validator.TYPE_CHECKER.redefine(
-        "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
-    )
-    return validators.extend(Draft202012Validator, type_checker=types)(schema)
-
-
-def _fault(error: Any) -> str:
-    """Return an error of `jsonschema` in a few words."""
     demand, value = error.validator_value, error.instance
-    if error.validator == "required":
-        return f"lacks {next(name for name in demand if name not in value)}"
-    return {
+    words = {
         "additionalProperties": "has an unknown field",
         "type": f"is not of type {demand}",
         "enum": f"is not one of {demand}",
@@ -126,6 +91,9 @@ def _fault(error: Any) -> str:
         "minimum": f"is less than {demand}",
         "maximum": f"is more than {demand}",
     }.get(error.validator, "has another length")
+    if error.validator == "required":
+        words = f"lacks {next(name for name in demand if name not in value)}"
+    return one_line(f"{path_in_report} {words}")
 
 
 MOST_FILES = 100
@@ -164,10 +132,8 @@ def content_of(folder: Path) -> dict[str, bytes]:
 class Findings:
     """Result of the checks that need neither the policy nor a key.
 
-    Attributes:
-        faults: Faults; none if the files are consistent with each other.
-        not_checked: Parts that this version can't check; they may say anything.
-        checked: Parts that are consistent.
+    There are no faults if the files are consistent with each other. What this version can't check
+    may say anything.
     """
 
     faults: list[str]
@@ -191,9 +157,9 @@ def check_folder(folder: Path) -> Findings:
     if damage:
         return Findings(damage)
     # A forger can change hashes too; the files must still be consistent with the report.
-    report = parse_report(files[REPORT], folder / REPORT)
+    report = _parsed(files[REPORT], folder / REPORT)
     damage = _of_profile(files, report)
-    if files.get(STATEMENT) != statement(files, report):
+    if files.get(STATEMENT) != layout.statement(files, report):
         damage.insert(0, f"{STATEMENT} is not consistent with {REPORT}")
     if damage:
         return Findings(damage)
@@ -201,7 +167,7 @@ def check_folder(folder: Path) -> Findings:
         numbers = recomputed_differences(files, report)
     except UserError as error:
         return Findings([str(error)])
-    pages = [name for name, page in views_of(report).items() if files.get(name) != page]
+    pages = [name for name, page in layout.views_of(report).items() if files.get(name) != page]
     faults = [f"{page} is not the page of {REPORT}" for page in pages]
     faults += [f"{number} does not follow from the episodes" for number in numbers]
     ours = report["hashes"]["package"] == package_sha256()
@@ -211,7 +177,13 @@ def check_folder(folder: Path) -> Findings:
     checked = [f"hashes of {len(files) - 1} files", "statement", "declaration and commitment"]
     checked += [] if pages else ["pages"]
     checked += [] if numbers else [f"verdict and numbers, recomputed from {episodes}"]
-    return Findings([], [*pages, *numbers, *_unknown(files, report)], checked)
+    # Files that no audit writes.
+    rows = [row for rows in report["episodes"].values() for row in rows]
+    traffic = report["shift"]["traffic"] if report["shift"] else []
+    expected = {REPORT, PROFILE, *SEALS, *layout.views_of(report), *(row["film"] for row in rows)}
+    expected |= {layout.evidence_path(number) for number in range(len(traffic) + 1)}
+    expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
+    return Findings([], [*pages, *numbers, *sorted(files.keys() - expected)], checked)
 
 
 DECISION = "report.verdict.decision"
@@ -227,26 +199,23 @@ def faults(folder: Path) -> list[str]:
 
 
 def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
-    listed = _listed(files[MANIFEST])
-    if listed is None:
+    try:
+        listed, fresh = _listed(files[MANIFEST]), _listed(layout.manifest(files))
+    except ValueError:
         return [f"{MANIFEST} is damaged"]
     there = files.keys() - {MANIFEST, SIGNATURES}
     damage = [f"{name} is missing" for name in sorted(listed.keys() - there)]
     damage += [f"{name} was added" for name in sorted(there - listed.keys())]
-    fresh = _listed(manifest(files)) or {}
     same = sorted(there & listed.keys())
     damage += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
-    if not damage and manifest(files) != files[MANIFEST]:
+    if not damage and layout.manifest(files) != files[MANIFEST]:
         damage = [f"{MANIFEST} was changed"]
     return damage
 
 
-def _listed(content: bytes) -> dict[str, str] | None:
-    try:
-        pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
-        return {name: sha256 for sha256, name in pairs}
-    except ValueError:
-        return None
+def _listed(content: bytes) -> dict[str, str]:
+    pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
+    return {name: sha256 for sha256, name in pairs}
 
 
 def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
@@ -263,31 +232,17 @@ def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[s
     return damage or faults_of_seeds(report)
 
 
-def _unknown(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    """Return the files that no audit writes."""
-    episodes = [row for rows in report["episodes"].values() for row in rows]
-    traffic = report["shift"]["traffic"] if report["shift"] else []
-    expected = {REPORT, PROFILE, *SEALS, *views_of(report), *(row["film"] for row in episodes)}
-    expected |= {evidence_path(number) for number in range(len(traffic) + 1)}
-    expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
-    return sorted(files.keys() - expected)
-
-
 def faults_by_log(folder: Path, path: Path) -> list[str]:
     """Return how a report differs from a log, nothing if it is the look that it claims to be.
 
     The log may have grown since. Every commitment before the report's counts as a look, so a report
-    that hides one has another number than the log.
-
-    Args:
-        folder: Folder of the report, without faults of its own.
-        path: File of the log.
+    that hides one has another number than the log. The report has no faults of its own.
 
     Raises:
         UserError: If the log can't be read, or its chain is broken.
     """
     report = read_report(folder / REPORT)
-    _, look = opened_of(report)
+    draw, look = opened_of(report)
     if look is None:
         return [f"{REPORT} names no audit log"]
     declared = report["declaration"]
@@ -301,19 +256,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         differing.append(
             f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"
         )
-    differing += _of_entry(report, look, log)
-    result = log.following(RESULT, look.entry)
-    sha256 = hashlib.sha256((folder / REPORT).read_bytes()).hexdigest()
-    if result is None or result["report_sha256"] != sha256:
-        differing.append(f"{path} has another result for look {number}, or none")
-    return differing
-
-
-def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]:
-    """Compare the lines of commitment and seed."""
     entry = next(line for line in log.entries if line["sha256"] == look.entry)
-    seed, draw = log.following(SEED, look.entry), opened_of(report).drawn
-    origin = {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed)
+    seed = log.following(SEED, look.entry)
     claims = {
         "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
         "declaration": (entry["profile_sha256"], report["hashes"]["profile"]),
@@ -321,11 +265,19 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
         "selection of actions": (entry["soft"], not report["policy"]["deterministic"]),
         "time of the commitment": (entry["time"], look.committed),
         "line before it": (entry["previous"], look.before),
-        "source of the seed": (entry["seed"], origin),
+        "source of the seed": (
+            entry["seed"],
+            {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed),
+        ),
         "seed": (seed and seed["seed"], report["seeds"]["seed"]),
     }
-    return [
-        f"{REPORT}: its {what} is not that of {log.path}"
+    differing += [
+        f"{REPORT}: its {what} is not that of {path}"
         for what, (logged, told) in claims.items()
         if logged != told
     ]
+    result = log.following(RESULT, look.entry)
+    sha256 = hashlib.sha256((folder / REPORT).read_bytes()).hexdigest()
+    if result is None or result["report_sha256"] != sha256:
+        differing.append(f"{path} has another result for look {number}, or none")
+    return differing

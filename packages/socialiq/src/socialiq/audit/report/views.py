@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
@@ -20,12 +20,9 @@ _KEPT = ("seed", "r_env", "r_social", "ending", "decisions")
 
 
 class Replays(NamedTuple):
-    """Program and data that replay episodes in a page.
+    """Script that replays episodes in a page, its data as JSON, and the sources that are allowed.
 
-    Attributes:
-        program: The script.
-        data: Its data as JSON: the core, its layout, and the episodes.
-        allowed: Sources of scripts that the page's content security policy allows.
+    The page's content security policy allows these sources of scripts.
     """
 
     program: str
@@ -34,14 +31,7 @@ class Replays(NamedTuple):
 
 
 def replays(report: Mapping[str, Any]) -> Replays | None:
-    """Return the replays of a report's episodes; None where none has decisions.
-
-    Args:
-        report: Content of `report.json`.
-
-    Raises:
-        UserError: If its scenario is not one of the intersection's.
-    """
+    """Return the replays of a report's episodes; None where none has decisions."""
     rows = [
         {"kind": kind, "number": number, "actions": row["trace"]["actions"]}
         | {name: row[name] for name in _KEPT}
@@ -146,12 +136,7 @@ def compatible(report: Mapping[str, Any]) -> str:
 
 
 def others(report: Mapping[str, Any], most: int = 3) -> str:
-    """Return how many other drivers would pass the declaration, in a sentence.
-
-    Args:
-        report: Content of `report.json`.
-        most: Largest number of their names in it.
-    """
+    """Return how many other drivers would pass the declaration, in a sentence with some names."""
     tried, names = report["discrimination"], names_of(report)
     if not tried["of"]:
         return "There is no other driver that could be judged by this declaration."
@@ -176,16 +161,6 @@ def options(values: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in values.items()) or "defaults"
 
 
-def headline(decision: str) -> str:
-    """Return a verdict in a few words."""
-    return VERDICTS[decision]
-
-
-def criterion(name: str) -> str:
-    """Return the event of an episode that counts for a criterion."""
-    return CRITERIA[name]
-
-
 def code(text: str) -> Markdown:
     """Return an indented block of code, in which Markdown has no markup."""
     return Markdown(f"    {printable(text)}")
@@ -196,23 +171,12 @@ def blank(who: str) -> Markdown:
     return Markdown(f"> **[ blank ]** to be filled by {who}")
 
 
-FILTERS = {
+FILTERS: dict[str, Callable[..., str]] = {
     function.__name__: function
-    for function in (
-        number,
-        percent,
-        measured,
-        degrees,
-        arcs,
-        meaning,
-        options,
-        compatible_angles,
-        headline,
-        outcome,
-        criterion,
-        code,
-    )
+    for function in (number, percent, measured, degrees, arcs, meaning, options, compatible_angles)
 }
+FILTERS |= {"headline": VERDICTS.__getitem__, "criterion": CRITERIA.__getitem__}
+FILTERS |= {"outcome": outcome, "code": code}
 
 _LONGEST = 10_000  # characters of a value
 
@@ -224,10 +188,9 @@ def html(report: Mapping[str, Any]) -> str:
 
     Its only script replays episodes of the intersection, and is named by hash in the page's policy.
     """
-    pages = templates(_PACKAGE)
-    _add_words(pages)
-    return pages.get_template("report.html.j2").render(
-        **_words(report),
+    return _rendered(
+        report,
+        "report.html.j2",
         means=pictures.means(report),
         single=pictures.episodes(report),
         angles=angles(report),
@@ -237,36 +200,26 @@ def html(report: Mapping[str, Any]) -> str:
 
 
 def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **more: Any) -> str:
-    """Return a page of Markdown; all values are escaped.
-
-    Args:
-        report: Content of `report.json`.
-        template: Name of the page's template.
-        more: Further variables of the template.
-    """
-    pages = templates(_PACKAGE, most=_LONGEST)
-    _add_words(pages)
-    return pages.get_template(template).render(**_words(report), **more)
+    """Return a page of Markdown by a template and further variables; all values are escaped."""
+    return _rendered(report, template, most=_LONGEST, **more)
 
 
-def _add_words(pages: Any) -> None:
+def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **more: Any) -> str:
+    """Return a page by its template, a value of Markdown with so many characters at most."""
+    pages, names = templates(_PACKAGE, most=most), names_of(report)
     pages.filters.update(FILTERS)
     pages.globals.update(is_known=is_known, blank=blank)
-
-
-def _words(report: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the variables of both pages that follow from the report."""
     decisions = {
         driver["name"]: driver["decision"] for driver in report["discrimination"]["drivers"]
     }
-    names = names_of(report)
-    return {
-        "report": report,
-        "name_of": lambda name: names.get(name, name),
-        "would_pass": decisions,
-        "others": others,
-        "compatible": compatible(report),
-    }
+    return pages.get_template(template).render(
+        report=report,
+        name_of=lambda name: names.get(name, name),
+        would_pass=decisions,
+        others=others,
+        compatible=compatible(report),
+        **more,
+    )
 
 
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:

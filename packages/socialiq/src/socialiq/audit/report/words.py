@@ -7,10 +7,9 @@ from typing import Any, Literal, NamedTuple
 
 from socialiq.audit.evidence.drive import PREFIX, RANDOM
 from socialiq.audit.evidence.outcomes import AS_DECLARED
-from socialiq.audit.looks.look import Look
+from socialiq.audit.look import Look
 from socialiq.audit.seeds import Draw, worth
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import RegretTest
+from socialiq.audit.verdict.decision import Decision, RegretTest
 from socialiq.audit.verdict.results import Discrimination
 from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
@@ -44,12 +43,11 @@ _NAMES = {
 def plain_name(name: str, angles: Sequence[float] = ()) -> str:
     """Return the name of one of the package's drivers in words; another's is returned as it is.
 
-    Args:
-        name: Name of the driver in the report.
-        angles: Ends of the interval of angles for which an exact optimum is the best.
+    The angles are the ends of the interval for which an exact optimum is the best.
     """
     if name.startswith(OPTIMUM) and angles:
-        low, high = (_degrees(angle) for angle in (angles[0], angles[-1]))
+        turned = (-((180.0 - angle) % 360.0 - 180.0) for angle in (angles[0], angles[-1]))
+        low, high = (f"{round(angle, 1) + 0.0:g}°".replace("-", "−") for angle in turned)
         return f"best possible for {low} to {high}"
     if name.startswith(PREFIX) and name not in _NAMES:
         return f"always chooses “{name.removeprefix(PREFIX).replace('_', ' ')}”"
@@ -74,21 +72,11 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     return names
 
 
-def _degrees(angle: float) -> str:
-    turned = -((180.0 - angle) % 360.0 - 180.0)
-    return f"{round(turned, 1) + 0.0:g}°".replace("-", "−")
-
-
 About = Literal["rule", "loss", "margin", "look", "seed", "code", "episodes"]
 
 
 class Caveat(NamedTuple):
-    """An assumption of the verdict, or a weakness of its evidence.
-
-    Attributes:
-        about: Subject.
-        text: One or two sentences.
-    """
+    """An assumption of the verdict, or a weakness of its evidence: subject and text."""
 
     about: About
     text: str
@@ -101,30 +89,46 @@ def caveats(
     discrimination: Discrimination,
     world: str,
 ) -> list[Caveat]:
-    """Return the caveats of an audit, those of its log and its seed among them.
-
-    Args:
-        draw: Commitment and seed.
-        look: The look; None without a log.
-        policy: The policy's record as JSON.
-        discrimination: Other drivers that would pass the declaration.
-        world: Name of the declared world.
-    """
-    return [
-        *_of_margin(discrimination),
-        _of_look(look),
-        Caveat("seed", worth(draw)),
-        *_of_code(policy, world),
+    """Return the caveats of the margin, the log, the seed, and the code of policy and world."""
+    caveats = []
+    passing = [
+        driver
+        for driver in discrimination.drivers
+        if driver.trivial and driver.decision is Decision.PASS
     ]
+    if passing:
+        names = ", ".join(f"one that {plain_name(driver.name)}" for driver in passing)
+        text = (
+            f"The declaration excludes little: {discrimination.would_pass} of {discrimination.of} "
+            f"other drivers would pass it too, among them {names}."
+        )
+        caveats.append(Caveat("margin", text))
+    text = "No audit log was kept: how often this owner has tried before is not known."
+    if look is not None:
+        text = (
+            f"This is look {look.number} of this owner at this scenario by the audit log "
+            f"{look.log}, with an error of at most {100 * look.error:.3g} %. Audits outside that "
+            "log are not known."
+        )
+    caveats += [Caveat("look", text), Caveat("seed", worth(draw))]
+    isolation = policy["isolation"]
+    if isolation["kind"] == NONE:
+        text = (
+            f"The policy is the owner's code and was not isolated ({isolation['why']}): it could "
+            "read the seed and change the evidence. The evidence is self-attested."
+        )
+        caveats.append(Caveat("code", text))
+    if ":" in world:  # otherwise its code is installed
+        text = (
+            "The scenario's code ran in the auditor's process: unless the auditor wrote or read "
+            "it, the evidence is self-attested."
+        )
+        caveats.append(Caveat("code", text))
+    return caveats
 
 
 def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
-    """Return a caveat if a policy that takes its best actions drove otherwise when asked again.
-
-    Args:
-        shown: Number of chosen episodes that were the same when they were run again.
-        chosen: Number of chosen episodes.
-    """
+    """Return a caveat if not all chosen episodes were the same when they were run again."""
     if shown == chosen:
         return []
     text = (
@@ -135,12 +139,7 @@ def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
 
 
 def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
-    """Return what a declared rule of the angle means for the rest of the report.
-
-    Args:
-        rule: The rule; None without one.
-        angle: Declared angle at which whole episodes are weighed, degrees.
-    """
+    """Return what a declared rule means, besides an angle at which whole episodes are weighed."""
     if rule is None:
         return []
     text = (
@@ -184,51 +183,6 @@ def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Cav
     return [Caveat("loss", text)]
 
 
-def _of_margin(discrimination: Discrimination) -> list[Caveat]:
-    """Return a caveat if a driver that pays no attention to the traffic would pass too."""
-    passing = [
-        driver
-        for driver in discrimination.drivers
-        if driver.trivial and driver.decision is Decision.PASS
-    ]
-    if not passing:
-        return []
-    names = ", ".join(f"one that {plain_name(driver.name)}" for driver in passing)
-    text = (
-        f"The declaration excludes little: {discrimination.would_pass} of {discrimination.of} "
-        f"other drivers would pass it too, among them {names}."
-    )
-    return [Caveat("margin", text)]
-
-
-def _of_look(look: Look | None) -> Caveat:
-    if look is None:
-        text = "No audit log was kept: how often this owner has tried before is not known."
-    else:
-        text = (
-            f"This is look {look.number} of this owner at this scenario by the audit log "
-            f"{look.log}, with an error of at most {100 * look.error:.3g} %. Audits outside that "
-            "log are not known."
-        )
-    return Caveat("look", text)
-
-
-def _of_code(policy: Mapping[str, Any], world: str) -> list[Caveat]:
-    """Return caveats of the code of policy and world; without a colon the world is installed."""
-    isolation, texts = policy["isolation"], []
-    if isolation["kind"] == NONE:
-        texts.append(
-            f"The policy is the owner's code and was not isolated ({isolation['why']}): it could "
-            "read the seed and change the evidence. The evidence is self-attested."
-        )
-    if ":" in world:
-        texts.append(
-            "The scenario's code ran in the auditor's process: unless the auditor wrote or read "
-            "it, the evidence is self-attested."
-        )
-    return [Caveat("code", text) for text in texts]
-
-
 ALWAYS = (
     "timing",
     "command",
@@ -254,14 +208,10 @@ OF_A_LOG = "look"
 
 
 def claims_of_auditor(policy: Mapping[str, Any], draw: Draw, look: Look | None) -> list[str]:
-    """Return the paths of the claims in a report.
+    """Return the paths of the claims in a report, by the policy's record, its seed and its look.
 
-    A signature of the statement covers them: then it is known whose claims they are.
-
-    Args:
-        policy: The policy's record as JSON.
-        draw: Commitment and seed. That a seed is derived from a nonce or a beacon can be checked.
-        look: The look; None without a log.
+    A signature of the statement covers them: then it is known whose claims they are. That a seed
+    is derived from a nonce or a beacon can be checked.
     """
     code = policy["kind"] in ("process", "python")
     of_code = [path for path in OF_CODE if code and path.rpartition(".")[2] in policy]

@@ -10,6 +10,8 @@ is then as good as impossible, whatever its size. With a declared largest loss t
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +19,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.decision import POWER, episodes_needed, slowest
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import betting
 from socialiq.statistics import intervals as rare
@@ -30,15 +31,36 @@ from socialiq.statistics.bootstrap import (
 )
 from socialiq.types import RewardPair
 
-Rows = Int64[np.ndarray, " row"]
+POWER = 0.9
+"""Chance of a decision with the number of `episodes_needed`, if the estimate is true."""
+
+
+def episodes_needed(distance: float, deviation: float, error: float) -> int | None:
+    """Return the number of episodes with which a one-sided test decides (normal approximation).
+
+    n = ((z_{1-error} + z_power) σ / distance)², with σ the deviation of one episode; None if the
+    distance between value and limit is 0, where no number is enough.
+    """
+    from scipy.stats import norm
+
+    if distance == 0.0:
+        return None
+    quantiles = float(norm.isf(error)) + float(norm.ppf(POWER))
+    episodes = (quantiles * deviation / distance) ** 2
+    return max(1, math.ceil(episodes)) if episodes < 1e12 else None
+
+
+def slowest(needs: Sequence[int | None]) -> int | None:
+    """Return the largest of some numbers of episodes; None if no number is enough for one."""
+    counts = [count for count in needs if count is not None]
+    return max(counts) if len(counts) == len(needs) else None
 
 
 class Regrets:
     """Regret and its bounds at any angle, from one set of resamples.
 
     References with exact expectations are the complete set of optima (`drive.exact_optima`): the
-    best one at an angle is then known, not selected by the data, and it alone is compared; no
-    other driver can be better.
+    best one at an angle is then known, not selected by the data, and it alone is compared.
 
     Args:
         evidence: Policy and references.
@@ -101,11 +123,8 @@ class Regrets:
         gains = self._at(angle, np.flatnonzero(self.compared(angle)))
         lows = gains.rare_lows(error)
         if not gains.rare.all():
-            lows.append(
-                largest_lower_bound(
-                    gains.found.of(~gains.rare), error * float((~gains.rare).mean())
-                )
-            )
+            share = error * float((~gains.rare).mean())
+            lows.append(largest_lower_bound(gains.resampled.of(~gains.rare), share))
         return max(lows)
 
     def band(
@@ -120,7 +139,8 @@ class Regrets:
         if max(gains.rare_lows(fail_error), default=-np.inf) > margin:
             return within, True
         share = fail_error * float((~gains.rare).mean())
-        return within, share > 0 and largest_exceeds(gains.found.of(~gains.rare), margin, share)
+        usual = gains.resampled.of(~gains.rare)
+        return within, share > 0 and largest_exceeds(usual, margin, share)
 
     def needed(self, angle: float, margin: float, error: float) -> int | None:
         """Return the number of episodes that would decide, if the estimate is true."""
@@ -130,10 +150,10 @@ class Regrets:
             common = float(np.median(gains.values[0]))
             count = rare.deviating(gains.values[0], gains.reach)
             return rare.episodes_needed(distance, common, gains.reach, count, error)
-        deviation = float(gains.found.error[0]) * self.moments.episodes**0.5
+        deviation = float(gains.resampled.error[0]) * self.moments.episodes**0.5
         return episodes_needed(distance, deviation, error)
 
-    def _at(self, angle: float, rows: Rows) -> _Gains:
+    def _at(self, angle: float, rows: Int64[np.ndarray, " row"]) -> _Gains:
         weights = exact_weights(angle)
         gains = np.moveaxis(self._gains[rows], 2, 0)
         values = np.asarray(score(weights, RewardPair(*gains)))
@@ -143,23 +163,20 @@ class Regrets:
 
 
 class _Gains(NamedTuple):
-    """Gains of references over the policy at one angle.
+    """Gains of references over the policy at one angle, in each episode and with their bootstrap.
 
-    Attributes:
-        found: Means and their bootstrap.
-        values: Gain in each episode.
-        reach: Largest possible difference: the range of the rewards of all drivers.
-        rare: Whether nearly all differences of a reference are equal (`statistics.intervals`).
+    `reach` is the largest possible difference, the range of the rewards of all drivers; `rare` says
+    of which references nearly all differences are equal (`statistics.intervals`).
     """
 
-    found: Studentised
+    resampled: Studentised
     values: Float[np.ndarray, "reference episode"]
     reach: float
     rare: Bool[np.ndarray, " reference"]
 
     def highs(self, error: float) -> Float[np.ndarray, " reference"]:
         """Return the upper bound of each."""
-        highs = upper_bounds(self.found, error)
+        highs = upper_bounds(self.resampled, error)
         for row in np.flatnonzero(self.rare):
             highs[row] = rare.bounds(self.values[row], self.reach, error, error).high
         return highs
@@ -176,13 +193,10 @@ _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding 
 
 @dataclass(frozen=True)
 class LossBounds:
-    """Bounds of the regret by a declared largest loss.
+    """Lower bound of the regret, and upper bound towards each reference.
 
-    Attributes:
-        low: Lower bound; the smallest gain, which says nothing, if a reference lost more than
-            the declared loss against the policy.
-        highs: Upper bound towards each reference; the largest loss, which says nothing, if the
-            policy lost more than the declared loss against it.
+    If one of them lost more than the declared loss, they are the smallest gain and the largest
+    loss, which say nothing.
     """
 
     low: float
@@ -204,16 +218,10 @@ def loss_bounds(
 ) -> LossBounds:
     """Bound the largest mean loss either way.
 
-    The largest of the upper bounds has the error of one (`bootstrap.upper_bounds` says why).
-
-    Args:
-        losses: R(α) of each reference less the policy's, in the order in which the episodes were
-            drawn.
-        compared: References that the test uses.
-        margin: Margin, reward per episode.
-        largest_loss: Declared largest absolute value of a loss.
-        pass_error: Error of each upper bound.
-        fail_error: Error of the lower bound.
+    Losses are R(α) of each reference less the policy's, in the order in which the episodes were
+    drawn, of an absolute value of at most the declared largest loss. The largest of the upper
+    bounds, each at the pass error, has the error of one (`bootstrap.upper_bounds` says why); the
+    lower bound, of the references that the test compares, has the fail error.
     """
     within = _without_rounding(losses, largest_loss)
     below = betting.levels(margin, largest_loss)
@@ -235,14 +243,8 @@ def needed_with(
 ) -> int | None:
     """Return the number of episodes that would decide, if the losses so far are typical.
 
-    A pass needs every reference's bound, a fail the best reference's.
-
-    Args:
-        losses: As for `loss_bounds`.
-        compared: References that the test uses.
-        margin: Margin, reward per episode.
-        largest_loss: Declared largest absolute value of a loss.
-        error: Error of the test that the estimate would decide.
+    A pass needs every reference's bound, a fail the best reference's. Arguments are as for
+    `loss_bounds`; the error is that of the test that the estimate would decide.
     """
     rows = _without_rounding(losses, largest_loss)[compared]
     means = rows.mean(axis=1)

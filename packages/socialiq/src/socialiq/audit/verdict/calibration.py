@@ -27,12 +27,7 @@ _LEVEL = 1e-9  # degrees; smaller differences of α̂ are rounding errors
 
 
 class Points(NamedTuple):
-    """Points of the curve, in the order of their angles.
-
-    Attributes:
-        angle: In degrees, unwrapped: it rises along the curve.
-        driver: Number of each point's reference.
-    """
+    """Points of the curve, by rising angle in degrees, with the number of each one's reference."""
 
     angle: Float[np.ndarray, " point"]
     driver: Int64[np.ndarray, " point"]
@@ -41,26 +36,19 @@ class Points(NamedTuple):
 class Preimage(NamedTuple):
     """Angles at which the curve has a given α̂: the hull of all of them, by resample.
 
-    Attributes:
-        low: Smallest angle, degrees; the nearest point of the curve if it doesn't reach α̂.
-        high: Largest angle.
-        beyond: Whether no point of the curve has this α̂.
+    If no point of the curve has it, they are the nearest point.
     """
 
-    low: Float[np.ndarray, " resample"]
+    low: Float[np.ndarray, " resample"]  # degrees
     high: Float[np.ndarray, " resample"]
-    beyond: np.ndarray
+    beyond: np.ndarray  # whether no point of the curve has this α̂
 
 
 def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
-    """Return the curve over the quadrant of the declared angle.
+    """Return the curve over the quadrant of the declared angle, in degrees.
 
     Other quadrants have the same α̂ for other trade-offs. A reference that is optimal over an
-    interval gives its two ends, between which the curve is flat.
-
-    Args:
-        references: References; those without an angle are left out.
-        declared: Declared angle in degrees.
+    interval gives its two ends, between which the curve is flat; one without an angle gives none.
     """
     first = 90.0 * max(0, math.ceil(declared / 90.0) - 1)  # 90 is the end of the first
     rows: list[tuple[float, float, int]] = []
@@ -84,18 +72,12 @@ def preimage(
     alpha: Float[np.ndarray, "resample point"],
     sought: Float[np.ndarray, " resample"],
 ) -> Preimage:
-    """Invert the curve, taken as straight lines between its points.
+    """Invert the curve, taken as straight lines between its points, of which there are two or more.
 
     Where it is flat at the given height, the result is the whole flat piece; where it turns back,
-    the hull of all solutions.
-
-    Args:
-        angle: Angle of each point, rising, at least two.
-        alpha: α̂ of the points, unwrapped along the curve.
-        sought: α̂ to invert, unwrapped likewise.
+    the hull of all solutions. α̂ of the points, and those to invert, are unwrapped along the curve.
     """
-    low = np.full(len(sought), np.inf)
-    high = np.full(len(sought), -np.inf)
+    low, high = np.full(len(sought), np.inf), np.full(len(sought), -np.inf)
     for left in range(len(angle) - 1):
         y, z = alpha[:, left], alpha[:, left + 1]
         inside = (np.minimum(y, z) - _LEVEL <= sought) & (sought <= np.maximum(y, z) + _LEVEL)
@@ -124,23 +106,13 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Whether the calibrated angle is equivalent to the declared one.
+    """Whether the calibrated angle is equivalent to the declared one, in degrees.
 
-    Attributes:
-        status: Whether there is a calibrated angle, or why not: fewer than two references have an
-            angle; the curve doesn't reach α̂; or α̂ itself isn't identified.
-        decision: PASS if [low, high] is within the declared angle plus or minus the margin, FAIL
-            if it is outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated.
-        declared: Declared angle in degrees.
-        margin: Margin in degrees.
-        nearest: Smallest and largest angle at which the curve has the estimated α̂. They differ
-            where the curve is flat or turns back: the angle is not identified between them.
-        low: One-sided lower bound of the calibrated angle, degrees.
-        high: One-sided upper bound.
-        error: Error of each bound; together they are a two-sided interval of 1 - 2 error
-            (Schuirmann's TOST at level error).
-        monotone: Whether α̂ never falls along the curve.
-        curve: Points of the curve.
+    There is none if fewer than two references have an angle, the curve doesn't reach α̂, or α̂ itself
+    isn't identified. The decision is PASS if [low, high] is within the declared angle plus or minus
+    the margin, FAIL if it is outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated. The
+    nearest angles are the smallest and largest at which the curve has the estimated α̂: they differ
+    where the curve is flat or turns back, and the angle is not identified between them.
     """
 
     status: Status
@@ -148,10 +120,10 @@ class Calibration:
     declared: float
     margin: float
     nearest: tuple[float, float] | None
-    low: float | None
-    high: float | None
-    error: float
-    monotone: bool
+    low: float | None  # one-sided lower bound
+    high: float | None  # one-sided upper bound
+    error: float  # of each bound: Schuirmann's TOST at this level
+    monotone: bool  # whether α̂ never falls along the curve
     curve: tuple[CurvePoint, ...]
 
 
@@ -168,16 +140,8 @@ def calibrate(
 
     The curve is measured on the policy's own episodes, so its error is part of the interval. Where
     it is flat over 30 degrees the interval is at least as wide: a policy there passes only with a
-    margin of that width.
-
-    Args:
-        evidence: Policy and references.
-        declared: Declared angle in degrees.
-        margin: Margin in degrees.
-        identified: Whether α̂ of the policy is identified (`Verdict.identifiability`).
-        seed: Seed of the resampling.
-        error: Error of each one-sided test.
-        resamples: Number of resamples.
+    margin of that width. Declared angle and margin are in degrees; `identified` says whether α̂ of
+    the policy is (`Verdict.identifiability`); each one-sided test has the error.
     """
     points = points_of(evidence.references, declared)
     drivers = [*(evidence.references[number] for number in points.driver), evidence.policy]
@@ -187,63 +151,43 @@ def calibrate(
     rows = zip(drivers, points.angle.tolist(), alphas.tolist(), strict=False)
     curve = tuple(CurvePoint(driver.name, angle, alpha) for driver, angle, alpha in rows)
     monotone = bool((np.diff(alphas) >= -1e-9).all())
-    open_result = Calibration(
-        status="no curve" if identified else "no direction",
-        decision=Decision.INCONCLUSIVE,
-        declared=declared,
-        margin=margin,
-        nearest=None,
-        low=None,
-        high=None,
-        error=error,
-        monotone=monotone,
-        curve=curve,
+
+    status, undecided = "no curve" if identified else "no direction", Decision.INCONCLUSIVE
+    unknown = Calibration(
+        status, undecided, declared, margin, None, None, None, error, monotone, curve
     )
     if len(set(points.angle.tolist())) < 2 or not identified:
-        return open_result
+        return unknown
     middle = float(alphas.min() + alphas.max()) / 2
     centre = np.append(alphas, middle + angle_difference(float(angles[-1]), middle))
     means = resampled_means(np.stack([driver.totals for driver in drivers]), seed, resamples)
     resampled = np.degrees(np.arctan2(means[..., 1], means[..., 0]))
-    resampled = centre + _wrapped(resampled - angles)
+    resampled = centre + ((resampled - angles + 180.0) % 360.0 - 180.0)
     at = preimage(points.angle, centre[None, :-1], centre[-1:])
     inverse = preimage(points.angle, resampled[:, :-1], resampled[:, -1])
     # An end of the curve may be inside the interval; if all of it is beyond, there is no angle.
     if bool(inverse.beyond.mean() > 1.0 - error):
-        return replace(open_result, status="beyond the curve")
+        return replace(unknown, status="beyond the curve")
     low = float(np.quantile(inverse.low, error))
     high = float(np.quantile(inverse.high, 1.0 - error))
     first = declared + 360.0 * round((points.angle.mean() - declared) / 360.0)
+    within = first - margin <= low and high <= first + margin
+    outside = low > first + margin or high < first - margin
     return replace(
-        open_result,
+        unknown,
         status="calibrated",
-        decision=_tost(low, high, first, margin),
+        decision=Decision.PASS if within else Decision.FAIL if outside else undecided,
         nearest=(float(at.low[0]), float(at.high[0])),
         low=low,
         high=high,
     )
 
 
-def _tost(low: float, high: float, declared: float, margin: float) -> Decision:
-    if declared - margin <= low and high <= declared + margin:
-        return Decision.PASS
-    outside = low > declared + margin or high < declared - margin
-    return Decision.FAIL if outside else Decision.INCONCLUSIVE
-
-
-def _wrapped(degrees: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Return differences of angles in [-180, 180)."""
-    return (degrees + 180.0) % 360.0 - 180.0
-
-
 @dataclass(frozen=True)
 class CandidateLoss:
-    """Decision loss of a context at an angle in degrees, reward per episode.
+    """Mean decision loss of a context at an angle in degrees, reward per episode.
 
-    Attributes:
-        angle: The angle.
-        loss: Mean loss.
-        compatible: Whether it is not significantly larger than the least one.
+    `compatible` says whether it is not significantly larger than the least one.
     """
 
     angle: float
@@ -253,37 +197,23 @@ class CandidateLoss:
 
 @dataclass(frozen=True)
 class FollowedAngle:
-    """A policy in one context of a declared rule.
+    """A policy in one context of a declared rule."""
 
-    Attributes:
-        context: The context in words.
-        declared: Its declared angle in words.
-        decisions: Mean number of decisions in an episode.
-        loss: Mean decision loss at the declared angle, reward per episode.
-        low: Lower end of its two-sided interval (Student).
-        high: Upper end.
-        by_angle: Loss at other angles: the policy follows the angle of the least one.
-    """
-
-    context: str
-    declared: str
-    decisions: float
-    loss: float
-    low: float
-    high: float
-    by_angle: tuple[CandidateLoss, ...]
+    context: str  # the context in words
+    declared: str  # its declared angle in words
+    decisions: float  # mean number of decisions in an episode
+    loss: float  # mean decision loss at the declared angle, reward per episode
+    low: float  # lower end of its two-sided interval (Student)
+    high: float  # upper end
+    by_angle: tuple[CandidateLoss, ...]  # the policy follows the least one
 
 
 def followed_angles(
     rule: AngleRule, losses: ContextLosses, candidates: tuple[float, ...], confidence: float
 ) -> tuple[FollowedAngle, ...]:
-    """Return the angle that a policy follows in each context.
+    """Return the angle that a policy follows in each context, by its losses at the candidates.
 
-    Args:
-        rule: The declared rule.
-        losses: Decision losses of the policy.
-        candidates: Angles of `by_angle`, in degrees.
-        confidence: Confidence of the intervals, and of each comparison of two angles.
+    The confidence is that of the intervals, and of each comparison of two angles.
     """
     followed = []
     for number, context in enumerate(rule.contexts):

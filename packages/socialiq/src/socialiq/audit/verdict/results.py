@@ -1,4 +1,4 @@
-"""Results of an audit: the verdict, which other drivers would pass, and the shift check.
+"""Results of an audit: verdict, other drivers that would pass, kinds of episodes, shift check.
 
 A margin can be so wide, and a floor so open, that no driver breaks the declaration. A pass is then
 no evidence of the policy's behaviour.
@@ -10,76 +10,53 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from socialiq.audit.evidence.consistency import Consistency
+import numpy as np
+
 from socialiq.audit.evidence.drive import GO_AND_WAIT
-from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.evidence.outcomes import Consistency, Evidence, events_of
+from socialiq.audit.profile.profile import Profile, Traffic
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
+from socialiq.audit.verdict.shift import Shift, shift_of
 from socialiq.audit.verdict.verdict import Verdict, decide, enough_resamples, judge, whole_error
+from socialiq.statistics.comparisons import Difference, paired_difference
+from socialiq.statistics.intervals import Share, wilson
 from socialiq.worlds.registry import INTERSECTIONS
 
 
-class Finding(NamedTuple):
-    """A reason why a policy can't pass, whatever the tests say.
-
-    Attributes:
-        about: Subject.
-        text: One or two sentences.
-    """
-
-    about: str
-    text: str
-
-
-def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
+def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
     """Return the verdict of an audit: INCONCLUSIVE where a finding forbids a pass.
 
     A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
     episodes would not decide.
-
-    Args:
-        verdict: Result of `judge`.
-        findings: Findings of the audit.
     """
     if verdict.decision is Decision.FAIL or not findings:
         return verdict
-    reason = " ".join(finding.text for finding in findings)
+    reason = " ".join(findings)
     return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
 
 
-def dependence(consistency: Consistency | None) -> list[Finding]:
-    """Return on what a policy's answers depend besides the observation, or nothing.
+def dependence(consistency: Consistency | None) -> str:
+    """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
 
     How it drove in the episodes is then no evidence about how it drives elsewhere.
-
-    Args:
-        consistency: Answers to repeated queries; None if the policy was not asked.
     """
-    influences = consistency.dependences if consistency else []
-    if not influences:
-        return []
-    assert consistency is not None
+    if consistency is None or not consistency.dependences:
+        return ""
     differing, queries = (
         sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
     )
-    text = (
-        f"The policy's answers depend on {' and on '.join(influences)}: {differing:,} of "
-        f"{queries:,} repeated queries got another answer, so its episodes don't show how it "
-        "drives elsewhere."
+    return (
+        f"The policy's answers depend on {' and on '.join(consistency.dependences)}: "
+        f"{differing:,} of {queries:,} repeated queries got another answer, so its episodes don't "
+        "show how it drives elsewhere."
     )
-    return [Finding("code", text)]
 
 
 @dataclass(frozen=True)
 class OtherDriver:
     """Decision on another driver, had it been the policy of this declaration.
 
-    Attributes:
-        name: Name of the driver.
-        trivial: Whether it acts without regard to what it observes: one action always, or random
-            ones.
-        decision: Decision by the same tests with the same margin, floor and error.
+    A trivial one acts without regard to what it observes: one action always, or random ones.
     """
 
     name: str
@@ -89,18 +66,11 @@ class OtherDriver:
 
 @dataclass(frozen=True)
 class Discrimination:
-    """Drivers that would pass a declaration.
+    """Drivers that would pass a declaration."""
 
-    Attributes:
-        would_pass: Number of drivers that would pass.
-        of: Number of drivers.
-        excludes_nothing: Whether every trivial driver would pass.
-        drivers: Decision on each driver.
-    """
-
-    would_pass: int
-    of: int
-    excludes_nothing: bool
+    would_pass: int  # number of drivers
+    of: int  # drivers in all
+    excludes_nothing: bool  # whether every trivial driver would pass
     drivers: tuple[OtherDriver, ...]
 
 
@@ -111,17 +81,10 @@ def discriminate(
     resamples: int = 2000,
     error: float | None = None,
 ) -> Discrimination:
-    """Judge every other driver by the declaration of the policy.
+    """Judge every other driver by the declaration of the policy; arguments are those of `judge`.
 
     Each is compared with the other references, as the policy is. Drivers that are the policy itself
     are left out of the evidence (`Evidence.without`).
-
-    Args:
-        profile: The declaration.
-        evidence: Evidence of the verdict.
-        seed: Seed of the resampling.
-        resamples: Smallest number of resamples, as for `judge`.
-        error: Error of the tests; None for 1 - confidence.
     """
     level = whole_error(profile.confidence) if error is None else error
     count = enough_resamples(level, resamples)
@@ -147,25 +110,52 @@ def discriminate(
     )
 
 
-def finding_of(discrimination: Discrimination) -> list[Finding]:
-    """Return why a policy can't pass a declaration that excludes nothing, or nothing."""
-    if not discrimination.excludes_nothing:
-        return []
-    text = (
-        "The declaration excludes nothing: constant actions and random ones would pass it too. "
-        "Declare a smaller margin, or a stricter floor."
-    )
-    return [Finding("margin", text)]
+_FEWEST = 2  # episodes of a stratum for the test of a difference
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """A policy in the episodes of one label.
+
+    Regret is towards the apparently best reference over all episodes, with a two-sided Student
+    interval; None if there are fewer than two episodes. Intervals, Wilson's of the shares, are of
+    each stratum alone: of many, some miss.
+    """
+
+    stratification: str  # for instance "density"
+    label: str  # for instance "4 or more"
+    episodes: int
+    regret: Difference | None
+    shares: dict[str, Share]  # of each criterion of the floor
+
+
+def stratified(
+    evidence: Evidence, angle: float, reference: str, confidence: float = 0.95
+) -> tuple[Stratum, ...]:
+    """Break the evidence down by every stratification, at the declared angle in degrees.
+
+    The reference to compare with, `RegretTest.best`, is the same in every stratum, so that
+    regrets, weighted by episodes, add up to the whole regret.
+    """
+    best = next(driver for driver in evidence.references if driver.name == reference)
+    reference_values, ours = best.values(angle), evidence.policy.values(angle)
+    events, strata = events_of(evidence.policy), []
+    for stratification, labels in evidence.strata.items():
+        for label in np.unique(labels).tolist():
+            rows = labels == label
+            count, regret = int(rows.sum()), None
+            if count >= _FEWEST:
+                regret = paired_difference(reference_values[rows], ours[rows], confidence)
+            shares = {
+                name: wilson(int(happened[rows].sum()), count, confidence)
+                for name, happened in events.items()
+            }
+            strata.append(Stratum(stratification, label, count, regret, shares))
+    return tuple(strata)
 
 
 class Results(NamedTuple):
-    """Results of an audit.
-
-    Attributes:
-        verdict: Result of `judge`, as far as no finding forbids it (`conclude`).
-        discrimination: Result of `discriminate`.
-        shifts: Result of `shift_of`, or None without other traffic.
-    """
+    """Verdict as far as no finding forbids it, discrimination, and changes in other traffic."""
 
     verdict: Verdict
     discrimination: Discrimination
@@ -180,7 +170,7 @@ def results_of(
     traffic: Sequence[Traffic] = (),
     elsewhere: Sequence[Evidence] = (),
     error: float | None = None,
-    findings: Sequence[Finding] = (),
+    consistency: Consistency | None = None,
 ) -> Results:
     """Judge a policy by its evidence.
 
@@ -192,8 +182,8 @@ def results_of(
         seed: Seed of the resampling.
         traffic: Result of `other_traffic`, or none.
         elsewhere: Evidence in each of these, of all references.
-        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
-        findings: Findings beside the tests that forbid a pass.
+        error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
+        consistency: Answers of the policy to repeated queries; None if it was not asked.
 
     Raises:
         UserError: If the evidence is of another scenario.
@@ -201,8 +191,14 @@ def results_of(
     compared, *there = [drives.without(left_out) for drives in (evidence, *elsewhere)]
     discrimination = discriminate(profile, compared, seed, error=error)
     tested = judge(profile, compared, seed, curve=evidence, error=error)
+    findings = [dependence(consistency)]
+    if discrimination.excludes_nothing:
+        findings.append(
+            "The declaration excludes nothing: constant actions and random ones would pass it too. "
+            "Declare a smaller margin, or a stricter floor."
+        )
     return Results(
-        verdict=conclude(tested, [*findings, *finding_of(discrimination)]),
+        verdict=conclude(tested, [text for text in findings if text]),
         discrimination=discrimination,
         shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,
     )

@@ -13,108 +13,52 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
-from socialiq.audit.profile.profile import Profile, scenario_sha256, world_of
-from socialiq.audit.verdict.bounds import Regrets
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
+from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.verdict import decide_on
-from socialiq.errors import UserError
+from socialiq.audit.verdict.verdict import decide, whole_error
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contrast
 from socialiq.types import RewardPair
-from socialiq.worlds.registry import NAMES
-from socialiq.worlds.world import World
 
 MEASURES = ("regret", *CRITERIA)
-
-
-@dataclass(frozen=True)
-class Traffic:
-    """Another traffic in the declared world.
-
-    Attributes:
-        name: Description for reports.
-        options: Options of the world that differ from the declaration's.
-        world: World with these options.
-    """
-
-    name: str
-    options: Mapping[str, Any]
-    world: World
 
 
 @dataclass(frozen=True)
 class Change:
     """A measure of the policy in the declared traffic and in another.
 
-    Attributes:
-        measure: "regret", towards the apparently best reference in each traffic, or a criterion
-            of the safety floor.
-        declared: Value in the declared traffic.
-        there: Value in the other traffic.
-        change: The second less the first.
-        low: Lower end of its interval; all intervals of an audit hold jointly.
-        high: Upper end.
-        shown: Whether the change is significant: the interval excludes 0.
-        reference: Change of the best references, the effect of the traffic on a good driver. None
-            for regret, which is relative to them.
+    It is a criterion of the safety floor, or "regret" towards the apparently best reference in
+    each. The change of these references, the effect of the traffic on a good driver, is None for
+    regret, which is relative to them.
     """
 
     measure: str
     declared: float
     there: float
-    change: float
-    low: float
-    high: float
-    shown: bool
+    change: float  # the second less the first
+    low: float  # lower end of its interval; all intervals of an audit hold jointly
+    high: float  # upper end
+    shown: bool  # whether the change is significant: the interval excludes 0
     reference: float | None
 
 
 @dataclass(frozen=True)
 class Shift:
-    """Result of one other traffic.
+    """Result of one other traffic."""
 
-    Attributes:
-        name: Description of the traffic.
-        options: Options of the world that differ from the declaration's.
-        scenario_sha256: SHA-256 of the world's description.
-        episodes: Number of episodes; they are others than in the declared traffic.
-        decision: Decision by the declared margin and floor there.
-        best: Name of the apparently best reference there.
-        changes: Change of each of `MEASURES`.
-    """
-
-    name: str
-    options: Mapping[str, Any]
+    name: str  # of the traffic
+    options: Mapping[str, Any]  # options of the world that differ from the declaration's
     scenario_sha256: str
-    episodes: int
-    decision: Decision
-    best: str
-    changes: tuple[Change, ...]
+    episodes: int  # number of episodes; they are others than in the declared traffic
+    decision: Decision  # decision by the declared margin and floor there
+    best: str  # name of the apparently best reference there
+    changes: tuple[Change, ...]  # of each of `MEASURES`
 
     @property
     def shown(self) -> tuple[Change, ...]:
         """Significant changes."""
         return tuple(change for change in self.changes if change.shown)
-
-
-def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
-    """Return the other traffic of the declared world.
-
-    Raises:
-        UserError: If the world has no other traffic.
-    """
-    declared = profile.scenario
-    if profile.rule is not None:
-        raise UserError("a declared rule is not tested in other traffic: leave out --shift")
-    # Making an environment may run code; it has one traffic only.
-    variants = profile.world().other_traffic() if declared.world in NAMES else {}
-    if not variants:
-        raise UserError(f"{declared.world} has one traffic only: leave out --shift")
-    return tuple(
-        Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
-        for name, changed in variants.items()
-    )
 
 
 def shift_of(
@@ -139,14 +83,11 @@ def shift_of(
         seed: Seed of the resampling.
         resamples: Number of resamples.
     """
-    error = round(1.0 - profile.confidence, 9)
+    error = whole_error(profile.confidence)
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
-    margin, floor = profile.margin.regret, profile.competence
-    largest = profile.margin.largest_loss
     shifts = []
     for variant, evidence in zip(traffic, there, strict=True):
-        regrets = Regrets(evidence, seed, resamples, largest)
-        decisive = decide_on(evidence, regrets, profile.angle, margin, floor, error)
+        decisive = decide(profile, evidence, seed, resamples, error)
         shifts.append(
             Shift(
                 variant.name,
@@ -164,18 +105,18 @@ def shift_of(
 def changes(
     declared: Evidence, there: Evidence, angle: float, confidence: float
 ) -> tuple[Change, ...]:
-    """Return the change of every measure between two kinds of traffic.
+    """Return the change of every measure from the declared traffic to another.
 
-    Args:
-        declared: Evidence in the declared traffic.
-        there: Evidence in the other.
-        angle: Declared angle in degrees.
-        confidence: Confidence of each interval.
+    The angle is the declared one in degrees, the confidence that of each interval.
     """
-    old, new = _regrets(declared, angle), _regrets(there, angle)
+    weights, measured = exact_weights(angle), []
+    for evidence in (declared, there):
+        best = max(evidence.references, key=lambda reference: score(weights, reference.mean))
+        gains = (best.totals - evidence.policy.totals).T  # of the apparently best reference
+        regrets = np.asarray(score(weights, RewardPair(*gains)))
+        measured.append((regrets, events_of(evidence.policy), events_of(best)))
+    (old, before, best_before), (new, after, best_after) = measured
     rows = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
-    before, after = (events_of(evidence.policy) for evidence in (declared, there))
-    best_before, best_after = (events_of(_best(evidence, angle)) for evidence in (declared, there))
     for name in CRITERIA:
         counts = [(int(events[name].sum()), len(events[name])) for events in (after, before)]
         contrast = share_contrast(*counts[0], *counts[1], confidence)
@@ -187,7 +128,18 @@ def changes(
 
 def sentence_of(shifts: Sequence[Shift]) -> str:
     """Return the result of the shift check in plain words."""
-    changed = [f"{shift.name}: {_changes_text(shift)}" for shift in shifts if shift.shown]
+    changed = []
+    for shift in shifts:
+        texts = []
+        for change in shift.shown:
+            if change.measure == "regret":
+                way = "more" if change.change > 0 else "less"
+                texts.append(f"regret is {abs(change.change):.3g} {way}")
+            else:
+                way = "more often" if change.change > 0 else "less often"
+                points = 100 * abs(change.change)
+                texts.append(f"it {CRITERIA[change.measure]} {way}, by {points:.3g} points")
+        changed += [f"{shift.name}: {', '.join(texts)}"] if texts else []
     same = ", ".join(shift.name for shift in shifts if not shift.shown)
     if not changed:
         return f"In other traffic ({same}) its driving does not change significantly."
@@ -195,35 +147,8 @@ def sentence_of(shifts: Sequence[Shift]) -> str:
     return f"In other traffic it drives differently. With {'; with '.join(changed)}.{unchanged}"
 
 
-def _changes_text(shift: Shift) -> str:
-    texts = []
-    for change in shift.shown:
-        if change.measure == "regret":
-            way = "more" if change.change > 0 else "less"
-            texts.append(f"regret is {abs(change.change):.3g} {way}")
-        else:
-            way = "more often" if change.change > 0 else "less often"
-            texts.append(
-                f"it {CRITERIA[change.measure]} {way}, by {100 * abs(change.change):.3g} points"
-            )
-    return ", ".join(texts)
-
-
 def _change(
     measure: str, declared: Any, there: Any, contrast: Contrast, reference: float | None
 ) -> Change:
     significant = contrast.low > 0.0 or contrast.high < 0.0
     return Change(measure, float(declared), float(there), *contrast, significant, reference)
-
-
-def _best(evidence: Evidence, angle: float) -> Outcomes:
-    """Return the apparently best reference at an angle."""
-    return max(
-        evidence.references, key=lambda reference: score(exact_weights(angle), reference.mean)
-    )
-
-
-def _regrets(evidence: Evidence, angle: float) -> np.ndarray:
-    """Return the advantage of that reference over the policy, by episode."""
-    gained = _best(evidence, angle).totals - evidence.policy.totals
-    return np.asarray(score(exact_weights(angle), RewardPair(*gained.T)))

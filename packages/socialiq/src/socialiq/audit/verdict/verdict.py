@@ -5,24 +5,14 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
-from socialiq.audit.verdict.bounds import Regrets
+from socialiq.audit.verdict import decision as tests
+from socialiq.audit.verdict.bounds import Regrets, slowest
 from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.decision import (
-    Decision,
-    FloorTest,
-    floor_tests,
-    joint_decision,
-    slowest,
-)
-from socialiq.audit.verdict.regret import (
-    CompatibleAngles,
-    RegretTest,
-    compatible_angles,
-    regret_test,
-)
+from socialiq.audit.verdict.decision import CompatibleAngles, Decision, FloorTest, RegretTest
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
@@ -30,73 +20,31 @@ from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of an audit.
+    """Result of an audit: PASS if regret and safety floor pass, FAIL if one of them fails.
 
-    Attributes:
-        decision: PASS if regret and safety floor pass, FAIL if one of them fails.
-        reason: Reason in one plain sentence.
-        episodes: Number of episodes.
-        needed: Episodes that would decide an inconclusive audit; None if it is decided, or if an
-            estimate is on its limit, where no number is enough.
-        error: Largest chance of a wrong pass, and of a wrong fail, at this look.
-        regret: The primary test.
-        rationalised: Angles compatible with the behaviour.
-        alpha_hat: α̂ of the thesis with its two-sided interval; None if it isn't identified.
-        identifiability: Confidence ellipse of the mean rewards.
-        calibration: Equivalence on the calibrated angle; reported, not decisive.
-        competence: Test of each criterion of the safety floor.
+    `needed` is the number of episodes that would decide an inconclusive audit; None if it is
+    decided, or if an estimate is on its limit, where no number is enough.
     """
 
     decision: Decision
-    reason: str
+    reason: str  # one plain sentence
     episodes: int
     needed: int | None
-    error: float
-    regret: RegretTest
-    rationalised: CompatibleAngles
-    alpha_hat: AngleEstimate | None
-    identifiability: Ellipse
-    calibration: Calibration
-    competence: tuple[FloorTest, ...]
+    error: float  # largest chance of a wrong pass, and of a wrong fail, at this look
+    regret: RegretTest  # the primary test
+    rationalised: CompatibleAngles  # angles compatible with the behaviour
+    alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
+    identifiability: Ellipse  # confidence ellipse of the mean rewards
+    calibration: Calibration  # equivalence on the calibrated angle; reported, not decisive
+    competence: tuple[FloorTest, ...]  # test of each criterion of the safety floor
 
 
-@dataclass(frozen=True)
-class Decisive:
-    """Deciding parts of an audit: both tests, and their joint decision."""
+class Decisive(NamedTuple):
+    """Deciding tests of an audit, and their joint decision."""
 
     decision: Decision
     regret: RegretTest
     competence: tuple[FloorTest, ...]
-
-
-def decide_on(
-    evidence: Evidence,
-    regrets: Regrets,
-    angle: float,
-    margin: float,
-    floor: Floor,
-    error: float,
-) -> Decisive:
-    """Test regret and safety floor, and join them.
-
-    A pass needs the regret test and all four criteria of the floor to pass, each at the full
-    error: if any of them is truly broken, the chance that its test passes bounds the chance of a
-    wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
-    so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
-    wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
-    those of shares do, and those of regret with a declared largest loss. Without one they are by
-    bootstrap-t, which is approximate (the study `audit-power` measures how much).
-
-    Args:
-        evidence: Policy and references.
-        regrets: Regrets of the evidence.
-        angle: Declared angle in degrees.
-        margin: Margin of regret, reward per episode.
-        floor: Declared safety floor.
-        error: Largest chance of a wrong pass, and of a wrong fail.
-    """
-    regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
-    return join_tests(regret, evidence.policy, floor, error)
 
 
 def decide(
@@ -107,7 +55,15 @@ def decide(
     error: float,
     regrets: Regrets | None = None,
 ) -> Decisive:
-    """Test a driver by a declaration: of its regret at an angle, or of its loss at a rule.
+    """Test a driver's regret at the declared angle, or its loss at a declared rule, and its floor.
+
+    A pass needs the regret test and all four criteria of the floor to pass, each at the full
+    error: if any of them is truly broken, the chance that its test passes bounds the chance of a
+    wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
+    so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
+    wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
+    those of shares do, and those of regret with a declared largest loss. Without one they are by
+    bootstrap-t, which is approximate (the study `audit-power` measures how much).
 
     Args:
         profile: The declaration.
@@ -117,18 +73,19 @@ def decide(
         error: Largest chance of a wrong pass, and of a wrong fail.
         regrets: Regrets of the evidence, if they are known.
     """
-    margin, floor, angle = profile.margin, profile.competence, profile.angle
+    margin, angle = profile.margin, profile.angle
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    decisive = decide_on(evidence, regrets, angle, margin.regret, floor, error)
-    return replace(decisive, regret=replace(decisive.regret, angle=profile.angle))
+    regret = tests.regret_test(regrets, evidence, angle, margin.regret, error, error / 2)
+    regret = replace(regret, angle=profile.angle)
+    return join_tests(regret, evidence.policy, profile.competence, error)
 
 
 def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
-    """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
-    competence = floor_tests(policy, floor, error, error / 2)
-    decision = joint_decision(test.decision for test in (regret, *competence))
+    """Join the regret test, made at its share of the error, with the floor's (`decide`)."""
+    competence = tests.floor_tests(policy, floor, error, error / 2)
+    decision = tests.joint_decision(test.decision for test in (regret, *competence))
     return Decisive(decision, regret, competence)
 
 
@@ -156,7 +113,7 @@ def judge(
 ) -> Verdict:
     """Test a policy's evidence against its declaration.
 
-    A wrong pass and a wrong fail each have a chance of at most the error (`decide_on`). α̂ and its
+    A wrong pass and a wrong fail each have a chance of at most the error (`decide`). α̂ and its
     calibration do not decide, so their errors add nothing.
 
     Args:
@@ -166,7 +123,7 @@ def judge(
         resamples: Smallest number of resamples; a small error takes more.
         curve: Evidence with the references of the calibration curve, if they are others: a driver
             equal to the policy is no reference of regret, but a point of the curve.
-        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
+        error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
 
     Raises:
         UserError: If the evidence is of another scenario.
@@ -179,22 +136,23 @@ def judge(
     regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
     decisive = decide(profile, evidence, seed, resamples, error, regrets)
     undecided = decisive.decision is Decision.INCONCLUSIVE
-    tests = (decisive.regret, *decisive.competence)
-    open_tests = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
+    deciding = (decisive.regret, *decisive.competence)
+    open_tests = [test.needed for test in deciding if test.decision is Decision.INCONCLUSIVE]
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
-    env, social = evidence.policy.totals.T.copy()
+    estimate = None
+    if identified:
+        env, social = evidence.policy.totals.T.copy()
+        estimate = estimate_angle(env, social, seed, profile.confidence, resamples)
     return Verdict(
         decision=decisive.decision,
-        reason=reason_of(decisive, profile.rule is not None),
+        reason=_reason(decisive, profile.rule is not None),
         episodes=evidence.episodes,
         needed=slowest(open_tests) if undecided else None,
         error=error,
         regret=decisive.regret,
-        rationalised=compatible_angles(regrets, margin.regret, error, error / 2),
-        alpha_hat=estimate_angle(env, social, seed, profile.confidence, resamples)
-        if identified
-        else None,
+        rationalised=tests.compatible_angles(regrets, margin.regret, error, error / 2),
+        alpha_hat=estimate,
         identifiability=ellipse,
         calibration=calibrate(
             curve or evidence, angle, margin.degrees, identified, seed, error, resamples
@@ -203,18 +161,34 @@ def judge(
     )
 
 
-def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
-    """Return the reason why a policy passed, failed, or neither, in one sentence.
-
-    Args:
-        decisive: Tests and decision.
-        by_rule: Whether a rule of the angle is declared.
-    """
+def _reason(decisive: Decisive, by_rule: bool) -> str:
+    """Return the reason why a policy passed, failed, or neither, in one sentence."""
     regret, competence = decisive.regret, decisive.competence
     where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
-        broken = [test for test in competence if test.decision is Decision.FAIL]
-        return _failed(regret, broken, where)
+        clauses = []
+        if regret.broken:
+            clauses.append(
+                f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
+                f"where at most {_number(regret.largest_loss or 0.0)} was declared"
+            )
+        elif regret.decision is Decision.FAIL:
+            assumed = "; if no loss of that driver is too rare to show"
+            clauses.append(
+                f"{where} it earns at least {_number(regret.low)} "
+                f"less per episode than the best reference driver ({_number(regret.margin)} less "
+                f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
+            )
+        for test in competence:
+            if test.decision is Decision.FAIL:
+                bound, allowed = f"at least {_percent(test.low)}", "allowed"
+                if test.side == "at least":
+                    bound, allowed = f"at most {_percent(test.high)}", "needed"
+                clauses.append(
+                    f"it {CRITERIA[test.name]} in {bound} of episodes "
+                    f"({test.side} {_percent(test.limit)} {allowed})"
+                )
+        return f"The policy does not behave as declared: {', and '.join(clauses)}."
     if decisive.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         text = (
@@ -235,31 +209,6 @@ def reason_of(decisive: Decisive, by_rule: bool = False) -> str:
         f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
-
-
-def _failed(regret: RegretTest, broken: list[FloorTest], where: str) -> str:
-    clauses = []
-    if regret.broken:
-        clauses.append(
-            f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
-            f"where at most {_number(regret.largest_loss or 0.0)} was declared"
-        )
-    elif regret.decision is Decision.FAIL:
-        assumed = "; if no loss of that driver is too rare to show"
-        clauses.append(
-            f"{where} it earns at least {_number(regret.low)} "
-            f"less per episode than the best reference driver ({_number(regret.margin)} less is "
-            f"allowed{assumed if regret.bound == 'bootstrap' else ''})"
-        )
-    for test in broken:
-        least = test.side == "at least"
-        bound = f"at most {_percent(test.high)}" if least else f"at least {_percent(test.low)}"
-        allowed = "needed" if least else "allowed"
-        clauses.append(
-            f"it {CRITERIA[test.name]} in {bound} of episodes "
-            f"({test.side} {_percent(test.limit)} {allowed})"
-        )
-    return f"The policy does not behave as declared: {', and '.join(clauses)}."
 
 
 def _number(value: float) -> str:

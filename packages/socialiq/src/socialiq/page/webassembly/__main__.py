@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from socialiq.page.webassembly.build import linked, object_file
-from socialiq.page.webassembly.replay import CORE
+from socialiq.page.webassembly.layout import CORE
 
 
-@dataclass(frozen=True)
-class Build:
-    """Build the core as WebAssembly; needs the extra `page`."""
+def build(out: Path = CORE) -> None:
+    """Build the core as WebAssembly; needs the extra `page`.
 
-    out: Path = CORE
-    """The file to write; by default the one in the package."""
-
-    def run(self) -> None:
-        """Compile and link."""
-        with tempfile.TemporaryDirectory() as folder:
-            core = Path(folder) / "core.o"
-            object_file(core)
-            linked(core, self.out)
+    Args:
+        out: The file to write; by default the one in the package.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        core = Path(folder) / "core.o"
+        object_file(core)
+        linked(core, out)
 
 
 if __name__ == "__main__":
-    tyro.cli(Build).run()
+    tyro.cli(build)

@@ -29,8 +29,7 @@ from socialiq.worlds.intersection.options import Options, buffers_of
 def entry_of(options: Options) -> Callable[..., None]:
     """Return the function to compile: pointers to arrays in the place of arrays.
 
-    Args:
-        options: Options that give the arrays' shapes; all others are in the settings.
+    The options give the arrays' shapes; all others are in the settings.
     """
     # Not from the cache of the native one.
     run: Any = numba.njit(step.run.py_func, error_model="numpy")
@@ -66,13 +65,6 @@ def entry_of(options: Options) -> Callable[..., None]:
     return entry
 
 
-def signature_of(options: Options) -> Any:
-    """Return the entry's Numba signature: a pointer for each array, then rows and traced rows."""
-    arrays = [array.dtype for array in buffers_of(options, 1, traced=True)]
-    pointers = [types.CPointer(numba.from_dtype(array)) for array in (*arrays, *ARGUMENTS.values())]
-    return types.void(*pointers, types.int32, types.int32)
-
-
 SYMBOL = "step_rows"
 """Name of the entry point in the object file. Numba's convention: it returns a status, 0 for
 success, and its first two arguments are places for a result and an exception."""
@@ -85,11 +77,7 @@ _UNOPTIMISED = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATUR
 
 
 def object_file(path: Path) -> None:
-    """Write the object file, in a process of its own, since Numba reads its settings at import.
-
-    Args:
-        path: The file; its folder must exist.
-    """
+    """Write the object file, in a process of its own, since Numba reads its settings at import."""
     subprocess.run(
         [sys.executable, "-m", __name__, str(path)], env=os.environ | _UNOPTIMISED, check=True
     )
@@ -97,23 +85,24 @@ def object_file(path: Path) -> None:
 
 def intermediate() -> str:
     """Return the unoptimised LLVM code of the entry point and all that it calls."""
-    signature = signature_of(Options())
+    arrays = [array.dtype for array in buffers_of(Options(), 1, traced=True)]
+    pointers = [types.CPointer(numba.from_dtype(array)) for array in (*arrays, *ARGUMENTS.values())]
+    signature = types.void(*pointers, types.int32, types.int32)  # rows and traced rows
     plain = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = numba.njit(signature, **plain)(entry_of(Options()))
     (result,) = compiled.overloads.values()
     return result.library.get_llvm_str().replace(result.fndesc.llvm_func_name, SYMBOL)
 
 
-def retargeted(code: str) -> str:
-    """Return the code with WebAssembly's data layout in the place of the machine's."""
-    code = re.sub(r"^target (datalayout|triple).*$", "", code, flags=re.M)
-    return f'target datalayout = "{DATA_LAYOUT}"\ntarget triple = "{TRIPLE}"\n{code}'
-
-
 def compiled(code: str) -> bytes:
-    """Return the object file of retargeted code; only the entry point is visible outside."""
+    """Return the object file of LLVM code, of which the entry point alone is visible outside.
+
+    WebAssembly's data layout takes the place of the machine's.
+    """
     import llvmlite.binding as llvm
 
+    code = re.sub(r"^target (datalayout|triple).*$", "", code, flags=re.M)
+    code = f'target datalayout = "{DATA_LAYOUT}"\ntarget triple = "{TRIPLE}"\n{code}'
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     module = llvm.parse_assembly(code)
@@ -134,32 +123,21 @@ def compiled(code: str) -> bytes:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_bytes(compiled(retargeted(intermediate())))
+    Path(sys.argv[1]).write_bytes(compiled(intermediate()))
 
 
 EXPORTS = (SYMBOL, "allocate", "memory")
 """Names that a program which loads the file can use."""
 
 _HERE = Path(__file__).parent
-_POWER = (
-    "pow",
-    "pow_data",
-    "exp_data",
-    "__math_invalid",
-    "__math_oflow",
-    "__math_uflow",
-    "__math_xflow",
-)
+_POWER = ("pow", "pow_data", "exp_data")
+_POWER += tuple(f"__math_{name}" for name in ("invalid", "oflow", "uflow", "xflow"))
 _HEADERS = ("musl/src/include", "musl/src/internal", "musl/include", "musl/arch/generic")
 _GENERATED = ("wasm-wasi-musl", "generic-musl")
 
 
 def linked(core: Path, target: Path) -> None:
-    """Write the WebAssembly file of an object file; it imports nothing.
-
-    Args:
-        core: Object file of `emit.object_file`.
-        target: The file to write.
+    """Write the WebAssembly file of an object file of `object_file`; it imports nothing.
 
     Raises:
         UserError: If the extra `page` isn't installed, or the linker fails.
@@ -172,11 +150,7 @@ def linked(core: Path, target: Path) -> None:
 def elementary_functions(folder: Path) -> str:
     """Write shared libraries of this machine with the elementary functions of the page.
 
-    Args:
-        folder: Where to write them.
-
-    Returns:
-        The value of LD_PRELOAD with which a program calls them in the place of its own.
+    The result is the value of LD_PRELOAD with which a program calls them in the place of its own.
 
     Raises:
         UserError: As `linked`.
@@ -189,12 +163,8 @@ def elementary_functions(folder: Path) -> str:
     return f"{names}:{functions}"
 
 
-def zig_library() -> Path:
-    """Return the folder of the compiler's own sources, musl among them.
-
-    Raises:
-        UserError: If the extra `page` isn't installed.
-    """
+def _zig_library() -> Path:
+    """Return the folder of the compiler's own sources, musl among them."""
     try:
         import ziglang  # pyright: ignore[reportMissingImports]
     except ImportError as error:
@@ -204,7 +174,7 @@ def zig_library() -> Path:
 
 def _zig(words: list[str], target: Path) -> None:
     """Run the compiler on what is named and on musl's power function."""
-    library = zig_library()
+    library = _zig_library()
     places = [f"-I{library / 'libc' / name}" for name in _HEADERS]
     places += [f"-I{library / 'libc' / 'include' / name}" for name in _GENERATED]
     flags = ["-cflags", "-std=c99", "-ffp-contract=off", "-frounding-math", "-w", "--"]
@@ -216,7 +186,7 @@ def _zig(words: list[str], target: Path) -> None:
 
 
 def _run(*words: str, folder: str | None = None) -> None:
-    zig_library()
+    _zig_library()
     done = subprocess.run(
         [sys.executable, "-m", "ziglang", *words],
         cwd=folder,

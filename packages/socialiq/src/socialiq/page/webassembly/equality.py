@@ -7,23 +7,185 @@ with this machine's elementary functions (sine, power, ...), and with the page's
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
 
+from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.webassembly.build import elementary_functions
-from socialiq.page.webassembly.replay import CORE, Equality, compared, in_node, native
+from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, write_json
-from socialiq.worlds.intersection.options import Options
+from socialiq.types import Ending
+from socialiq.worlds.highway.state import EPISODE
+from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
 from socialiq.worlds.intersection.policies import policy as reference_policy
+from socialiq.worlds.intersection.world import Batch
+
+KEPT = ("episodes", "vehicles", "observation", "rewards", "ending")
+"""Arrays of a replay; all of them together are what an episode shows and goes on from."""
+
+MOST = 500
+"""Largest number of episodes of a replay in WebAssembly, by the memory that the file asks for."""
+
+
+class Replay(NamedTuple):
+    """Episodes side by side, all steps.
+
+    Actions are int, (steps, episodes); -1 after an episode's end. The arrays are those of `KEPT`,
+    with the states after the reset and after each step, (steps + 1, episodes, ...).
+    """
+
+    actions: np.ndarray
+    arrays: dict[str, np.ndarray]
+
+
+def native(options: Options, seeds: np.ndarray, policy: Any) -> Replay:
+    """Drive the native core by a policy from these seeds until every episode has ended."""
+    batch = Batch(options, len(seeds))
+    batch.reset(seeds)
+    alive = np.ones(len(seeds), bool)
+    states, actions = {name: [getattr(batch.buffers, name).copy()] for name in KEPT}, []
+    while alive.any():
+        chosen = np.asarray(policy.predict(batch.seen_by(policy), deterministic=True)[0])
+        batch.step(chosen, auto_reset=False, rows=alive)
+        actions.append(np.where(alive, chosen, -1))
+        alive = alive & (batch.buffers.ending == int(Ending.NONE))
+        for name in KEPT:
+            states[name].append(getattr(batch.buffers, name).copy())
+    return Replay(np.stack(actions), {name: np.stack(arrays) for name, arrays in states.items()})
+
+
+def in_node(options: Options, seeds: np.ndarray, actions: np.ndarray, core: Path = CORE) -> Replay:
+    """Take the decisions of `Replay.actions` in WebAssembly, from the same seeds.
+
+    Raises:
+        UserError: If Node isn't installed, the program fails, or there are too many episodes.
+    """
+    if len(seeds) > MOST:
+        raise UserError(f"{len(seeds)} episodes are too many for the core's memory: at most {MOST}")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "layout.json").write_text(json.dumps(layout(options)))
+        job = {"seeds": seeds.tolist(), "decisions": actions.tolist(), "kept": KEPT}
+        (folder / "job.json").write_text(json.dumps(job))
+        files = [core, folder / "layout.json", folder / "job.json", folder / "out.bin"]
+        run_node("replay.mjs", *map(str, files))
+        rows = buffers_of(options, len(seeds))
+        kind = np.dtype(
+            [(name, getattr(rows, name).dtype, getattr(rows, name).shape) for name in KEPT]
+        )
+        records = np.fromfile(folder / "out.bin", kind)
+    return Replay(actions, {name: records[name] for name in KEPT})
+
+
+def run_node(script: str, *words: str) -> str:
+    """Run a script of this folder in Node and return what it prints.
+
+    Raises:
+        UserError: If Node isn't installed, or the script fails.
+    """
+    node = shutil.which("node")
+    if node is None:
+        raise UserError("Node.js isn't installed: install it, for example the package nodejs")
+    call = [node, str(Path(__file__).with_name(script)), *words]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise UserError(f"Node.js failed: {done.stderr.strip()[-300:]}")
+    return done.stdout
+
+
+CLOSE = 1e-9
+"""Largest difference of a state that counts as close: m, rad, m/s, m/s²."""
+
+
+@dataclass(frozen=True)
+class Equality:
+    """Counts of a comparison; a pair of equal things is counted, and all pairs.
+
+    Attributes:
+        episodes: Number of episodes.
+        same_endings: Episodes with the same ending after the same number of decisions.
+        decisions: Number of decisions.
+        same_decisions: Decisions that the driver takes too from what it sees in the other replay.
+        observations: Number of observations, those of the resets included.
+        equal_observations: Those equal to the last bit (float32).
+        equal_rewards: Reward pairs equal to the last bit.
+        close_rewards: Reward pairs that differ by at most `CLOSE`.
+        equal_states: States, the random stream's included, equal to the last bit.
+        close_states: States whose numbers differ by at most `CLOSE` and that are equal otherwise.
+        largest: Largest difference of any number of a state.
+    """
+
+    episodes: int
+    same_endings: int
+    decisions: int
+    same_decisions: int
+    observations: int
+    equal_observations: int
+    equal_rewards: int
+    close_rewards: int
+    equal_states: int
+    close_states: int
+    largest: float
+
+
+def compared(reference: Replay, compiled: Replay, policy: Any = None) -> Equality:
+    """Count what is equal in two replays with the same decisions.
+
+    The driver is asked again on what it sees in the second one; None doesn't look, so that every
+    decision is the same.
+    """
+    decided = reference.actions >= 0
+    there = np.vstack([np.ones_like(decided[:1]), decided])  # states that an episode reached
+    ours, arrays = reference.arrays, compiled.arrays
+    equal_inputs = (ours["observation"] == arrays["observation"]).all(axis=(2, 3))
+    apart = np.abs(ours["rewards"] - arrays["rewards"]).max(axis=2)[1:]
+    ended = ours["ending"] == arrays["ending"]
+    again = compiled.actions
+    if policy is not None:
+        observations = arrays["observation"][:-1]
+        inputs = observations.reshape(-1, observations.shape[2] * observations.shape[3])
+        again = np.asarray(policy.predict(inputs, deterministic=True)[0]).reshape(again.shape)
+    # Whether all but floats is equal, and the largest difference of floats.
+    count = ours["episodes"]["vehicles"]
+    absent = np.arange(ours["vehicles"].shape[2]) >= count[..., None]
+    equal, gap = np.ones(count.shape, bool), np.zeros(count.shape)
+    columns = [("episodes", name) for name in EPISODE.names or ()]
+    columns += [("vehicles", name) for name in VEHICLE.names or ()]
+    for record, name in columns:
+        left, right = ours[record][name], arrays[record][name]
+        if left.dtype.kind == "f":
+            with np.errstate(invalid="ignore"):  # infinity less infinity: a speed without a limit
+                off = np.where(left == right, 0.0, np.abs(left - right))
+            off = np.where(absent, 0.0, off).max(axis=2) if record == "vehicles" else off
+            np.maximum(gap, off, out=gap)
+        else:
+            same = left == right
+            equal &= (same | absent).all(axis=2) if record == "vehicles" else same
+    return Equality(
+        episodes=decided.shape[1],
+        same_endings=int((ended | ~there).all(axis=0).sum()),
+        decisions=int(decided.sum()),
+        same_decisions=int((again == reference.actions)[decided].sum()),
+        observations=int(there.sum()),
+        equal_observations=int(equal_inputs[there].sum()),
+        equal_rewards=int((apart == 0)[decided].sum()),
+        close_rewards=int((apart <= CLOSE)[decided].sum()),
+        equal_states=int((equal & (gap == 0))[there].sum()),
+        close_states=int((equal & (gap <= CLOSE))[there].sum()),
+        largest=float(gap[there].max()),
+    )
+
 
 DIAL = "intersection-dial/dial.safetensors"
 
@@ -82,10 +244,12 @@ def counted(config: Config) -> dict[str, Any]:
     drivers |= {name: reference_policy(name) for name in config.rules}
     rows = {}
     for name, driver in drivers.items():
-        chunks = [
-            _of_chunk(driver, None if name == "random" else driver, first, config)
-            for first in range(config.first, config.first + config.episodes, config.chunk)
-        ]
+        last, chunks = config.first + config.episodes, []
+        for first in range(config.first, last, config.chunk):
+            seeds = np.arange(first, min(first + config.chunk, last))
+            replay = native(Options(), seeds, driver)
+            compiled = in_node(Options(), seeds, replay.actions, config.core)
+            chunks.append(compared(replay, compiled, None if name == "random" else driver))
         rows[name] = dataclasses.asdict(together(chunks))
     return {
         "episodes": config.episodes,
@@ -93,13 +257,6 @@ def counted(config: Config) -> dict[str, Any]:
         "drivers": rows,
         "all": dataclasses.asdict(together([Equality(**row) for row in rows.values()])),
     }
-
-
-def _of_chunk(driver: Any, asked: Any, first: int, config: Config) -> Equality:
-    count = min(config.chunk, config.first + config.episodes - first)
-    seeds = np.arange(first, first + count)
-    replay = native(Options(), seeds, driver)
-    return compared(replay, in_node(Options(), seeds, replay.actions, config.core), asked)
 
 
 def together(chunks: list[Equality]) -> Equality:

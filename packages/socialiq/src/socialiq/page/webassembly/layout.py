@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,11 @@ from socialiq.worlds.highway.options import ENV_SIGNALS, SETTINGS, SIGNALS
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import ACTIONS, VEHICLE, Options, buffers_of, settings_of
 
+CORE = Path(__file__).with_name("core.wasm")
+"""The built core that ships with the package."""
+
 _RECORDS = {"vehicle": VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}
+_OF_LANE = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
 _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
 
 
@@ -33,9 +38,17 @@ def layout(options: Options) -> dict[str, Any]:
         _array(name, array.dtype, array.shape[1:]) for name, array in buffers._asdict().items()
     ]
     arrays += [_array(name, kind, ()) for name, kind in ARGUMENTS.items()]
-    weights = [getattr(options, f"{name}_weight") for name in SIGNALS]
     return {
-        "records": {name: _record(kind) for name, kind in _RECORDS.items()},
+        "records": {
+            name: {
+                "size": kind.itemsize,
+                "fields": {
+                    field: (str(dtype[0].base), dtype[1])
+                    for field, dtype in (kind.fields or {}).items()
+                },
+            }
+            for name, kind in _RECORDS.items()
+        },
         "arrays": arrays,
         "settings": base64.b64encode(settings_of(options).tobytes()).decode(),
         "commands": {name.lower(): getattr(state, name) for name in _COMMANDS},
@@ -44,7 +57,7 @@ def layout(options: Options) -> dict[str, Any]:
         "actions": ACTIONS,
         "signals": SIGNALS,
         "env_signals": len(ENV_SIGNALS),
-        "weights": weights,
+        "weights": [getattr(options, f"{name}_weight") for name in SIGNALS],
         "frames": options.frames,
         "decisions": options.decisions,
         "decision_seconds": 1 / options.policy_frequency,
@@ -53,23 +66,13 @@ def layout(options: Options) -> dict[str, Any]:
         "vehicle_width": geometry.VEHICLE_WIDTH,
         "lane_width": geometry.LANE_WIDTH,
         "conflict_distance": options.conflict_distance,
-        "lanes": [_lane(lane) for lane in LANES],
+        "lanes": [{name: lane[name].item() for name in _OF_LANE} for lane in LANES],
     }
 
 
 def _array(name: str, kind: np.dtype, shape: tuple[int, ...]) -> dict[str, Any]:
     record = next((key for key, dtype in _RECORDS.items() if dtype == kind), None)
     return {"name": name, "type": record or kind.name, "bytes": kind.itemsize, "shape": shape}
-
-
-def _record(kind: np.dtype) -> dict[str, Any]:
-    fields = {name: (str(dtype[0].base), dtype[1]) for name, dtype in (kind.fields or {}).items()}
-    return {"size": kind.itemsize, "fields": fields}
-
-
-def _lane(lane: np.void) -> dict[str, Any]:
-    names = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
-    return {name: lane[name].item() for name in names}
 
 
 ARGUMENTS = {

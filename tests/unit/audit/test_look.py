@@ -2,13 +2,14 @@
 
 import datetime
 import json
+from fractions import Fraction
 
 import pytest
 
+from socialiq.audit import look as room
 from socialiq.audit import seeds
-from socialiq.audit.looks import look as room
-from socialiq.audit.looks.log import COMMITMENT, RESULT, SEED, read
-from socialiq.audit.looks.look import commit, of_beacon, of_nonce, open_look, record
+from socialiq.audit.log import COMMITMENT, RESULT, SEED, read
+from socialiq.audit.look import commit, of_beacon, of_nonce, open_look, record, spend
 from socialiq.audit.seeds import Nonce, Round, reveal
 from socialiq.errors import UserError
 
@@ -102,7 +103,7 @@ def test_a_round_is_named_before_it_is_published(tmp_path, plan, monkeypatch):
     one = Round(1000, "aa" * 48)
     clock = {"time": one.time - datetime.timedelta(minutes=5)}
     monkeypatch.setattr(room, "now", lambda: clock["time"])
-    monkeypatch.setattr("socialiq.audit.looks.log.now", lambda: clock["time"])
+    monkeypatch.setattr("socialiq.audit.log.now", lambda: clock["time"])
     first = commit(tmp_path, plan(), of_beacon(1000))
     clock["time"] = one.time
     with pytest.raises(UserError, match="was published at 2023-08-23 15:59:24 UTC: name one after"):
@@ -124,7 +125,7 @@ def test_two_commitments_by_one_round_get_different_seeds(tmp_path, plan, monkey
     one = Round(1000, "aa" * 48)
     early = one.time - datetime.timedelta(hours=1)
     monkeypatch.setattr(room, "now", lambda: early)
-    monkeypatch.setattr("socialiq.audit.looks.log.now", lambda: early)
+    monkeypatch.setattr("socialiq.audit.log.now", lambda: early)
     for _ in range(2):
         commit(tmp_path, plan(), of_beacon(1000))
     looks = [open_look(tmp_path, plan(), one) for _ in range(2)]
@@ -139,3 +140,16 @@ def test_a_look_whose_share_is_too_small_is_refused_before_it_counts(tmp_path, p
         open_look(tmp_path, plan(confidence=0.998))
     text = (tmp_path / plan().subject.file_name).read_text()
     assert [json.loads(line)["kind"] for line in text.splitlines()].count(COMMITMENT) == 4
+
+
+def test_the_shares_by_hand():
+    assert [spend(0.05, look) for look in (1, 2, 3)] == [0.05 / 2, 0.05 / 6, 0.05 / 12]
+
+
+@pytest.mark.parametrize("looks", [1, 2, 20, 10_000])
+def test_no_number_of_looks_spends_more_than_the_whole(looks):
+    """1/2 + 1/6 + ... + 1/(K (K + 1)) = 1 - 1/(K + 1)."""
+    shares = sum(Fraction(1, look * (look + 1)) for look in range(1, looks + 1))
+    assert shares == 1 - Fraction(1, looks + 1)
+    spent = sum(spend(0.05, look) for look in range(1, looks + 1))
+    assert spent == pytest.approx(0.05 * float(shares), rel=1e-12) and spent < 0.05

@@ -1,14 +1,13 @@
 """An audit in parts: the same evidence, to the last bit, in however many parts."""
 
 import dataclasses
-import functools
 import json
 
 import numpy as np
 import pytest
 
 from socialiq.audit.conduct import conduct
-from socialiq.audit.request import Request, collect_in_parts
+from socialiq.audit.request import Request
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 
@@ -57,9 +56,7 @@ def test_parts_are_the_whole(tmp_path, trained, world, policy):
     request = Request(policy, declare(tmp_path, world), 41, seed=5)
     whole = conduct(request, silent)
     for processes in (1, 2):
-        found = conduct(
-            request, silent, collect=functools.partial(collect_in_parts, processes=processes)
-        )
+        found = conduct(request, silent, processes=processes)
         for ours, theirs in zip(found.evidence, whole.evidence, strict=True):
             assert_equal(ours, theirs)
         assert json.dumps(same(found.report)) == json.dumps(same(whole.report))
@@ -100,7 +97,7 @@ def test_an_audit_in_parts_by_command(tmp_path, trained, capsys):
 def test_what_can_not_be_split_is_refused(tmp_path, trained, capsys):
     request = Request(str(trained), declare(tmp_path, "crossing7"), 20, seed=1, soft=True)
     with pytest.raises(UserError, match="draws its actions in order: leave out --soft"):
-        conduct(request, silent, collect=functools.partial(collect_in_parts, processes=2))
+        conduct(request, silent, processes=2)
     words = ["audit", str(trained), "--profile", str(tmp_path / "profile.toml")]
     words += ["--out", str(tmp_path / "out")]
     assert main([*words, "--soft", "--processes", "2"]) == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.page.webassembly.replay import Replay, compared, native
+from socialiq.page.webassembly.equality import Replay, compared, native
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 

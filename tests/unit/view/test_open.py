@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from socialiq.audit.resolve_policy import Trust
+from socialiq.audit.request import Trust
 from socialiq.errors import UserError
-from socialiq.view import audit
+from socialiq.view import open as views
 from socialiq.view.open import opened
 from socialiq.worlds.intersection.options import Options
 
@@ -32,7 +32,7 @@ def report(worst, world="intersection", options=None):
 @pytest.fixture
 def shown(monkeypatch, tmp_path):
     def show(*given, **more):
-        monkeypatch.setattr(audit, "read_report", lambda path: report(*given, **more))
+        monkeypatch.setattr(views, "read_report", lambda path: report(*given, **more))
         return opened(str(tmp_path), None, Trust())
 
     return show
@@ -67,7 +67,7 @@ def test_what_can_not_be_replayed_is_refused_in_one_line(shown, monkeypatch):
         shown([row("0")], world="crossing7")
     nothing = report([row(None)]) | {"episodes": {"worst": [row(None)], "median": []}}
     with pytest.raises(UserError, match="holds no decisions"):
-        monkeypatch.setattr(audit, "read_report", lambda path: nothing)
+        monkeypatch.setattr(views, "read_report", lambda path: nothing)
         opened(".", None, Trust())
 
 

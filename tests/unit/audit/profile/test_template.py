@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.template import _rounded_up, possible_loss
+from socialiq.audit.profile.template import possible_loss
 from socialiq.worlds.intersection.world import env_range, social_range
 from socialiq.worlds.registry import make
 
@@ -34,6 +34,8 @@ def test_an_environments_limits_are_not_known():
     ("value", "rounded"),
     [(26.0, 26.01), (283.55, 283.6), (0.123456, 0.1235), (12345.0, 12350.0), (0.0, 0.0)],
 )
-def test_it_is_rounded_up(value, rounded):
-    assert _rounded_up(value) == pytest.approx(rounded, rel=1e-12)
-    assert _rounded_up(value) >= value
+def test_it_is_rounded_up(value, rounded, monkeypatch):
+    world = make("crossing5")
+    monkeypatch.setattr(type(world), "largest_difference", lambda *_: value)
+    limit = possible_loss(world, 0.0)
+    assert limit == pytest.approx(rounded, rel=1e-12) and limit >= value

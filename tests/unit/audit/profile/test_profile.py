@@ -2,13 +2,12 @@
 
 import pytest
 
-from socialiq.audit.profile.profile import (
-    reward_sha256,
-    reward_specification,
-    scenario_sha256,
-    world_of,
-)
+from socialiq.audit.profile.profile import identity, scenario_sha256, world_of
 from socialiq.errors import UserError
+
+
+def reward_sha256(world):
+    return identity(world)["reward.sha256"]
 
 
 @pytest.mark.parametrize(
@@ -36,7 +35,7 @@ def test_naming_a_default_changes_nothing():
 
 
 def test_the_reward_is_spelled_out():
-    found = reward_specification(world_of("intersection", {}))
+    found = world_of("intersection", {}).reward
     assert found["env"] == {
         "progress": 2.0,
         "speed": 0.5,

@@ -39,14 +39,10 @@ _PURPOSE = "socialiq audit log 1"
 
 
 class Subject(NamedTuple):
-    """Subject of a log; every look at it counts, whatever policy or profile it names.
+    """Owner and scenario of a log; every look at it counts, whatever policy or profile it names.
 
     A byte of a profile or a policy is free to change, so a count for each of them would be a count
     of nothing.
-
-    Attributes:
-        owner: Name of the owner.
-        scenario_sha256: Hash of the scenario.
     """
 
     owner: str
@@ -78,10 +74,7 @@ class Subject(NamedTuple):
 class AuditLog:
     """Lines of a log that were read and checked; `locked` alone gives one that may be extended.
 
-    Attributes:
-        path: The file.
-        subject_sha256: Hash that the first line follows.
-        entries: All lines.
+    The first line follows the hash of the subject.
     """
 
     def __init__(self, path: Path, subject_sha256: str, entries: list[Entry]) -> None:
@@ -126,12 +119,7 @@ class AuditLog:
             "previous": self.head,
         }
         entry["sha256"] = _sha256(_line(entry))
-        self._write(_line(entry).encode() + b"\n")
-        self.entries.append(entry)
-        return entry
-
-    def _write(self, line: bytes) -> None:
-        """Write a whole line or nothing: a part of one would damage the log."""
+        line = _line(entry).encode() + b"\n"
         before = self.path.stat().st_size if self.path.exists() else None
         try:
             with self.path.open("ab", buffering=0) as file:
@@ -139,12 +127,14 @@ class AuditLog:
                     line = line[file.write(line) :]
                 os.fsync(file.fileno())
         except OSError as error:
-            with suppress(OSError):
+            with suppress(OSError):  # a part of a line would damage the log
                 if before is None:
                     self.path.unlink()
                 else:
                     os.truncate(self.path, before)
             raise _not_written(self.path, error) from error
+        self.entries.append(entry)
+        return entry
 
 
 def now() -> datetime.datetime:
@@ -154,11 +144,7 @@ def now() -> datetime.datetime:
 
 @contextmanager
 def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
-    """Open a subject's log to extend it; other processes wait meanwhile.
-
-    Args:
-        folder: Folder of the logs; made if it doesn't exist.
-        subject: Owner and scenario.
+    """Open a subject's log in a folder to extend it; other processes wait meanwhile.
 
     Raises:
         UserError: As `read`, or if it can't be written or another process doesn't release it.
@@ -181,14 +167,18 @@ def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
 def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
     """Return the lines of a log, all hashes checked.
 
-    Args:
-        path: The file.
-        subject_sha256: Hash that the first line must follow; None accepts any.
+    The first line must follow the hash of the subject; None accepts any.
 
     Raises:
         UserError: If it can't be read, or a line was cut off, changed, removed or moved.
     """
-    lines = _content(path).split(b"\n")
+    if not path.is_file():
+        raise UserError(f"no audit log {path}: `socialiq audit --log FOLDER` writes one")
+    with open_file(path) as file:
+        content = file.read(LARGEST_LOG + 1)
+    if len(content) > LARGEST_LOG:
+        raise UserError(f"{path} has more than {LARGEST_LOG:,} bytes: it is not an audit log")
+    lines = content.split(b"\n")
     if lines.pop():
         raise UserError(
             f"{path}: the last line is incomplete: restore the file from a copy, or remove that "
@@ -207,16 +197,6 @@ def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
         entries.append(entry)
         previous = entry["sha256"]
     return entries
-
-
-def _content(path: Path) -> bytes:
-    if not path.is_file():
-        raise UserError(f"no audit log {path}: `socialiq audit --log FOLDER` writes one")
-    with open_file(path) as file:
-        content = file.read(LARGEST_LOG + 1)
-    if len(content) > LARGEST_LOG:
-        raise UserError(f"{path} has more than {LARGEST_LOG:,} bytes: it is not an audit log")
-    return content
 
 
 _FIELDS = {

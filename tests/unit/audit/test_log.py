@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialiq.audit.looks import log as room
-from socialiq.audit.looks.log import COMMITMENT, RESULT, SEED, AuditLog, Subject, locked, read
+from socialiq.audit import log as room
+from socialiq.audit.log import COMMITMENT, RESULT, SEED, AuditLog, Subject, locked, read
 from socialiq.errors import UserError
 
 SUBJECT = Subject("Example Cars", "ab" * 32)
@@ -193,7 +193,7 @@ def test_a_log_that_another_process_holds_is_waited_for(tmp_path, monkeypatch):
 WRITER = """
 import sys
 from pathlib import Path
-from socialiq.audit.looks.log import SEED, Subject, locked
+from socialiq.audit.log import SEED, Subject, locked
 for seed in range(5):
     with locked(Path(sys.argv[1]), Subject("Example Cars", "ab" * 32)) as log:
         log.append(SEED, {"commitment": sys.argv[2], "seed": seed})

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from socialiq.audit import seeds
-from socialiq.audit.looks.log import (
+from socialiq.audit.log import (
     COMMITMENT,
     RESULT,
     SEED,
@@ -20,7 +21,7 @@ from socialiq.audit.looks.log import (
     time_of,
 )
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, check_sha256, draw, reveal
+from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, draw, reveal
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.errors import UserError
 
@@ -28,20 +29,8 @@ SMALLEST_ERROR = 1e-4
 """Smallest error of a look: at most 200,000 resamples give its quantile (`verdict.judge`)."""
 
 
-class Spent(NamedTuple):
-    """Error of one look.
-
-    Attributes:
-        look: Number of the look in its log, from 1.
-        error: Largest chance of a wrong pass at this look, and of a wrong fail.
-    """
-
-    look: int
-    error: float
-
-
-def spend(error: float, look: int) -> Spent:
-    """Return the error of a look: error / (k (k + 1)) at look k.
+def spend(error: float, look: int) -> float:
+    """Return the error of a look, of a wrong pass and of a wrong fail: error / (k (k + 1)) at k.
 
     1/(k (k + 1)) = 1/k - 1/(k + 1), so the shares of looks 1 to K add up to 1 - 1/(K + 1): never
     more than the whole, however many looks there are. Each look tests episodes whose seed came
@@ -54,40 +43,18 @@ def spend(error: float, look: int) -> Spent:
         error: Error of the whole log, 1 - confidence.
         look: Number of the look, from 1.
     """
-    return Spent(look, error / (look * (look + 1)))
-
-
-def check_spendable(spent: Spent) -> None:
-    """Refuse a look whose error no number of resamples would resolve.
-
-    Raises:
-        UserError: If its error is too small.
-    """
-    if spent.error < SMALLEST_ERROR:
-        raise UserError(
-            f"look {spent.look} of this log could use an error of {spent.error:.2g} only, which is "
-            f"too small to test with (at least {SMALLEST_ERROR:g}): agree with the auditor on a "
-            "new log"
-        )
+    return error / (look * (look + 1))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that decides an audit but for its seed; it is fixed by the commitment.
-
-    Attributes:
-        commitment: Hashes of policy and declaration.
-        profile: The declaration.
-        episodes: Number of episodes.
-        soft: Whether the policy draws its actions.
-        references: Hashes of the user's references, in their order.
-    """
+    """Everything that decides an audit but for its seed; it is fixed by the commitment."""
 
     commitment: Commitment
     profile: Profile
     episodes: int
-    soft: bool
-    references: tuple[str, ...]
+    soft: bool  # whether the policy draws its actions
+    references: tuple[str, ...]  # hashes of the user's references, in their order
 
     @property
     def subject(self) -> Subject:
@@ -108,32 +75,18 @@ class Plan:
 
 @dataclass(frozen=True)
 class Look:
-    """A commitment in a log.
+    """A commitment in a log."""
 
-    Attributes:
-        number: Number of the look, from 1.
-        error: Largest chance of a wrong pass at this look, and of a wrong fail.
-        log: Name of the log's file.
-        before: Hash of the log's last line before the commitment.
-        entry: Hash of the commitment's line.
-        committed: Time of the commitment by the clock of the machine, ISO 8601.
-    """
-
-    number: int
-    error: float
-    log: str
-    before: str
-    entry: str
-    committed: str
+    number: int  # number of the look, from 1
+    error: float  # largest chance of a wrong pass at this look, and of a wrong fail
+    log: str  # name of the log's file
+    before: str  # hash of the log's last line before the commitment
+    entry: str  # hash of the commitment's line
+    committed: str  # time of the commitment by the clock of the machine, ISO 8601
 
 
 class Opened(NamedTuple):
-    """A look whose seed is known.
-
-    Attributes:
-        drawn: The seed.
-        look: The look; None without a log.
-    """
+    """A seed that is known, and its look; None without a log."""
 
     drawn: Draw
     look: Look | None
@@ -156,7 +109,14 @@ def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
 
 
 def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
-    check_spendable(spend(whole_error(plan.profile.confidence), log.looks + 1))
+    look = log.looks + 1
+    error = spend(whole_error(plan.profile.confidence), look)
+    if error < SMALLEST_ERROR:
+        raise UserError(
+            f"look {look} of this log could use an error of {error:.2g} only, which is "
+            f"too small to test with (at least {SMALLEST_ERROR:g}): agree with the auditor on a "
+            "new log"
+        )
     sha256 = source.get("nonce_sha256")
     if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in log.commitments):
         # It may be known by now.
@@ -168,8 +128,9 @@ def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
 
 
 def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
-    spent = spend(whole_error(plan.profile.confidence), log.look_of(entry["sha256"]))
-    return Look(*spent, log.path.name, entry["previous"], entry["sha256"], entry["time"])
+    look = log.look_of(entry["sha256"])
+    error = spend(whole_error(plan.profile.confidence), look)
+    return Look(look, error, log.path.name, entry["previous"], entry["sha256"], entry["time"])
 
 
 def of_nonce(sha256: str) -> dict[str, Any]:
@@ -178,16 +139,16 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     Raises:
         UserError: If it is not a hash.
     """
-    check_sha256(sha256)
+    if not re.fullmatch(r"[0-9a-f]{64}", sha256):
+        raise UserError(
+            "--nonce-sha256 must be 64 hexadecimal digits in lower case, as `socialiq audit nonce` "
+            "prints them"
+        )
     return {"source": "auditor's nonce", "nonce_sha256": sha256}
 
 
 def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
-    """Return the origin of a seed as a commitment names it.
-
-    Args:
-        origin: As for `open_look`.
-    """
+    """Return the origin of a seed as a commitment names it; it is given as for `open_look`."""
     if isinstance(origin, Nonce):
         return of_nonce(origin.sha256)
     if isinstance(origin, Round):
@@ -285,14 +246,7 @@ _WORDS = {
 
 
 def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha256: str) -> None:
-    """Record the verdict of a look.
-
-    Args:
-        folder: Folder of the logs.
-        subject: Owner and scenario.
-        look: The look.
-        decision: pass, fail or inconclusive.
-        report_sha256: SHA-256 of `report.json`.
+    """Record the verdict of a look: pass, fail or inconclusive, and the hash of `report.json`.
 
     Raises:
         UserError: If the log is damaged or can't be written.

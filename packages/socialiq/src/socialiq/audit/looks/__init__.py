@@ -1,1 +1,0 @@
-"""Looks: every commitment in an audit log, and the share of the error that each may spend."""
