@@ -28,18 +28,12 @@ READOUTS: tuple[Readout, ...] = ("greedy", "soft")
 
 
 class Metrics(NamedTuple):
-    """Means over episodes.
+    """Means over episodes: sums of both rewards, shares of endings, number of steps.
 
     Attributes:
-        r_env: Mean sum of r_env of an episode.
-        r_social: Mean sum of r_social.
-        angle: α̂ in degrees, of these means.
-        collision: Share of episodes that end in a collision.
-        arrival: Share of episodes that end in an arrival.
-        timeout: Share of episodes that end by the time limit.
+        angle: α̂ in degrees, of the rewards' means.
         mean_speed: Cells (or metres) per step, over all steps.
         stopped: Share of steps at speed 0.
-        length: Mean number of steps.
     """
 
     r_env: float

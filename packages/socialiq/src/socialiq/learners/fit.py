@@ -52,20 +52,11 @@ def fit(
     callbacks: Callbacks,
     before_chunk: BeforeChunk | None = None,
 ) -> tuple[Runs, History]:
-    """Train all runs for `total` updates.
+    """Train all runs of a learner for `total` updates; return the final runs and the history.
 
-    Args:
-        learner: What is trained; a pytree with the two functions.
-        hyperparameters: Pytree of arrays, each with a leading axis of runs.
-        total: Updates of each run.
-        chunk: Updates between two calls of the callbacks.
-        fingerprint: Identifies the runs; a checkpoint of another fingerprint is refused.
-        callbacks: Progress, monitor, checkpoint.
-        before_chunk: Adds experience from outside JAX; must depend on its arguments alone, or a
-            resumed run would differ.
-
-    Returns:
-        The final runs, and the history.
+    Hyperparameters are arrays with a leading axis of runs. A checkpoint of another fingerprint is
+    refused. `before_chunk` adds experience from outside JAX; it must depend on its arguments alone,
+    or a resumed run would differ.
 
     Raises:
         Stopped: On Ctrl-C, after the chunk in progress.

@@ -64,11 +64,7 @@ class Settings:
     """Base of all settings: refuses values outside their fields' ranges, NaN among them."""
 
     def __post_init__(self) -> None:
-        """Check every field that has a range; a `Literal` has its names.
-
-        Raises:
-            UserError: If a value is out of range; the line names the field and its range.
-        """
+        """Raise `UserError` for a field out of its range; a `Literal` has its names."""
         for name, rule in _rules(type(self)).items():
             if getattr(self, name) is not None:
                 rule(name, getattr(self, name))
@@ -135,11 +131,7 @@ class DrawnAngles(Settings):
             raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
 
     def check_high_share(self) -> None:
-        """Refuse a share of high angles where the range doesn't reach on both sides of them.
-
-        Raises:
-            UserError: If it doesn't.
-        """
+        """Refuse a share of high angles where the range doesn't reach on both sides of them."""
         if self.high_share is not None and not self.low < self.high_from < self.high:
             raise UserError(
                 f"high_from {self.high_from:g} must lie between {self.low:g} and {self.high:g}"
@@ -279,10 +271,7 @@ def check_fit(
         sets: Number of sets of demonstrations; None for a learner without.
         online: Whether the learner acts.
         acts: Whether there is a world, or experience from one.
-        shapes: Features of an observation and actions, or the length of one, of data and world.
-
-    Returns:
-        The shape that all have.
+        shapes: (features, actions) of data and world, of which the one that all have is returned.
 
     Raises:
         UserError: The line says what is missing, is there without use, or doesn't fit.

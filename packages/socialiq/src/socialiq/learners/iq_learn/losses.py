@@ -101,10 +101,7 @@ def value_bounds(
     discount: Scalar | float,
     chi2_alpha: Scalar | float,
 ) -> tuple[Any, Any]:
-    """Return the least and the greatest V(s) under rewards within `reward_bound`.
-
-    V counts the entropy too, from 0 to τ log|A| a step.
-    """
+    """Return the least and greatest V(s), entropy included, under rewards within `reward_bound`."""
     bound = reward_bound(chi2_alpha) / (1.0 - discount)
     return -bound, bound + absorbing_value(n_actions, temperature, discount)
 
@@ -168,14 +165,8 @@ def continued(
 ) -> Column:
     """(1 - d) V(s') by the endings of a config, with V(s') in its bounds if it asks for them.
 
-    Args:
-        next_value: V(s').
-        ending: Kind of ending of each transition.
-        n_actions: Number of actions; of continuous ones the volume of all.
-        temperature: τ.
-        hyperparameters: Of the run.
-        static: Config with `endings`, and of IQ-Learn `bounded`.
-        shares: Shares of endings of demonstrations and own rows, for the treatment "occupancy".
+    The number of continuous actions is the volume of all. The treatment "occupancy" needs the
+    shares of endings of demonstrations and own rows.
     """
     discount = hyperparameters.discount
     if getattr(static, "bounded", False):

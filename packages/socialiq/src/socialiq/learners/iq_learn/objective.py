@@ -103,17 +103,10 @@ def terms_of(
     static: IQLearnConfig,
     own: UserFunctions,
 ) -> dict[str, Scalar]:
-    """Return terms 1 to 3 of Eq 2.7 and the social prior; term 3 only with χ².
+    """Return terms 1 to 3 of Eq 2.7 and the social prior of r̂ and R(α); term 3 only with χ².
 
-    Args:
-        reward: r̂; the first `batch_size` rows are demonstrations.
-        target: R(α).
-        value: V(s).
-        follows: (1 - d) V(s').
-        start: V(s_0) of true initial states, over which term 2 then is; None for the rows.
-        hyperparameters: Of the run.
-        static: Which terms there are, over which rows.
-        own: The user's own prior and divergence.
+    The first `batch_size` rows are demonstrations. Value is V(s), what follows (1 - d) V(s'), and
+    start V(s_0) of true initial states, over which term 2 then is.
     """
     strength, expert = hyperparameters.strength, slice(static.batch_size)
     rows = slice(None) if static.chi2_on == "mixture" else expert
