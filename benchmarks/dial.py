@@ -23,7 +23,14 @@ from socialiq.evaluation.rollout import record, trajectory_datasets
 from socialiq.learners.acting import dials, soft
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector
-from socialiq.learners.dial.config import QUICK, RUNS, SHORT, DialPreset
+from socialiq.learners.dial.config import (
+    QUICK,
+    RUNS,
+    SHORT,
+    DialConfig,
+    DialHyperparameters,
+    DialPreset,
+)
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train as train_iq
@@ -32,8 +39,8 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.comparison_runs import Run
-from studies.compare_priors.study import dial_settings
+from socialiq_lab.comparison_runs import Arena, Run, dial_settings
+from studies.compare_priors.study import DIAL_RATES
 from studies.dial.evaluate import KEY_ANGLES
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
@@ -142,7 +149,9 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
     }
     data = [MIXTURES["equal_trajectories"](shown, 100, 0)]
     run = Run(0.0, 0, 0, (("strength", rates.strength),))
-    dial_config, hyperparameters = dial_settings(base, rates, base.updates, run)
+    own = DialConfig(), DialHyperparameters(final_rate=1.0)
+    arena = Arena(base, rates, base.updates, data)
+    dial_config, hyperparameters = dial_settings(arena, *own, run, DIAL_RATES)
 
     def collector(behaviour: Behaviour) -> Collector:
         source = source_of(options, 12, base.env_steps_per_update)

@@ -301,6 +301,8 @@ def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[Vi
         if "python" in view:
             views += _function(module, view["python"])(results)
             continue
+        if view["table"] not in results.tables:
+            continue
         rows = table_operations.where(results.tables[view["table"]], view.get("where", {}))
         columns = view.get("columns")
         printed = [{name: row[name] for name in columns} for row in rows] if columns else rows

@@ -80,7 +80,7 @@ def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
 
 
 def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
-    """Return the rows of a layer's table, with the parts of a name as columns (`split`)."""
+    """Return the rows of a layer's table, with columns from parts of a name or from several."""
     rows = results.tables.get(layer["table"], [])
     for column, names in layer.get("split", {}).items():
         keys = names.split("/")
@@ -90,6 +90,8 @@ def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
             for row, values in split_rows
             if len(values) == len(keys)
         ]
+    for name, columns in layer.get("join", {}).items():
+        rows = [row | {name: ", ".join(_text(row[column]) for column in columns)} for row in rows]
     return where(rows, layer.get("where", {}))
 
 

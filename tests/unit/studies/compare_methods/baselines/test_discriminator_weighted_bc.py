@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from studies.compare_methods.baselines.discriminator_weighted_bc import (
+from studies.compare_methods.baselines.clones import (
     DiscriminatorWeighted,
     DWBCConfig,
     DWBCHyperparameters,

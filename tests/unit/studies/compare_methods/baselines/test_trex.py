@@ -13,8 +13,8 @@ from studies.compare_methods.baselines.online import (
     TREXConfig,
     TREXNetworks,
     TREXRows,
-    learned_sums,
 )
+from studies.compare_methods.baselines.shared import Pairs
 
 
 def test_the_loss_by_hand(constant, rows_of) -> None:
@@ -31,8 +31,7 @@ def test_the_loss_by_hand(constant, rows_of) -> None:
     )
     inside = jnp.array([[[True, True]], [[True, False]]])
     own = rows_of([0], [0.0], ending=0)
-    drawn = TREXRows(own, pairs, inside, jnp.array([-1.0]))
-    np.testing.assert_allclose(learned_sums(network.reward, drawn), [[2.0], [-1.0]])
+    drawn = TREXRows(own, Pairs(pairs, inside, jnp.array([-1.0])))
     learner = TREX(TREXConfig(), (1, 2))
     run = stack([IQLearnHyperparameters(strength=2.0, discount=0.5)])[0]
     _, terms = learner.loss(network, slow, drawn, run)
