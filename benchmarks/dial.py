@@ -41,7 +41,7 @@ from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison_runs import Arena, Run, dial_settings
 from studies.compare_priors.study import DIAL_RATES
-from studies.dial.evaluate import KEY_ANGLES
+from studies.dial.study import KEY_ANGLES
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
 EPISODES_EACH = 60

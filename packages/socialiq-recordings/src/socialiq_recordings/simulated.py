@@ -22,7 +22,7 @@ from socialiq.worlds.highway.core.geometry import (
 )
 from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.intersection.core import geometry
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import SPEED_LIMIT, Options
 from socialiq.worlds.intersection.world import Batch
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
@@ -59,7 +59,7 @@ def _lanelet(lane: int) -> Lanelet:
         (centre + right) * flip,
         tuple(FIRST_LANELET + lane_after for lane_after in following),
         tuple(FIRST_LANELET + lane_after for lane_after in leading),
-        speed_limit=geometry.SPEED_LIMIT,
+        speed_limit=SPEED_LIMIT,
     )
 
 

@@ -9,8 +9,7 @@ from jaxtyping import Float32
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES, SIGNALS
 from socialiq.worlds.intersection.options import settings_of
 from socialiq.worlds.world import Decisions, observed_with_time
 from socialiq_recordings.world.recorded_world import RecordedWorld

@@ -10,7 +10,7 @@ import numpy as np
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq_recordings.world.observation import annotate, observe, touched
 from socialiq_recordings.world.traffic import (
     DT,

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 

@@ -15,7 +15,7 @@ import numpy as np
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.vehicle import clip
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.traffic import DT, ahead_of, closed_line
 

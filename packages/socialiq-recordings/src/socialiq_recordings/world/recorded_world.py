@@ -14,8 +14,7 @@ from gymnasium import spaces
 from socialiq import storage
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
-from socialiq.worlds.highway.options import SIGNALS, reward_definition
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES, SIGNALS, reward_definition
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.world import ConstantPolicy, World
 from socialiq_recordings.world.config import WorldConfig

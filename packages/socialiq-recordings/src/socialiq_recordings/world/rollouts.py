@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.evaluation.branching import rollouts
 from socialiq.types import Ending
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq_recordings.world.batch import JunctionBatch
 
 Act = Callable[[Float32[np.ndarray, "row feature"]], Int64[np.ndarray, " row"]]

@@ -16,7 +16,7 @@ from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Act, Ending, Policy, RewardPair
 from socialiq.worlds import world
-from socialiq.worlds.highway.episodes import RoadBatch, State
+from socialiq.worlds.highway.world import RoadBatch, State
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.world import Batch
 

@@ -37,7 +37,7 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.situation import angles_of, check_rule
 from socialiq.worlds.world import Actor

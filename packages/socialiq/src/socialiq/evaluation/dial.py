@@ -21,7 +21,7 @@ from socialiq.social.angle import AngleEstimate, estimate_angle, exact_weights
 from socialiq.social.dial import Setting, setting
 from socialiq.types import RewardPair
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.world import RoadBatch
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from socialiq.evaluation.simulate import Step, play
 from socialiq.social.angle import estimate_angle
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
-from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import SIGNALS, Contact
+from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import POSITION_RANGE, SLOWER
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE

@@ -19,7 +19,7 @@ from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table, draw_actions, expert_policy
 from socialiq.worlds.environment import action_bounds
-from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.world import RoadBatch
 
 MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
 """Angle of each of the thesis' experts (5.2), in degrees."""

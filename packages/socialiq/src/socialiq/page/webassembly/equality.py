@@ -26,7 +26,7 @@ from socialiq.page.webassembly.build import elementary_functions
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, write_json
 from socialiq.types import Ending
-from socialiq.worlds.highway.state import EPISODE
+from socialiq.worlds.highway.options import EPISODE
 from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
 from socialiq.worlds.intersection.policies import policy as reference_policy
 from socialiq.worlds.intersection.world import Batch
