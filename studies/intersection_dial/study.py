@@ -21,7 +21,6 @@ from socialiq.evaluation.front import hypervolume
 from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
 from socialiq.learners import policy_iteration
 from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
-from socialiq.learners.policy_iteration import train as policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq.results_folder import load
 from socialiq.storage import packaged_results
