@@ -18,7 +18,7 @@ from jaxtyping import Float
 from socialiq.errors import UserError
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.q_policy import QPolicy, ValuePolicy
-from socialiq.nn.saved import Arrays, Header, refusal
+from socialiq.nn.saved import Arrays, Header, load_one_of, refusal
 from socialiq.storage import kind_of
 
 MOST_MEMBERS = 32
@@ -112,7 +112,7 @@ def load_values(path: Path) -> QPolicy | EnsemblePolicy:
     """
     if kind_of(path) in (ActorPolicy.KIND, ActorDial.KIND):
         raise UserError(f"{path} has continuous actions: name a policy of discrete ones")
-    return (EnsemblePolicy if kind_of(path) == EnsemblePolicy.KIND else QPolicy).load(path)
+    return load_one_of(path, (EnsemblePolicy, QPolicy))
 
 
 def members_of(policy: Any) -> tuple[Any, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.nn.view import ROW, Choice, Encoding, OneHot, View, row_width
-from socialiq.storage import load_arrays, save_arrays
+from socialiq.storage import kind_of, load_arrays, save_arrays
 
 Arrays = Mapping[str, np.ndarray]
 Header = Mapping[str, Any]
@@ -82,6 +82,20 @@ class Saved(ABC):
             UserError: If the file is missing, damaged, or holds something else.
         """
         return cls.checked(path, *load_arrays(path, cls.KIND, cls.VERSIONS))
+
+
+def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
+    """Read a file of one of several classes.
+
+    Args:
+        path: The file.
+        classes: Subclasses of `Saved`; a file of none of them is refused as the last one's.
+
+    Raises:
+        UserError: If the file is missing, damaged, or holds something else.
+    """
+    form = FORMS.get(kind_of(path), classes[-1])
+    return (form if form in classes else classes[-1]).load(path)
 
 
 def refusal(path: Path, fault: str) -> UserError:
