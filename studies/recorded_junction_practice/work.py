@@ -19,9 +19,9 @@ from socialiq.demonstrations import files as tables
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.objective import Critic, ensemble_values
-from socialiq.learners.offline.train import STAGES, recorded
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import STAGES, recorded
+from socialiq.learners.dial.offline_losses import Critic, ensemble_values
 from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of

@@ -2,7 +2,7 @@
 
 Actions are levels of acceleration, and all folds are trained in one compiled program.
 
-The offline dial (`learners.offline`) of a fold sees its training moments alone. β clones their
+The offline dial (`learners.dial.offline`) of a fold sees its training moments alone. β clones their
 drivers, and π_α is the policy that is best for R(α) within what they do, its rewards predicted at
 each decision (`choices.rewards`). A driver of angle α takes level k with
 
@@ -26,8 +26,8 @@ from scipy.special import log_softmax, logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import behaviour_cloning
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.train import train_together
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import train
 from socialiq.learners.settings import check_counts
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -242,7 +242,7 @@ def _families(
         )
         for seed in seeds
     ]
-    stages = train_together(shape, numbers, tables)
+    stages = train(shape, numbers, tables)
     clones = stages["behaviour"].state.target_network
     families = []
     for index in range(len(tables)):

@@ -24,9 +24,9 @@ from socialiq.evaluation.branching import rollouts
 from socialiq.evaluation.rollout import columns_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.train import train_together
 from socialiq.learners.settings import check_counts, check_seed, check_shares
 from socialiq.types import Ending, Policy
 from socialiq.worlds.highway.options import Contact
@@ -90,7 +90,7 @@ def train_with_practice(
     of updates between two calls of what it returns.
 
     Raises:
-        UserError: As `train_together`.
+        UserError: As `learners.dial.offline.train`.
         Stopped: On Ctrl-C.
     """
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
@@ -98,7 +98,7 @@ def train_with_practice(
     def learn(number: int) -> dict[str, Trained]:
         data = [concatenate([shown, *tables]) if tables else shown for tables in driven]
         of_stage = functools.partial(callbacks, number) if callbacks else None
-        return train_together(static, hyperparameters, data, of_stage, chunk)
+        return train(static, hyperparameters, data, of_stage, chunk)
 
     stages = learn(0)
     for number in range(1, practice.rounds + 1):
@@ -128,9 +128,10 @@ def record(
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
         actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
+        columns, _ = columns_of(simulate(world.batch(episodes), actor, seeds))
         tables.append(
             Demonstrations.of(
-                **columns_of(simulate(world.batch(episodes), actor, seeds)).transitions,
+                **columns,
                 mode_names=(name,),
                 n_actions=world.n_actions,
                 source={"made_by": "practice", "first_seed": first_seed, "share": share},
