@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int8, Int32, Int64
+from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
 from socialiq.demonstrations.columns import json_able
 from socialiq.errors import UserError
@@ -43,19 +42,16 @@ STATES: dict[str, type[np.generic]] = {
 }
 """Columns with a row for each state, and their types; also their order in a file."""
 
-FARTHEST = 1e8
-"""m, m/s; no coordinate of the Earth is larger, and centimetres would be lost."""
-
-STEPS = (1e-4, 1e3)
-"""s; shortest and longest time between frames that is read."""
-
 ROAD_USERS: dict[str, type[np.generic]] = {
     "identity": np.int64,
     "road_user": np.int8,
     "length": np.float64,
     "width": np.float64,
 }
-"""Columns with a place for each track."""
+"""Columns with an entry for each track."""
+
+FARTHEST = 1e8
+"""m, m/s; no coordinate of the Earth is larger, and centimetres would be lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +101,7 @@ class Tracks:
 
     def __post_init__(self) -> None:
         """Check every column, and detach `source` from the caller's dict."""
-        _check(self.arrays(), self.dt, self.recording)
+        _check(self)
         object.__setattr__(self, "source", json_able(self.source))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -150,49 +146,41 @@ class Tracks:
         return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
 
 
-def _check(columns: Mapping[str, Any], dt: Any, recording: Any) -> None:
-    """Raise an error for columns that do not form a valid table of tracks.
+def _check(tracks: Tracks) -> None:
+    """Raise an error at the first violation; later checks rely on earlier ones.
 
-    The line names the column, its first bad row or track, and the correction. Later checks rely on
-    earlier ones. Whether the values are physically possible is checked in `recordings.physics`.
-
-    Args:
-        columns: One array for each name of `STATES` and `ROAD_USERS`.
-        dt: s between frames.
-        recording: The recording's name.
-
-    Raises:
-        UserError: At the first violation.
+    Whether the values are physically possible is checked by `plausible.sift`.
     """
-    if not isinstance(dt, float) or not 0 < dt < math.inf:
-        raise UserError(f"dt is {dt!r}: pass the seconds between frames, a float above 0")
-    if not isinstance(recording, str) or not recording.strip():
+    if not isinstance(tracks.dt, float) or not 0 < tracks.dt < math.inf:
+        raise UserError(f"dt is {tracks.dt!r}: pass the seconds between frames, a float above 0")
+    if not isinstance(tracks.recording, str) or not tracks.recording.strip():
         raise UserError("recording must be a non-empty string: data are split by it")
+    columns = tracks.arrays()
     _check_layout(columns, STATES, "states")
     _check_layout(columns, ROAD_USERS, "tracks")
     for name, dtype in (STATES | ROAD_USERS).items():
         if issubclass(dtype, np.floating):
             _refuse(name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out")
-    _check_order(columns)
-    heading = columns["heading"]
-    _refuse(
-        "heading",
-        (heading <= -np.pi) | (heading > np.pi),
-        "outside (-π, π]: give radians, wrapped; are these degrees?",
-    )
+    track, frame = tracks.track.astype(np.int64), tracks.frame.astype(np.int64)
+    steps = np.diff(track)
+    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
+    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
+    count = len(tracks.identity)
+    if track[-1] != count - 1:
+        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {count}")
+    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
+    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
+    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
+    outside = (tracks.heading <= -np.pi) | (tracks.heading > np.pi)
+    _refuse("heading", outside, "outside (-π, π]: give radians, wrapped; are these degrees?")
     for name in ("length", "width"):
         _refuse(name, columns[name] <= 0, "not above 0: give metres", "track")
-    _refuse(
-        "road_user",
-        ~np.isin(columns["road_user"], [int(kind) for kind in RoadUser]),
-        f"unknown: use {', '.join(f'{kind.value} {kind.name}' for kind in RoadUser)}",
-        "track",
-    )
+    kinds = ", ".join(f"{kind.value} {kind.name}" for kind in RoadUser)
+    unknown = ~np.isin(tracks.road_user, [int(kind) for kind in RoadUser])
+    _refuse("road_user", unknown, f"unknown: use {kinds}", "track")
 
 
-def _check_layout(
-    columns: Mapping[str, Any], layout: Mapping[str, type[np.generic]], what: str
-) -> None:
+def _check_layout(columns: dict[str, Any], layout: dict[str, type[np.generic]], what: str) -> None:
     first = next(iter(layout))
     for name, dtype in layout.items():
         column = columns[name]
@@ -215,39 +203,16 @@ def _refuse(name: str, bad: np.ndarray, problem: str, what: str = "row") -> None
         raise UserError(f"column {name}, {what} {int(np.argmax(bad))}: {problem}")
 
 
-def _check_order(columns: Mapping[str, Any]) -> None:
-    track, frame = columns["track"].astype(np.int64), columns["frame"].astype(np.int64)
-    steps = np.diff(track)
-    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
-    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
-    tracks = len(columns["identity"])
-    if track[-1] != tracks - 1:
-        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {tracks}")
-    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
-    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
-    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Recording of one source.
-
-    Attributes:
-        tracks: The tracks.
-        road: The lanelets; None if the source has no map.
-    """
+    """Tracks of one source, and the road, without lanelets if the source has no map."""
 
     tracks: Tracks
     road: RoadNetwork
 
 
 class Refused(NamedTuple):
-    """Track that was left out.
-
-    Attributes:
-        identity: The road user's name in the file.
-        reason: Error and its place.
-    """
+    """Track that was left out: the road user's name in the file, and the error with its row."""
 
     identity: str
     reason: str
@@ -268,17 +233,3 @@ class Imported:
     refused: tuple[Refused, ...]
     skipped: dict[str, int] = field(default_factory=dict)
     n_states: int = 0
-
-
-def order_fault(frames: Int[np.ndarray, " state"] | Sequence[int]) -> str:
-    """Return the error in a track's frames, which must increase by one; "" if there is none."""
-    steps = np.diff(np.asarray(frames, np.int64))
-    if (steps == 1).all():
-        return ""
-    index = int(np.argmax(steps != 1))
-    before, after = frames[index], frames[index + 1]
-    if after == before:
-        return f"frame {after} is there twice"
-    if after < before:
-        return f"time goes back: frame {after} follows frame {before}"
-    return f"frame {after} follows frame {before}: a gap of {after - before - 1}"

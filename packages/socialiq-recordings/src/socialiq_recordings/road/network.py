@@ -1,9 +1,7 @@
 """Road network of a recording: lanelets, right of way, and the junctions of lanelets in conflict.
 
-The frame is that of `tracks`: metres, x to the east, y to the north. Two lanelets cross if their
-centre lines do; they merge if they lead to the same lanelet. Lanelets that follow each other or
-leave the same lanelet also overlap, but their vehicles follow each other: no conflict. Conflicts
-need Shapely (extra `maps`), which only this module and `conflicts.encounters` use.
+The frame is that of the tracks: metres, x to the east, y to the north. Conflicts need Shapely
+(extra `maps`), which only this module and `conflicts.encounters` use.
 """
 
 from __future__ import annotations
@@ -47,12 +45,7 @@ class Colour(enum.IntEnum):
 
 
 class Cycle(NamedTuple):
-    """Cycle of a traffic light, in frames of the recording.
-
-    Attributes:
-        phases: Colour and number of frames of each phase, in their order.
-        offset: Frame at which the first phase begins.
-    """
+    """Cycle of a traffic light: colour and number of frames of each phase, frame of the first."""
 
     phases: tuple[tuple[Colour, int], ...]
     offset: int = 0
@@ -132,18 +125,9 @@ class Lanelet:
 
 @dataclass(frozen=True, eq=False)
 class RoadNetwork:
-    """Lanelets of a road, by their numbers.
-
-    Attributes:
-        lanelets: Lanelets in the order of the file.
-    """
+    """Lanelets of a road, by their numbers, in the order of the file."""
 
     lanelets: dict[int, Lanelet] = field(default_factory=dict)
-
-
-def lanelet_points(lanelet: Lanelet) -> Float64[np.ndarray, "point 3"]:
-    """Return x, y and direction of a lanelet's centre line, every `STEP` metres."""
-    return every_step(lanelet.centre)
 
 
 def every_step(line: Float64[np.ndarray, "corner 2"]) -> Float64[np.ndarray, "point 3"]:
@@ -166,7 +150,10 @@ def equal_bounds(
     """Return two bounds with as many points each, at the same shares of their lengths."""
     if min(len(left), len(right)) < 2:
         return left, right  # `Lanelet` refuses them
-    shares = [_shares(bound) for bound in (left, right)]
+    shares = []
+    for line in (left, right):
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        shares.append(lengths / max(lengths[-1], 1e-9))
     if len(left) == len(right) and np.allclose(*shares, atol=0.02):
         return left, right
     every = np.unique(np.concatenate(shares))
@@ -176,11 +163,6 @@ def equal_bounds(
         for share, line in zip(shares, (left, right), strict=True)
     ]
     return resampled[0], resampled[1]
-
-
-def _shares(line: np.ndarray) -> np.ndarray:
-    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    return lengths / max(lengths[-1], 1e-9)
 
 
 class Conflict(enum.IntEnum):
@@ -197,13 +179,12 @@ class Lanes:
     Attributes:
         road: The lanelets.
         conflicts: Kind of conflict of two lanelets, by their numbers, the smaller first.
-        junctions: Numbers of the lanelets that are connected by conflicts.
-        junction_of: Index in `junctions`, by lanelet; lanelets without a conflict are omitted.
+        junction_of: Number of the junction by lanelet: lanelets that conflicts connect share one,
+            those without a conflict are omitted.
     """
 
     road: RoadNetwork
     conflicts: dict[tuple[int, int], Conflict]
-    junctions: tuple[frozenset[int], ...]
     junction_of: dict[int, int]
 
     def conflict(self, one: int, other: int) -> bool:
@@ -214,6 +195,10 @@ class Lanes:
 def lanes_of(road: RoadNetwork) -> Lanes:
     """Find a road network's conflicts.
 
+    Two lanelets cross if their centre lines do; they merge if they lead to the same lanelet.
+    Lanelets that follow each other or leave the same lanelet also overlap, but their vehicles
+    follow each other: no conflict.
+
     Raises:
         UserError: If it has no lanelet, or Shapely is not installed.
     """
@@ -223,42 +208,31 @@ def lanes_of(road: RoadNetwork) -> Lanes:
             "name its map with --road, here or at `socialiq data import`"
         )
     library = shapely()
-    areas = {number: _area(lanelet) for number, lanelet in road.lanelets.items()}
-    centres = {n: library.linestrings(lane.centre) for n, lane in road.lanelets.items()}
-    conflicts: dict[tuple[int, int], Conflict] = {}
     numbers = sorted(road.lanelets)
-    tree = library.STRtree([areas[number] for number in numbers])
-    for first, second in tree.query([areas[n] for n in numbers], predicate="intersects").T:
-        lower, higher = numbers[first], numbers[second]
-        if lower >= higher:
+    lanelets = [road.lanelets[number] for number in numbers]
+    centres = [library.linestrings(lanelet.centre) for lanelet in lanelets]
+    areas = []
+    for lanelet in lanelets:
+        ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
+        area = library.make_valid(library.polygons(ring))
+        areas.append(area if area.geom_type != "GeometryCollection" else area.buffer(0))
+    conflicts: dict[tuple[int, int], Conflict] = {}
+    for first, second in library.STRtree(areas).query(areas, predicate="intersects").T:
+        one, other = lanelets[first], lanelets[second]
+        follow = other.identity in one.successors or one.identity in other.successors
+        if first >= second or follow or {*one.predecessors} & {*other.predecessors}:
             continue
-        kind = _kind(road.lanelets[lower], road.lanelets[higher], centres[lower], centres[higher])
-        if kind is not None:
-            conflicts[lower, higher] = kind
+        if {*one.successors} & {*other.successors}:
+            conflicts[numbers[first], numbers[second]] = Conflict.MERGING
+        elif centres[first].crosses(centres[second]):
+            conflicts[numbers[first], numbers[second]] = Conflict.CROSSING
     groups: list[set[int]] = []
     for pair in conflicts:
         joined = [group for group in groups if group & set(pair)]
         groups = [group for group in groups if not group & set(pair)]
         groups.append(set(pair).union(*joined))
-    junctions = tuple(frozenset(group) for group in sorted(groups, key=min))
-    junction_of = {number: index for index, group in enumerate(junctions) for number in group}
-    return Lanes(road, conflicts, junctions, junction_of)
-
-
-def _kind(one: Lanelet, other: Lanelet, line: Any, other_line: Any) -> Conflict | None:
-    if other.identity in one.successors or one.identity in other.successors:
-        return None
-    if set(one.predecessors) & set(other.predecessors):
-        return None
-    if set(one.successors) & set(other.successors):
-        return Conflict.MERGING
-    return Conflict.CROSSING if line.crosses(other_line) else None
-
-
-def _area(lanelet: Lanelet) -> Any:
-    ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
-    area = shapely().make_valid(shapely().polygons(ring))
-    return area if area.geom_type != "GeometryCollection" else area.buffer(0)
+    junctions = enumerate(sorted(groups, key=min))
+    return Lanes(road, conflicts, {number: index for index, group in junctions for number in group})
 
 
 def shapely() -> Any:
