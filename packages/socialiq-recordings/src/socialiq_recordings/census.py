@@ -100,13 +100,6 @@ def population_of(
 ) -> Row:
     """Return the statistics of all drivers, each counted once.
 
-    Args:
-        drivers: At least one, of the same recordings.
-        identified: Sites and chains of the recordings.
-        seed: Of the resampling.
-        confidence: Of all intervals.
-        resamples: Number of resamples.
-
     Returns:
         Numbers of `drivers`, of `recordings` with a driver, of `chains` of recordings that share no
         vehicle, and of `sites`; mean `r_env` and `r_social` of the drivers' points, and their

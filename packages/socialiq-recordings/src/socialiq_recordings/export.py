@@ -35,11 +35,8 @@ _Columns = Mapping[str, Iterable[object]]
 def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
     """Write tracks as the files of a data set; the column map of the same name reads them.
 
-    Args:
-        tracks: The tracks.
-        layout: `ind` (three files), `interaction` or `ngsim` (10 Hz only; ngsim has no heading, no
-            pedestrians and no bicycles, and calls a bus a truck).
-        folder: Output folder; it must exist.
+    Layouts: `ind` (three files), `interaction` and `ngsim` (10 Hz only; ngsim has no heading, no
+    pedestrians and no bicycles, and calls a bus a truck). The folder must exist.
 
     Returns:
         The file with the states, the argument of an import.
@@ -148,12 +145,8 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     """Write a recording as CommonRoad XML 2020a.
 
     A velocity that is not along the heading is written with a slip angle. Signs get the numbers
-    of the format's fictitious country ZAM.
-
-    Args:
-        recording: Its name becomes the benchmark's; other readers require a name such as
-            `ZAM_Cross-1_1_T-1`.
-        path: The file.
+    of the format's fictitious country ZAM. The recording's name becomes the benchmark's; other
+    readers require a name such as `ZAM_Cross-1_1_T-1`.
 
     Raises:
         UserError: If two elements have the same number, or the file can't be written.

@@ -24,21 +24,13 @@ def wrapped_heading(angle: np.ndarray) -> np.ndarray:
 
 
 class Idm(NamedTuple):
-    """Parameters of the IDM; by default those of Treiber and Kesting (2013, table 11.2) in cities.
+    """IDM parameters; by default of Treiber and Kesting (2013, table 11.2), in cities."""
 
-    Attributes:
-        desired_speed: v0, m/s.
-        time_headway: T, s.
-        jam_distance: s0, m, bumper to bumper.
-        max_acceleration: a, m/s².
-        comfort_deceleration: b, m/s², positive.
-    """
-
-    desired_speed: float = 15.0
-    time_headway: float = 1.0
-    jam_distance: float = 2.0
-    max_acceleration: float = 1.0
-    comfort_deceleration: float = 1.5
+    desired_speed: float = 15.0  # v0, m/s
+    time_headway: float = 1.0  # T, s
+    jam_distance: float = 2.0  # s0, m, bumper to bumper
+    max_acceleration: float = 1.0  # a, m/s²
+    comfort_deceleration: float = 1.5  # b, m/s², positive
 
 
 EXPONENT = 4.0
@@ -61,17 +53,8 @@ def acceleration(
     """Return the acceleration of the IDM, m/s² (Treiber, Hennecke and Helbing 2000, eqs 3, 4).
 
     a (1 - (v/v0)^δ - (s*/s)²) with s* = s0 + max(0, v T + v (v - v_l) / (2 sqrt(a b))). Numbers or
-    arrays that fit each other; `world.traffic.idm` is the compiled form.
-
-    Args:
-        speed: v, m/s.
-        gap: s, to the leader's rear, m; infinite without a leader.
-        leader_speed: v_l, m/s.
-        desired: v0, m/s.
-        headway: T, s.
-        jam: s0, m.
-        strongest: a, m/s².
-        comfort: b, m/s².
+    arrays that fit each other: v, the gap s to the leader's rear, infinite without a leader, its
+    speed v_l, and the fields of `Idm`. `world.traffic.idm` is the compiled form.
     """
     closing = speed * (speed - leader_speed) / (2 * np.sqrt(strongest * comfort))
     keeps = jam + np.maximum(0.0, speed * headway + closing)

@@ -31,22 +31,15 @@ of 6 m, whose rear axle moves along the heading: atan(1.5 / 6)."""
 class MeasurementError:
     """Standard errors of a source's measurement; the defaults are assumed where it states none.
 
-    Attributes:
-        position: m, in each direction, independent from frame to frame (the worst case).
-        speed: m/s.
-        heading: Degrees.
-        size: m, of length and width.
-        scale: Relative, of distances: a camera's picture is not equally large everywhere.
-
     Raises:
         UserError: If one is not a number above 0.
     """
 
-    position: float = 0.25
-    speed: float = 0.25
-    heading: float = 2.0
-    size: float = 0.2
-    scale: float = 0.05
+    position: float = 0.25  # m, in each direction, independent from frame to frame (the worst case)
+    speed: float = 0.25  # m/s
+    heading: float = 2.0  # degrees
+    size: float = 0.2  # m, of length and width
+    scale: float = 0.05  # relative, of distances: a picture is not equally large everywhere
 
     def __post_init__(self) -> None:
         for field in fields(self):

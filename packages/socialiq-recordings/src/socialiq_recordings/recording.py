@@ -61,40 +61,24 @@ class Tracks:
     The rows of a track are adjacent and their frames increase by one; tracks are in the order of
     their numbers, 0, 1, 2, ...
 
-    Attributes:
-        track: Number of the track of each state.
-        frame: Number of the recording's time step.
-        x: Centre, m to the east.
-        y: Centre, m to the north.
-        heading: rad, counter-clockwise from east, in (-π, π].
-        vx: Velocity to the east, m/s.
-        vy: Velocity to the north, m/s.
-        identity: The road user's number in the file that was read, by track.
-        road_user: Value of `RoadUser`, by track.
-        length: m along the heading, by track.
-        width: m, by track.
-        dt: s between frames.
-        recording: Name of the recording, by which data are split.
-        source: Provenance as JSON: file, its SHA-256, format, licence line.
-
     Raises:
         UserError: If a column is invalid; the line names it and its first bad row or track.
     """
 
-    track: Int32[np.ndarray, " state"]
-    frame: Int32[np.ndarray, " state"]
-    x: Float64[np.ndarray, " state"]
-    y: Float64[np.ndarray, " state"]
-    heading: Float64[np.ndarray, " state"]
-    vx: Float64[np.ndarray, " state"]
-    vy: Float64[np.ndarray, " state"]
-    identity: Int64[np.ndarray, " track"]
-    road_user: Int8[np.ndarray, " track"]
-    length: Float64[np.ndarray, " track"]
-    width: Float64[np.ndarray, " track"]
-    dt: float
-    recording: str
-    source: dict[str, Any]
+    track: Int32[np.ndarray, " state"]  # number of the track of each state
+    frame: Int32[np.ndarray, " state"]  # number of the recording's time step
+    x: Float64[np.ndarray, " state"]  # centre, m to the east
+    y: Float64[np.ndarray, " state"]  # centre, m to the north
+    heading: Float64[np.ndarray, " state"]  # rad, counter-clockwise from east, in (-π, π]
+    vx: Float64[np.ndarray, " state"]  # velocity to the east, m/s
+    vy: Float64[np.ndarray, " state"]  # velocity to the north, m/s
+    identity: Int64[np.ndarray, " track"]  # the road user's number in the file that was read
+    road_user: Int8[np.ndarray, " track"]  # value of `RoadUser`, by track
+    length: Float64[np.ndarray, " track"]  # m along the heading, by track
+    width: Float64[np.ndarray, " track"]  # m, by track
+    dt: float  # s between frames
+    recording: str  # name of the recording, by which data are split
+    source: dict[str, Any]  # provenance as JSON: file, its SHA-256, format, licence line
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
@@ -220,16 +204,9 @@ class Refused(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """Recording read from a file.
+    """Recording read from a file."""
 
-    Attributes:
-        recording: The tracks that passed every check, and the road.
-        refused: The other tracks.
-        skipped: Number of the file's elements that are not tracks, by kind.
-        n_states: Number of states read, including those of refused tracks.
-    """
-
-    recording: Recording
-    refused: tuple[Refused, ...]
-    skipped: dict[str, int] = field(default_factory=dict)
-    n_states: int = 0
+    recording: Recording  # the tracks that passed every check, and the road
+    refused: tuple[Refused, ...]  # the other tracks
+    skipped: dict[str, int] = field(default_factory=dict)  # elements that are no tracks, by kind
+    n_states: int = 0  # number of states read, including those of refused tracks

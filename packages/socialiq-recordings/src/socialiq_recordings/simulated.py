@@ -60,13 +60,9 @@ def road() -> RoadNetwork:
 
 
 def record(options: Options, policy: Policy, seed: int, name: str = "") -> Recording:
-    """Run an episode and record every sub-step.
+    """Run an episode with a policy of the ego and record every sub-step.
 
-    Args:
-        options: The scenario.
-        policy: Policy of the ego.
-        seed: Seed of the episode.
-        name: Name of the recording; by default derived from the seed.
+    By default the recording's name is derived from the seed.
     """
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])

@@ -215,12 +215,6 @@ def load_identified(
 ) -> tuple[list[Recording], Identified]:
     """Return the recordings of some files and what they have in common, which is said unless quiet.
 
-    Args:
-        paths: Files of `socialiq data import`.
-        road: Map of recordings without one.
-        duplicates: Whether moments in common are refused.
-        quiet: Whether nothing is said of them.
-
     Raises:
         UserError: If there is none, one can't be read, or moments in common are refused.
     """

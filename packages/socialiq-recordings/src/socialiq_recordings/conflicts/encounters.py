@@ -27,20 +27,13 @@ from socialiq_recordings.road.routes import OFF_THE_MAP, Polyline, Scene
 
 @dataclass(frozen=True)
 class ConflictConfig:
-    """Options of conflicts.
+    """Options of conflicts."""
 
-    Attributes:
-        near: s. Times in a conflict area that are further apart are no conflict: the threshold of
-            PET in FHWA's surrogate safety assessment model (FHWA-HRT-08-051, 2008).
-        horizon: s ahead in which both must arrive at their present speeds.
-        queued: Whether vehicles behind others of their lane are in conflict with crossing traffic.
-        slack: m by which vehicles are narrower than recorded, since boxes from video err.
-    """
-
-    near: float = 5.0
-    horizon: float = 10.0
-    queued: bool = False
-    slack: float = 0.3
+    # Further apart in an area is no conflict: the threshold of PET in FHWA-HRT-08-051 (2008).
+    near: float = 5.0  # s
+    horizon: float = 10.0  # s ahead in which both must arrive at their present speeds
+    queued: bool = False  # whether those behind others of their lane are in conflict, too
+    slack: float = 0.3  # m by which vehicles are narrower than recorded, since boxes from video err
 
     def __post_init__(self) -> None:
         for name in ("near", "horizon", "slack"):
@@ -64,26 +57,17 @@ _START = 1.0  # m after a line's start within which an area begins there
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """Conflict area of two ways.
+    """Conflict area of two ways; where they merge, one vehicle follows the other from there on."""
 
-    Attributes:
-        kind: Crossing or merging.
-        entry: Coordinate at which each vehicle's swept area begins to be in it, m.
-        exit: Coordinate at which it ends; the entry where the ways merge, because from this line
-            on one vehicle follows the other.
-        angle: Difference of the directions in it, degrees in [0, 180].
-        x: Its middle, m to the east.
-        y: Its middle, m to the north.
-        outline: Its corners, m.
-    """
-
-    kind: Conflict
-    entry: tuple[float, float]
-    exit: tuple[float, float]
-    angle: float
-    x: float
-    y: float
-    outline: Float64[np.ndarray, "corner 2"]
+    kind: Conflict  # crossing or merging
+    entry: tuple[
+        float, float
+    ]  # coordinates at which the vehicles' swept areas begin to be in it, m
+    exit: tuple[float, float]  # at which they end; the entry where the ways merge
+    angle: float  # difference of the directions in it, degrees in [0, 180]
+    x: float  # its middle, m to the east
+    y: float  # its middle, m to the north
+    outline: Float64[np.ndarray, "corner 2"]  # its corners, m
 
     def swapped(self) -> Area:
         """Return the area with the vehicles in the other order."""
@@ -95,14 +79,8 @@ def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes
 
     The map must agree: two lanelets of the routes are in conflict, or both routes enter one
     lanelet from different lanelets, as in a change of lane. An area that begins where one of the
-    lines does is no conflict: the vehicles follow each other, or the first is past it.
-
-    Args:
-        one: A way.
-        other: Another.
-        one_swept: Swept area of the first, for Shapely.
-        other_swept: Swept area of the second.
-        lanes: Road with conflicts.
+    lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
+    areas are Shapely's.
     """
     if not one_swept.intersects(other_swept):
         return None
@@ -194,25 +172,15 @@ def held(scene: Scene, way: Way, frame: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Conflict of an ordered pair.
+    """Conflict of an ordered pair."""
 
-    Attributes:
-        ego: Way of the vehicle whose conflict it is.
-        other: Way of the other vehicle.
-        area: Their conflict area, the ego first.
-        ego_times: The ego's times in the area, recorded or else projected.
-        other_times: The other's.
-        complete: Whether the times that PET needs were recorded.
-        frames: Frames at which both are present and neither has left the area.
-    """
-
-    ego: Way
-    other: Way
-    area: Area
-    ego_times: Occupancy
-    other_times: Occupancy
-    complete: bool
-    frames: np.ndarray
+    ego: Way  # way of the vehicle whose conflict it is
+    other: Way  # way of the other vehicle
+    area: Area  # their conflict area, the ego first
+    ego_times: Occupancy  # the ego's times in the area, recorded or else projected
+    other_times: Occupancy  # the other's
+    complete: bool  # whether the times that PET needs were recorded
+    frames: np.ndarray  # frames at which both are present and neither has left the area
 
     @property
     def ego_first(self) -> bool | None:
@@ -266,9 +234,8 @@ class Encounters:
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
 
-        Args:
-            scene: Tracks of that motion on the same road, numbered newly.
-            ways: For each track here, its way there; tracks that are not there are left out.
+        The scene has that motion on the same road, numbered newly; `ways` has the way there of each
+        track here that is there.
         """
         copied = copy.copy(self)
         copied.__dict__.pop("in_time", None)
@@ -334,13 +301,9 @@ class Encounters:
         return held(self.scene, one, frame) or held(self.scene, two, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
-        """Whether no other vehicle is on a way between a vehicle and a conflict area.
+        """Whether no other vehicle is on a way between its vehicle and the entry of an area, m.
 
-        Args:
-            way: The vehicle's way.
-            entry: Coordinate of the area, m.
-            frame: A frame at which it is present.
-            but: Track that doesn't count: the other vehicle of the conflict.
+        The track `but` doesn't count: the other vehicle of the conflict.
         """
         if self.config.queued:
             return True

@@ -26,13 +26,9 @@ def post_encroachment_time(first_leaves: float, second_arrives: float) -> float:
 def time_to_collision(gap: float, speed: float, leader_speed: float) -> float:
     """Return the time to collision (TTC) with a leader on the same path, s.
 
-    Time until two vehicles collide if both keep their speeds and paths (Hayward 1972, Highway
-    Research Record 384). Infinite if the gap does not close; 0 if there is no gap.
-
-    Args:
-        gap: From the follower's front to the leader's rear, m.
-        speed: The follower's, m/s.
-        leader_speed: m/s.
+    Time until two vehicles collide if both keep their speeds, m/s, and paths (Hayward 1972, Highway
+    Research Record 384). The gap is from the follower's front to the leader's rear, m. Infinite if
+    it does not close; 0 if there is none.
     """
     if gap <= 0:
         return 0.0
@@ -57,13 +53,8 @@ def required_deceleration(gap: float, speed: float, leader_speed: float) -> floa
     """Return the deceleration rate to avoid a crash with a leader (DRAC), m/s².
 
     The constant deceleration at which the follower reaches the leader's speed as the gap closes,
-    (v - v_l)² / (2 gap) (Cooper and Ferguson 1976, Traffic Engineering and Control 17). 0 if the
-    gap does not close; infinite if there is no gap.
-
-    Args:
-        gap: From the follower's front to the leader's rear, m.
-        speed: The follower's, m/s.
-        leader_speed: m/s; the leader keeps it.
+    (v - v_l)² / (2 gap) (Cooper and Ferguson 1976, Traffic Engineering and Control 17). The gap is
+    from front to rear, m; speeds in m/s. 0 if the gap does not close; infinite if there is none.
     """
     closing = speed - leader_speed
     if closing <= 0:
@@ -77,11 +68,7 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
     The crossing form of the same measure (Cooper and Ferguson 1976; Gettman and Head 2003,
     FHWA-RD-03-050): a vehicle that brakes from now on has not arrived before the other has left.
     Either it still moves then, v t - b t²/2 = gap, or it has stopped at the area, b = v²/(2 gap).
-
-    Args:
-        gap: Distance from the vehicle's front to the area, m.
-        speed: Its speed, m/s.
-        seconds: Until the other vehicle has left the area; infinite if it stands there.
+    The gap is from its front to the area, m; the time is infinite if the other stands there.
     """
     if speed <= 0 or speed * seconds <= gap:
         return 0.0

@@ -22,30 +22,18 @@ _STEP = 2.0  # m between the points of a continued line
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """Way of a vehicle.
+    """Way of a vehicle."""
 
-    Attributes:
-        track: Number of the track.
-        first: Its first frame.
-        line: Line of the vehicle's middle: `BEHIND` m before its first state, the driven line,
-            and up to `AHEAD` m along its route.
-        along: Coordinate on the line at each frame, m; never decreases.
-        speed: Along the line, at each frame, m/s: the distance driven over `SMOOTHED`.
-        length: Of the vehicle, m.
-        width: Of the vehicle, m.
-        lanelets: Numbers of the lanelets on its route.
-        dt: s between frames.
-    """
-
-    track: int
-    first: int
+    track: int  # number of the track
+    first: int  # its first frame
+    # Of its middle: `BEHIND` m before its first state, as driven, up to `AHEAD` m along its route.
     line: Polyline
-    along: Float64[np.ndarray, " state"]
-    speed: Float64[np.ndarray, " state"]
-    length: float
-    width: float
-    lanelets: tuple[int, ...]
-    dt: float
+    along: Float64[np.ndarray, " state"]  # coordinate on the line at each frame, m; never decreases
+    speed: Float64[np.ndarray, " state"]  # along the line, m/s: the distance driven in `SMOOTHED`
+    length: float  # of the vehicle, m
+    width: float  # of the vehicle, m
+    lanelets: tuple[int, ...]  # numbers of the lanelets on its route
+    dt: float  # s between frames
 
     @property
     def last(self) -> int:
@@ -146,15 +134,10 @@ STANDING = 0.1
 
 
 class Occupancy(NamedTuple):
-    """Times of a vehicle in a conflict area, s from the recording's frame 0.
+    """Times of a vehicle in a conflict area, s from the recording's frame 0."""
 
-    Attributes:
-        enters: Its front arrives; minus infinity if before its first frame, infinity if never.
-        leaves: Its rear leaves.
-    """
-
-    enters: float
-    leaves: float
+    enters: float  # its front arrives; minus infinity if before its first frame, infinity if never
+    leaves: float  # its rear leaves
 
 
 def recorded(way: Way, entry: float, end: float) -> Occupancy:
@@ -200,33 +183,20 @@ _REACH = 100.0  # m; vehicles further ahead are no leaders
 
 
 class Near(NamedTuple):
-    """Neighbour of a vehicle on its way; by default there is none.
+    """Neighbour of a vehicle on its way; by default there is none."""
 
-    Attributes:
-        track: Number of the track; -1 if there is none.
-        gap: Between the bumpers, m; infinite if there is none.
-        speed: Of the neighbour along the way, m/s; 0 if there is none.
-    """
-
-    track: int = -1
-    gap: float = float("inf")
-    speed: float = 0.0
+    track: int = -1  # number of the track; -1 if there is none
+    gap: float = float("inf")  # between the bumpers, m; infinite if there is none
+    speed: float = 0.0  # of the neighbour along the way, m/s; 0 if there is none
 
 
 class OnWay(NamedTuple):
-    """Other vehicles of one frame that are on a way.
+    """Other vehicles of one frame that are on a way."""
 
-    Attributes:
-        track: Numbers of the tracks.
-        along: Coordinates of their middles on the way, m.
-        speed: Along the way, m/s.
-        length: m.
-    """
-
-    track: Int64[np.ndarray, " vehicle"]
-    along: Float64[np.ndarray, " vehicle"]
-    speed: Float64[np.ndarray, " vehicle"]
-    length: Float64[np.ndarray, " vehicle"]
+    track: Int64[np.ndarray, " vehicle"]  # numbers of the tracks
+    along: Float64[np.ndarray, " vehicle"]  # coordinates of their middles on the way, m
+    speed: Float64[np.ndarray, " vehicle"]  # along the way, m/s
+    length: Float64[np.ndarray, " vehicle"]  # m
 
     def without(self, track: int) -> OnWay:
         """Return the others."""
@@ -259,12 +229,8 @@ def in_the_way(
 ) -> Bool[np.ndarray, " vehicle"]:
     """Whether vehicles beside a way overlap what it sweeps, and drive as it leads.
 
-    Args:
-        way: The way.
-        lateral: Distance of their middles from it, m.
-        turned: Their headings relative to it, rad.
-        width: m.
-        slack: m by which all are narrower than recorded.
+    Their middles lie beside it, m, their headings are turned to it, rad; all are narrower by
+    `slack`, m, than recorded.
     """
     beside = np.abs(lateral) < (way.width + width) / 2 - slack
     return beside & (np.abs(turned) < _SAME_DIRECTION)

@@ -37,28 +37,18 @@ _STRAIGHT = 0.02  # smallest share of directions across the main one that fixes 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Lines of a recording.
+    """Lines of a recording."""
 
-    Attributes:
-        points: x, y in m and direction in rad, every `STEP` metres.
-        of_road: Whether they are centre lines of lanelets; else paths of vehicles.
-    """
-
-    points: Float64[np.ndarray, "point 3"]
-    of_road: bool
+    points: Float64[np.ndarray, "point 3"]  # x, y in m and direction in rad, every `STEP` metres
+    of_road: bool  # whether they are centre lines of lanelets; else paths of vehicles
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Rigid motion from one frame to another.
+    """Rigid motion from one frame to another."""
 
-    Attributes:
-        turn: rad, about the origin.
-        shift: m, after the turn.
-    """
-
-    turn: float
-    shift: Float64[np.ndarray, " 2"]
+    turn: float  # rad, about the origin
+    shift: Float64[np.ndarray, " 2"]  # m, after the turn
 
     def of(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
         """Return x, y and direction in the other frame."""
@@ -204,17 +194,11 @@ _COMMON_STEP = 0.1  # s, of recordings with different steps
 
 @dataclass(frozen=True, eq=False)
 class Common:
-    """Moments in common of two recordings.
+    """Moments in common of two recordings."""
 
-    Attributes:
-        lag: s; time of the second recording at frame 0 of the first.
-        seconds: Duration in common.
-        vehicles: Rows of track numbers, of the first and of the second recording.
-    """
-
-    lag: float
-    seconds: float
-    vehicles: Int64[np.ndarray, "vehicle 2"]
+    lag: float  # s; time of the second recording at frame 0 of the first
+    seconds: float  # duration in common
+    vehicles: Int64[np.ndarray, "vehicle 2"]  # track numbers, of the first and of the second
 
 
 class Motion:

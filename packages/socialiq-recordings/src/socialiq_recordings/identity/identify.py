@@ -36,40 +36,24 @@ _SMALL = 50_000  # states of two recordings whose moments are compared although 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two recordings with vehicles in common.
+    """Two recordings with vehicles in common."""
 
-    Attributes:
-        first: Index of the one.
-        second: Index of the other.
-        seconds: Duration in common; 0 if only numbers and sizes agree.
-        lag: s; time of the second at frame 0 of the first; NaN without a duration.
-        vehicles: Track numbers of the same vehicles, of the first and of the second.
-    """
-
-    first: int
-    second: int
-    seconds: float
-    lag: float
-    vehicles: tuple[tuple[int, int], ...]
+    first: int  # index of the one
+    second: int  # index of the other
+    seconds: float  # duration in common; 0 if only numbers and sizes agree
+    lag: float  # s; time of the second at frame 0 of the first; NaN without a duration
+    vehicles: tuple[tuple[int, int], ...]  # track numbers, of the first and of the second
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Sites, chains and vehicles of some recordings.
+    """Sites, chains and vehicles of some recordings."""
 
-    Attributes:
-        names: Name of each recording.
-        site: Name of each recording's site: that of the first recording there.
-        chain: Name of each recording's chain: that of its first recording.
-        overlaps: All pairs with vehicles in common.
-        vehicle: Number of each track's vehicle, over all recordings.
-    """
-
-    names: tuple[str, ...]
-    site: tuple[str, ...]
-    chain: tuple[str, ...]
-    overlaps: tuple[Overlap, ...]
-    vehicle: tuple[np.ndarray, ...]
+    names: tuple[str, ...]  # name of each recording
+    site: tuple[str, ...]  # name of each recording's site: that of the first recording there
+    chain: tuple[str, ...]  # name of each recording's chain: that of its first recording
+    overlaps: tuple[Overlap, ...]  # all pairs with vehicles in common
+    vehicle: tuple[np.ndarray, ...]  # number of each track's vehicle, over all recordings
 
     @property
     def n_vehicles(self) -> int:
@@ -222,12 +206,7 @@ def same_moments(identified: Identified) -> dict[Place, set[Place]]:
 
 
 def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> set[Key]:
-    """Return the largest of each group of equal keys; the first of those of one size.
-
-    Args:
-        sizes: Size of each.
-        same: Function that returns the keys that equal one.
-    """
+    """Return the largest of each group of equal keys, `same` of one; the first of one size."""
     largest: set[Key] = set()
     for item in sorted(sizes, key=lambda key: -sizes[key]):
         if not largest.intersection(same(item)):
@@ -251,9 +230,7 @@ def pairs_once(
 ) -> set[tuple[int, int, int]]:
     """Return the pairs of tracks that are kept: of two that show one conflict, the longer.
 
-    Args:
-        sizes: Duration of each conflict, by recording, ego and other.
-        identified: Of all recordings.
+    Durations are by recording, ego and other.
     """
     same = same_moments(identified)
 

@@ -23,11 +23,9 @@ FORMATS = ("commonroad", "csv", "argoverse")
 
 
 def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
-    """Read a map in the frame of a recording's tracks.
+    """Read a map in the frame of a recording's tracks: CommonRoad XML, a recording, or Lanelet2.
 
-    Args:
-        path: CommonRoad XML, a recording, or a Lanelet2 map (.osm).
-        source: The recording's provenance; `utm_origin` is the origin of the frame of inD's tracks.
+    The recording's provenance has the origin of the frame of inD's tracks, `utm_origin`.
 
     Raises:
         UserError: If it can't be read, or holds no lanelet.

@@ -38,49 +38,25 @@ _MAPS = Path(__file__).parent / "column_maps"
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Description of a CSV layout.
+    """Description of a CSV layout."""
 
-    Attributes:
-        format: Name of the layout.
-        licence: A line about the data's licence, stored with the recording.
-        separator: Separator of cells.
-        columns: The file's name of a column, by our name of its quantity.
-        scales: Factor of the file's unit, by quantity of `UNITS`.
-        rate: Frames a second; 0 if `rate_file` has it.
-        rate_file: Ending of the file's name, its replacement for the file with the rate,
-            and the column there.
-        any_order: Whether the rows of a track may come in any order.
-        repeated_ids: Whether an id may be reused for another road user, after a gap.
-        y_down: Whether y points down (south) in the file.
-        point: Reference point of positions: `centre`, `front` or `corner` of the box.
-        users_file: Ending of the file's name, and its replacement for the file with a row
-            for each track; None if there is a single file.
-        users_columns: Names of that file's columns.
-        classes: The file's words for classes.
-        default_sizes: Length and width in m, by the file's word for a class without sizes.
-        periods: Whether ids and frames begin again with each period of observation, which are
-            separated by the difference of time and frame.
-        origin: Columns of `rate_file` with the UTM coordinates of the origin, m.
-        error: Standard errors of the measurement, as the makers state them.
-    """
-
-    format: str
-    columns: dict[str, str]
-    classes: dict[str, RoadUser]
-    licence: str = ""
-    separator: str = ","
-    scales: dict[str, float] = field(default_factory=dict)
-    rate: float = 0.0
-    rate_file: tuple[str, str, str] | None = None
-    any_order: bool = False
-    repeated_ids: bool = False
-    y_down: bool = False
-    point: str = "centre"
-    users_file: tuple[str, str] | None = None
-    users_columns: dict[str, str] = field(default_factory=dict)
-    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    periods: bool = False
-    origin: tuple[str, str] | None = None
+    format: str  # name of the layout
+    columns: dict[str, str]  # the file's name of a column, by our name of its quantity
+    classes: dict[str, RoadUser]  # the file's words for classes
+    licence: str = ""  # a line about the data's licence, stored with the recording
+    separator: str = ","  # separator of cells
+    scales: dict[str, float] = field(default_factory=dict)  # of the file's units, by quantity
+    rate: float = 0.0  # frames a second; 0 if `rate_file` has it
+    rate_file: tuple[str, str, str] | None = None  # ending of the name, that of this file, column
+    any_order: bool = False  # whether the rows of a track may come in any order
+    repeated_ids: bool = False  # whether an id may be reused for another road user, after a gap
+    y_down: bool = False  # whether y points down (south) in the file
+    point: str = "centre"  # reference point of positions: `centre`, `front` or `corner` of the box
+    users_file: tuple[str, str] | None = None  # the same of a file with a row for each track
+    users_columns: dict[str, str] = field(default_factory=dict)  # names of that file's columns
+    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)  # m, by class
+    periods: bool = False  # whether ids and frames begin again; time and frame tell them apart
+    origin: tuple[str, str] | None = None  # columns of `rate_file` with UTM coordinates, m
     error: MeasurementError = field(default_factory=MeasurementError)
 
 
@@ -90,10 +66,7 @@ def known_maps() -> tuple[str, ...]:
 
 
 def read_map(name: str) -> ColumnMap:
-    """Read a column map.
-
-    Args:
-        name: Name of a map in the package, or a path that ends in `.toml`.
+    """Read a column map, by the name of one in the package or a path that ends in `.toml`.
 
     Raises:
         UserError: If there is no such map, or it has an invalid entry.

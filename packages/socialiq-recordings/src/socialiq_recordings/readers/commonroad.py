@@ -36,13 +36,10 @@ LONGEST_CYCLE = 1_000_000
 def read_commonroad(path: Path, most_states: int = tracks.MOST_STATES) -> Imported:
     """Read a scenario as a recording. Only the order of each track's frames is checked.
 
-    Args:
-        path: The XML file.
-        most_states: More than these are refused before they fill the memory.
-
     Raises:
-        UserError: If the file is missing, not of these versions, damaged, too large, or without a
-            track that can be used; the line has the file's line or the number of the element.
+        UserError: If the file is missing, not of these versions, damaged, without a track that can
+            be used, or has more than `most_states`; the line has the file's line or the element's
+            number.
     """
     draft = _Draft(path, most_states)
     return draft.imported(xml.read(path, draft))

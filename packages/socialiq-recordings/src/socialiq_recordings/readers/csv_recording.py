@@ -30,15 +30,12 @@ def read_csv(
 ) -> list[Imported]:
     """Read the recordings of a CSV file; rows that can't be read are dropped and counted.
 
-    Args:
-        path: The file with the states.
-        columns: Column map of the file.
-        most_states: More rows than these are refused before they fill the memory.
-        road: Lanelets, if a map is at hand.
+    The lanes of a road give standing vehicles their heading.
 
     Raises:
-        UserError: If a file is missing, empty, lacks a column or is too large, more than half of
-            its rows have a fault, or no track can be used; the line has the row or the id.
+        UserError: If a file is missing, empty, lacks a column or has more rows than `most_states`,
+            more than half of its rows have a fault, or no track can be used; the line has the row
+            or the id.
     """
     table = Table(path, columns.separator, most_states)
     table.read(columns.columns, frozenset({"recording", "class"}), frozenset({"id", "frame"}))

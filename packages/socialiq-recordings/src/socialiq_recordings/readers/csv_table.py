@@ -64,12 +64,10 @@ class Table:
         return f"row {self._numbers[row] + 2}: "
 
     def read(self, columns: dict[str, str], texts: frozenset[str], whole: frozenset[str]) -> None:
-        """Read the file.
+        """Read columns of the file: its names by ours.
 
-        Args:
-            columns: The file's names of columns, by our names.
-            texts: Names of columns of text; the others are numbers, NaN for an empty cell.
-            whole: Names of columns of whole numbers, without empty cells.
+        Some are texts, some whole numbers without empty cells, the others numbers, NaN for an empty
+        cell.
 
         Raises:
             UserError: If the file is missing, empty, too large or lacks a column, or more than half

@@ -35,14 +35,9 @@ User = tuple[int, float, float]
 def check_frames(
     frames: Int[np.ndarray, " state"] | Sequence[int], row: Callable[[int], str] = lambda _: ""
 ) -> None:
-    """Raise an error unless a track's frames increase by one, within 31 bits.
+    """Raise a `ValueError` unless a track's frames increase by one, within 31 bits.
 
-    Args:
-        frames: At least one.
-        row: Function that returns the name of a state's row, as the beginning of a line.
-
-    Raises:
-        ValueError: If they do not; the line has the first such row.
+    The line begins with the name of the first such row.
     """
     steps = np.diff(np.asarray(frames, np.int64))
     if not (steps == 1).all():
@@ -61,11 +56,7 @@ def check_frames(
 def check_numbers(
     what: str, values: Column, row: Callable[[int], str], farthest: float = FARTHEST
 ) -> None:
-    """Raise an error unless all numbers of a track are finite and within `farthest`.
-
-    Raises:
-        ValueError: If they are not; the line has the first such row.
-    """
+    """Raise a `ValueError` unless all numbers of a track are finite and within `farthest`."""
     bad = ~(np.abs(values) <= farthest)
     if bad.any():
         raise ValueError(f"{row(int(np.argmax(bad)))}{what} is missing, not finite or too large")
@@ -95,14 +86,7 @@ class Gathered:
         frame: Int[np.ndarray, " state"],
         states: Float64[np.ndarray, "5 state"],
     ) -> None:
-        """Add a checked track.
-
-        Args:
-            identity: Its number.
-            user: Class, length and width.
-            frame: Numbers of its frames.
-            states: x, y, heading, vx and vy.
-        """
+        """Add a checked track, with its states: x, y, heading, vx and vy."""
         self._users.append((identity, user))
         self._frames.append(frame.astype(np.int32))
         self._states.append(states)

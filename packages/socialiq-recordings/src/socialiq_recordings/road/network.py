@@ -68,35 +68,22 @@ class Cycle(NamedTuple):
 class Lanelet:
     """Section of a lane, driven from the first points of its bounds to the last.
 
-    Attributes:
-        identity: Number of the lanelet in the file.
-        left: Left bound, in driving direction.
-        right: Right bound, with the same number of points.
-        successors: Lanelets that it leads to.
-        predecessors: Lanelets that lead to it.
-        adjacent_left: The lanelet to its left, and whether it has the same direction.
-        adjacent_right: The same to its right.
-        speed_limit: m/s; infinity if unknown.
-        sign: Right of way.
-        stop_line: Two points, if the file has a stop line.
-        cycle: Of the traffic light at its end; None if the file has no states of it.
-
     Raises:
         UserError: If a bound has fewer than two points, the numbers differ, or a coordinate
             isn't finite.
     """
 
-    identity: int
-    left: Float64[np.ndarray, "point 2"]
-    right: Float64[np.ndarray, "point 2"]
-    successors: tuple[int, ...] = ()
-    predecessors: tuple[int, ...] = ()
-    adjacent_left: tuple[int, bool] | None = None
+    identity: int  # number of the lanelet in the file
+    left: Float64[np.ndarray, "point 2"]  # left bound, in driving direction
+    right: Float64[np.ndarray, "point 2"]  # right bound, with the same number of points
+    successors: tuple[int, ...] = ()  # lanelets that it leads to
+    predecessors: tuple[int, ...] = ()  # lanelets that lead to it
+    adjacent_left: tuple[int, bool] | None = None  # beside it, and whether in the same direction
     adjacent_right: tuple[int, bool] | None = None
-    speed_limit: float = float("inf")
-    sign: Sign = Sign.NONE
-    stop_line: Float64[np.ndarray, "2 2"] | None = None
-    cycle: Cycle | None = None
+    speed_limit: float = float("inf")  # m/s; infinity if unknown
+    sign: Sign = Sign.NONE  # right of way
+    stop_line: Float64[np.ndarray, "2 2"] | None = None  # two points, if the file has a stop line
+    cycle: Cycle | None = None  # of the light at its end, if the file has states of it
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
@@ -174,18 +161,11 @@ class Conflict(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """Road network with its conflicts.
+    """Road network with its conflicts."""
 
-    Attributes:
-        road: The lanelets.
-        conflicts: Kind of conflict of two lanelets, by their numbers, the smaller first.
-        junction_of: Number of the junction by lanelet: lanelets that conflicts connect share one,
-            those without a conflict are omitted.
-    """
-
-    road: RoadNetwork
-    conflicts: dict[tuple[int, int], Conflict]
-    junction_of: dict[int, int]
+    road: RoadNetwork  # the lanelets
+    conflicts: dict[tuple[int, int], Conflict]  # of two lanelets, the smaller number first
+    junction_of: dict[int, int]  # number by lanelet in conflict: those that conflicts connect share
 
     def conflict(self, one: int, other: int) -> bool:
         """Whether two lanelets are in conflict."""

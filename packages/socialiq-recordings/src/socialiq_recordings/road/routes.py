@@ -20,17 +20,11 @@ from socialiq_recordings.road.network import Lanes, RoadNetwork, lanes_of
 
 
 class Coordinates(NamedTuple):
-    """Coordinates of points relative to a line.
+    """Coordinates of points relative to a line."""
 
-    Attributes:
-        along: Distance along the line from its start, m; negative before it.
-        lateral: Distance to the left of the line, m.
-        heading: Direction of the line there, rad.
-    """
-
-    along: Float64[np.ndarray, " point"]
-    lateral: Float64[np.ndarray, " point"]
-    heading: Float64[np.ndarray, " point"]
+    along: Float64[np.ndarray, " point"]  # distance from the line's start, m; negative before it
+    lateral: Float64[np.ndarray, " point"]  # distance to the left of the line, m
+    heading: Float64[np.ndarray, " point"]  # direction of the line there, rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,23 +83,14 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Arc:
-    """Arc of a circle.
+    """Arc of a circle."""
 
-    Attributes:
-        x: Centre, m.
-        y: Centre, m.
-        radius: m.
-        phase: Angle at its start, rad.
-        sense: 1 counter-clockwise, -1 clockwise.
-        length: m.
-    """
-
-    x: float
-    y: float
-    radius: float
-    phase: float
-    sense: float
-    length: float
+    x: float  # centre, m
+    y: float  # centre, m
+    radius: float  # m
+    phase: float  # angle at its start, rad
+    sense: float  # 1 counter-clockwise, -1 clockwise
+    length: float  # m
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
@@ -167,17 +152,11 @@ VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """Track matched to the road.
+    """Track matched to the road."""
 
-    Attributes:
-        lanelets: Sequence of lanelets, continued straight on beyond the last state.
-        place: Index of each state's lanelet in that sequence.
-        off: Mean distance from the sequence, m.
-    """
-
-    lanelets: tuple[int, ...]
-    place: Int64[np.ndarray, " state"]
-    off: float
+    lanelets: tuple[int, ...]  # sequence of lanelets, continued straight on beyond the last state
+    place: Int64[np.ndarray, " state"]  # index of each state's lanelet in that sequence
+    off: float  # mean distance from the sequence, m
 
 
 class Matcher:
@@ -267,9 +246,7 @@ class Matcher:
     def section(self, lanelets: list[int], least: float = 0.0) -> Polyline | Arc | None:
         """Return the line along consecutive lanelets, without parallel lanes.
 
-        Args:
-            lanelets: Part of a sequence.
-            least: m; a shorter line is continued beyond the sequence, if the road continues.
+        A line shorter than `least`, m, is continued beyond them, if the road continues.
         """
         route: list[int] = []
         for number in lanelets:
