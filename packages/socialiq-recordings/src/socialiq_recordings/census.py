@@ -37,9 +37,7 @@ LIMITS = (
 )
 """Limits of the interpretation of a census."""
 
-STANDING = 0.5
-"""m/s; drivers with a lower mean speed stand, at a signal or in a queue."""
-
+STANDING = 0.5  # m/s; drivers with a lower mean speed stand, at a signal or in a queue
 LEAST_DECISIONS = 3
 """Fewest decisions for an interval: a covariance in the plane needs three points."""
 

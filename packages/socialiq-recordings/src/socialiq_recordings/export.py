@@ -21,9 +21,7 @@ from socialiq_recordings.readers import commonroad_xml as xml
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Cycle, Lanelet, RoadNetwork, Sign
 
-FOOT = 0.3048
-"""Length of a foot in m, exact by definition."""
-
+FOOT = 0.3048  # length of a foot in m, exact by definition
 _NGSIM_CLASSES = {RoadUser.MOTORCYCLE: 1, RoadUser.CAR: 2, RoadUser.TRUCK: 3, RoadUser.BUS: 3}
 _INTERACTION_CLASSES = {RoadUser.PEDESTRIAN: "pedestrian/bicycle", RoadUser.BICYCLE: "bicycle"}
 _SIGN_NUMBERS = {Sign.PRIORITY: "306", Sign.YIELD: "205", Sign.STOP: "206"}

@@ -33,11 +33,8 @@ class Idm(NamedTuple):
     comfort_deceleration: float = 1.5  # b, m/s², positive
 
 
-EXPONENT = 4.0
-"""δ."""
-
-HARDEST = 8.0
-"""m/s²; no deceleration is harder."""
+EXPONENT = 4.0  # δ
+HARDEST = 8.0  # m/s²; no deceleration is harder
 
 
 def acceleration(

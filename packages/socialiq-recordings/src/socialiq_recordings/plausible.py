@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -73,20 +72,11 @@ class MeasurementError:
         return COVERAGE * math.hypot(math.sqrt(2.0) * self.position, self.size / math.sqrt(2.0))
 
 
-FASTEST = 70.0
-"""m/s; 252 km/h."""
-
-MOVING = 2.0
-"""m/s; directions are checked where the driven speed is at least this."""
-
-FEWEST_STEPS = 3
-"""Directions of a track with fewer moving steps are not checked."""
-
-LONGEST, WIDEST = 30.0, 4.5
-"""m; road trains are as long, wide loads as wide."""
-SHORTEST = 0.2
-"""m; a pedestrian's box."""
-
+FASTEST = 70.0  # m/s; 252 km/h
+MOVING = 2.0  # m/s; directions are checked where the driven speed is at least this
+FEWEST_STEPS = 3  # directions of a track with fewer moving steps are not checked
+LONGEST, WIDEST = 30.0, 4.5  # m; road trains are as long, wide loads as wide
+SHORTEST = 0.2  # m; a pedestrian's box
 _FOOT = 0.3048
 
 _RATIOS = {
@@ -124,17 +114,20 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     refused = [Refused(str(identity), reason) for identity in tracks.identity[far]]
     tracks = tracks.kept(~far) if far.any() else tracks
     reasons = np.full(tracks.n_tracks, "", object)
-    steps = _steps(tracks)
-    _check_sizes(tracks, reasons)
-    further = (steps.driven - steps.stated) * tracks.dt
-    for step in np.flatnonzero(further > error.jump(tracks.dt)):
-        if reasons[steps.track[step]] == "":
-            reasons[steps.track[step]] = (
-                f"jumps {further[step]:.2f} m further than its speed allows after frame "
-                f"{tracks.frame[steps.row[step]]}"
-            )
+    bad = _wrong_size(tracks, 1.0)
+    if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
+        raise UserError(
+            f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
+            "give sizes in metres, or say that they are in feet"
+        )
+    for track in np.flatnonzero(bad):
+        reasons[track] = (
+            f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
+            f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
+        )
+    _check_jumps(tracks, error, reasons)
     _check_speeds(tracks, error, reasons)
-    _check_directions(tracks, steps, error, reasons)
+    _check_directions(tracks, error, reasons)
     if (reasons == "").any():
         _check_overlaps(tracks, error, reasons)
     good = reasons == ""
@@ -149,59 +142,28 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     return tracks.kept(good), refused
 
 
-class _Steps(NamedTuple):
-    """Steps from each state to the next of its track: m/s and rad."""
-
-    track: np.ndarray
-    row: np.ndarray
-    driven: np.ndarray
-    stated: np.ndarray
-    to_heading: np.ndarray
-    to_velocity: np.ndarray
-    direction: np.ndarray
-    heading: np.ndarray
-
-
-def _steps(tracks: Tracks) -> _Steps:
+def _steps(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rows that a row of the same track follows, and the displacements, m."""
     row = np.flatnonzero(np.diff(tracks.track) == 0)
-    after = row + 1
-    dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
-    speed = np.hypot(tracks.vx, tracks.vy)
-    direction = np.arctan2(dy, dx)
-    vx, vy = tracks.vx[row] + tracks.vx[after], tracks.vy[row] + tracks.vy[after]
-    east = np.cos(tracks.heading[row]) + np.cos(tracks.heading[after])
-    north = np.sin(tracks.heading[row]) + np.sin(tracks.heading[after])
-    heading = np.arctan2(north, east)
-    return _Steps(
-        track=tracks.track[row].astype(np.int64),
-        row=row,
-        driven=np.hypot(dx, dy) / tracks.dt,
-        stated=(speed[row] + speed[after]) / 2,
-        to_heading=_axis_angle(direction - heading),
-        to_velocity=np.abs(wrapped(direction - np.arctan2(vy, vx))),
-        direction=direction,
-        heading=heading,
-    )
+    return row, tracks.x[row + 1] - tracks.x[row], tracks.y[row + 1] - tracks.y[row]
+
+
+def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
+    (row, dx, dy), speed = _steps(tracks), np.hypot(tracks.vx, tracks.vy)
+    driven, stated = np.hypot(dx, dy) / tracks.dt, (speed[row] + speed[row + 1]) / 2
+    further = (driven - stated) * tracks.dt
+    for step in np.flatnonzero(further > error.jump(tracks.dt)):
+        if reasons[tracks.track[row[step]]] == "":
+            reasons[tracks.track[row[step]]] = (
+                f"jumps {further[step]:.2f} m further than its speed allows after frame "
+                f"{tracks.frame[row[step]]}"
+            )
 
 
 def _axis_angle(difference: np.ndarray) -> np.ndarray:
     """Return the angle between two axes, in [0, π/2], which ignores reversing."""
     angle = np.abs(wrapped(difference))
     return np.minimum(angle, np.pi - angle)
-
-
-def _check_sizes(tracks: Tracks, reasons: np.ndarray) -> None:
-    bad = _wrong_size(tracks, 1.0)
-    if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
-        raise UserError(
-            f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
-            "give sizes in metres, or say that they are in feet"
-        )
-    for track in np.flatnonzero(bad):
-        reasons[track] = (
-            f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
-            f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
-        )
 
 
 def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
@@ -267,43 +229,45 @@ def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     return a, b, c, frames * tracks.dt
 
 
-def _check_directions(
-    tracks: Tracks, steps: _Steps, error: MeasurementError, reasons: np.ndarray
-) -> None:
-    moving = steps.driven >= MOVING
+def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
+    row, dx, dy = _steps(tracks)
+    after, track = row + 1, tracks.track[row].astype(np.int64)
+    direction = np.arctan2(dy, dx)
+    velocity = np.arctan2(tracks.vy[row] + tracks.vy[after], tracks.vx[row] + tracks.vx[after])
+    north = np.sin(tracks.heading[row]) + np.sin(tracks.heading[after])
+    east = np.cos(tracks.heading[row]) + np.cos(tracks.heading[after])
+    heading = np.arctan2(north, east)
+    moving = np.hypot(dx, dy) / tracks.dt >= MOVING
     # People walk backwards and sideways, and their boxes have no front.
-    walks = tracks.road_user == RoadUser.PEDESTRIAN
-    along = moving & ~walks[steps.track]
+    along = moving & (tracks.road_user != RoadUser.PEDESTRIAN)[track]
     for name, angles, rows in (
-        ("heading", steps.to_heading, along),
-        ("velocity", steps.to_velocity, moving),
+        ("heading", _axis_angle(direction - heading), along),
+        ("velocity", np.abs(wrapped(direction - velocity)), moving),
     ):
-        medians = _medians(angles[rows], steps.track[rows], tracks.n_tracks)
+        medians = _medians(angles[rows], track[rows], tracks.n_tracks)
         bad, checked = medians > error.direction, ~np.isnan(medians)
         if 2 * bad.sum() > max(checked.sum(), 1):
             fault = (
-                f"is not the way they move: {_headings_read_as(steps, along, tracks, error)}"
-                if name == "heading"
-                else "does not point the way they move: do positions and velocities have the same "
-                "axes, and does y point up?"
+                "does not point the way they move: do positions and velocities have the same axes, "
+                "and does y point up?"
             )
+            if name == "heading":
+                headings = "wrong, or the axes of positions are not those of headings"
+                for words, read in _HEADINGS.items():
+                    if "as degrees" in words and np.abs(heading[along]).max() > np.radians(
+                        2 * np.pi
+                    ):
+                        continue  # A full turn in radians is the number 6.28, which is 6 degrees.
+                    angle = _axis_angle(direction[along] - read(heading[along]))
+                    explained = _medians(angle, track[along], tracks.n_tracks) <= error.direction
+                    if 2 * explained.sum() > checked.sum():
+                        headings = words
+                        break
+                fault = f"is not the way they move: headings are {headings}"
             raise UserError(f"in {bad.sum()} of {checked.sum()} tracks the {name} {fault}")
-        for track in np.flatnonzero(bad & (reasons == "")):
-            degrees = np.degrees(medians[track])
-            reasons[track] = f"{name} {degrees:.0f}° off the way it moves (median)"
-
-
-def _headings_read_as(
-    steps: _Steps, along: np.ndarray, tracks: Tracks, error: MeasurementError
-) -> str:
-    for words, read in _HEADINGS.items():
-        if "as degrees" in words and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
-            continue  # A full turn in radians is the number 6.28, which is 6 degrees.
-        angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
-        medians = _medians(angle, steps.track[along], tracks.n_tracks)
-        if 2 * (medians <= error.direction).sum() > (~np.isnan(medians)).sum():
-            return f"headings are {words}"
-    return "headings are wrong, or the axes of positions are not those of headings"
+        for number in np.flatnonzero(bad & (reasons == "")):
+            degrees = np.degrees(medians[number])
+            reasons[number] = f"{name} {degrees:.0f}° off the way it moves (median)"
 
 
 def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:

@@ -50,8 +50,7 @@ ROAD_USERS: dict[str, type[np.generic]] = {
 }
 """Columns with an entry for each track."""
 
-FARTHEST = 1e8
-"""m, m/s; no coordinate of the Earth is larger, and centimetres would be lost."""
+FARTHEST = 1e8  # m, m/s; no coordinate of the Earth is larger, and centimetres would be lost
 
 
 @dataclass(frozen=True, eq=False)

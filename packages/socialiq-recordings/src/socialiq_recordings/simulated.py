@@ -134,7 +134,7 @@ def signs_of_simulation(tracks: Tracks) -> tuple[str, ...]:
         if match := _WORDS.search(text):
             signs.append(f"its {name} names '{match[0].lower()}'")
             break
-    if _exact(tracks) and _straight_share(tracks) >= 0.5:
+    if _exact(tracks) and _straight(tracks):
         signs.append("no noise: positions integrate the velocities and most paths are straight")
     share = _repeated_share(tracks)
     if share >= REPEATED:
@@ -157,17 +157,16 @@ def _exact(tracks: Tracks) -> bool:
     return bool(min(residuals) <= EXACT)
 
 
-def _straight_share(tracks: Tracks) -> float:
+def _straight(tracks: Tracks) -> bool:
+    """Whether half of the paths of 1.5 s are straight."""
     length = max(4, round(1.5 / tracks.dt))
     rows = np.arange(0, max(tracks.n_states - length, 0), max(1, length // 2))
     rows = rows[tracks.track[rows] == tracks.track[rows + length]]
     points = np.stack([tracks.x, tracks.y], axis=1)[rows[:, None] + np.arange(length + 1)]
-    moved = np.hypot(*(points[:, -1] - points[:, 0]).T) >= 1.5 * _MOVING
-    if not moved.any():
-        return 0.0
-    apart = points[moved] - points[moved].mean(axis=1, keepdims=True)
+    points = points[np.hypot(*(points[:, -1] - points[:, 0]).T) >= 1.5 * _MOVING]
+    apart = points - points.mean(axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(np.swapaxes(apart, 1, 2) @ apart / (length + 1))[:, 0]
-    return float((spread <= STRAIGHT**2).mean())
+    return bool(len(points) and (spread <= STRAIGHT**2).mean() >= 0.5)
 
 
 def _repeated_share(tracks: Tracks) -> float:

@@ -23,9 +23,7 @@ from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import SUB_STEPS, WorldConfig
 from socialiq_recordings.world.replay import replay
 
-CHUNK = 100
-"""Frames in a part that the page fetches."""
-
+CHUNK = 100  # frames in a part that the page fetches
 _NAMES = ("kind", "complete", "ego_first", "pet")
 _NEEDED = ("required_deceleration", "other_required_deceleration")
 _CM = 2  # decimals of metres

@@ -25,8 +25,7 @@ from socialiq_recordings.identity.identify import Duplicates, Identified, pairs_
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.routes import Scene
 
-MOST_PICTURES = 200
-"""Largest number of pictures of a call."""
+MOST_PICTURES = 200  # largest number of pictures of a call
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,7 @@ from socialiq_recordings.world.practice import Practice, train_with_practice
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import Replayed, replay
 
-MOST_REPEATS = 100
-"""Largest number of simulations of a recording for a report."""
+MOST_REPEATS = 100  # largest number of simulations of a recording for a report
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,7 @@ class ConflictConfig:
 SAME_WAY = np.radians(20.0)
 """Ways whose directions differ by less at the end of their common area go on together."""
 
-NEAR = 50.0
-"""m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²."""
-
+NEAR = 50.0  # m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²
 _LEAST = 0.1  # m²; smaller areas are errors of the lines
 _SEPARATE = 2.5  # m; vehicles that merge came from further beside each other than this
 _JOINED = 1.0  # m; and get closer than this

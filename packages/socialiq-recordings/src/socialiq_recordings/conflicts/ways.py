@@ -129,8 +129,7 @@ def frames_together(one: Way, other: Way) -> Int64[np.ndarray, " frame"]:
     return np.arange(max(one.first, other.first), min(one.last, other.last) + 1)
 
 
-STANDING = 0.1
-"""m/s; a slower vehicle doesn't arrive at its present speed."""
+STANDING = 0.1  # m/s; a slower vehicle doesn't arrive at its present speed
 
 
 class Occupancy(NamedTuple):

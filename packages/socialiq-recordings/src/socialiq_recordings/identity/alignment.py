@@ -173,15 +173,9 @@ def _placed(one: np.ndarray, other: np.ndarray, turn: float) -> Placement:
     return placement
 
 
-SAME_SPEED = 0.06
-"""m/s; largest difference of two speeds in a second that is proposed as the same."""
-
-SAME_PLACE = 0.5
-"""m; largest median distance of the same vehicle in two recordings."""
-
-FEWEST_STATES = 5
-"""States in common that identify a vehicle, once clocks and frames are aligned."""
-
+SAME_SPEED = 0.06  # m/s; largest difference of two speeds in a second that is proposed as the same
+SAME_PLACE = 0.5  # m; largest median distance of the same vehicle in two recordings
+FEWEST_STATES = 5  # states in common that identify a vehicle, once clocks and frames are aligned
 _CHANGE = 0.3  # m/s; a second with less change of speed proposes nothing
 _STRIDES = 5  # of a second's descriptor
 _LAGS = 5  # lags that are tried

@@ -78,7 +78,21 @@ def identify(recordings: Sequence[Recording]) -> Identified:
     """Return the sites, chains and vehicles of recordings, each with its own frame and clock."""
     names = tuple(recording.tracks.recording for recording in recordings)
     sites = _sites(recordings, names)
-    overlaps = _overlaps(recordings, sites)
+    motions = [Motion(recording.tracks) for recording in recordings]
+    overlaps = []
+    for first, second in itertools.combinations(range(len(recordings)), 2):
+        same_site = _root(sites, first) == _root(sites, second)
+        states = motions[first].tracks.n_states + motions[second].tracks.n_states
+        common = None
+        if same_site or states <= _SMALL:
+            common = in_common(motions[first], motions[second])
+        if common is not None:
+            pairs = tuple((int(a), int(b)) for a, b in common.vehicles)
+            overlaps.append(Overlap(first, second, common.seconds, common.lag, pairs))
+        elif same_site:
+            pairs = _persisting(recordings[first], recordings[second])
+            if pairs:
+                overlaps.append(Overlap(first, second, 0.0, float("nan"), pairs))
     chains = list(range(len(recordings)))
     first = np.cumsum([0, *(recording.tracks.n_tracks for recording in recordings)]).tolist()
     vehicles = list(range(first[-1]))
@@ -96,7 +110,7 @@ def identify(recordings: Sequence[Recording]) -> Identified:
         names,
         tuple(names[root] if maps[root] in twice else maps[root] for root in roots),
         tuple(names[_root(chains, number)] for number in range(len(names))),
-        overlaps,
+        tuple(overlaps),
         tuple(np.split(numbers, first[1:-1])) if len(names) else (),
     )
 
@@ -130,25 +144,6 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
         if same or low == high or shares[low, high] >= SAME_SITE:
             _join(sites, first, second)
     return sites
-
-
-def _overlaps(recordings: Sequence[Recording], sites: list[int]) -> tuple[Overlap, ...]:
-    motions = [Motion(recording.tracks) for recording in recordings]
-    overlaps = []
-    for first, second in itertools.combinations(range(len(recordings)), 2):
-        same_site = _root(sites, first) == _root(sites, second)
-        states = motions[first].tracks.n_states + motions[second].tracks.n_states
-        if not same_site and states > _SMALL:
-            continue
-        common = in_common(motions[first], motions[second])
-        if common is not None:
-            pairs = tuple((int(a), int(b)) for a, b in common.vehicles)
-            overlaps.append(Overlap(first, second, common.seconds, common.lag, pairs))
-        elif same_site:
-            pairs = _persisting(recordings[first], recordings[second])
-            if pairs:
-                overlaps.append(Overlap(first, second, 0.0, float("nan"), pairs))
-    return tuple(overlaps)
 
 
 def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]:
@@ -188,9 +183,7 @@ def _join(forest: list[int], one: int, other: int) -> None:
     forest[high] = low
 
 
-Place = tuple[int, int]
-"""Index of a recording and number of a track."""
-
+Place = tuple[int, int]  # index of a recording and number of a track
 Key = TypeVar("Key")
 
 

@@ -22,9 +22,7 @@ from socialiq_recordings.readers import tracks
 from socialiq_recordings.recording import Imported, RoadUser
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, equal_bounds
 
-DT = 0.1
-"""s; scenarios have 10 states a second, for 11 s."""
-
+DT = 0.1  # s; scenarios have 10 states a second, for 11 s
 LICENCE = "CC BY-NC-SA 4.0 (Argoverse 2); name Wilson et al. 2021"
 
 KINDS = {

@@ -106,13 +106,23 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     separator = _choice("separator", content.get("separator", ","), (",", ";", "\t", "|", " "))
     order = _choice("time.order", time.get("order", "ascending"), ("ascending", "any"))
     rate, rate_file = _rate(time)
+    if not sections["classes"]:
+        raise UserError("[classes] is missing: give the class of each word of the class column")
+    kinds = {kind.name.lower(): kind for kind in RoadUser}
+    for word, kind in sections["classes"].items():
+        one_of(f"class of '{one_line(word, 40)}'", kind, tuple(kinds))
+    for quantity, unit in sections["units"].items():
+        one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
     column_map = ColumnMap(
         format=_text("format", content.get("format", name)),
         licence=_text("licence", content.get("licence", "not stated by the column map")),
         separator=separator,
         columns=_columns(sections["columns"], users),
-        classes=_classes(sections["classes"]),
-        scales=_scales(sections["units"]),
+        classes={word: kinds[kind] for word, kind in sections["classes"].items()},
+        scales={
+            quantity: factors[sections["units"].get(quantity, next(iter(factors)))]
+            for quantity, factors in UNITS.items()
+        },
         rate=rate,
         rate_file=rate_file,
         any_order=order == "any",
@@ -183,23 +193,6 @@ def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
     if missing:
         raise UserError(f"[columns] lacks {', '.join(missing)}")
     return names
-
-
-def _classes(classes: dict[str, Any]) -> dict[str, RoadUser]:
-    if not classes:
-        raise UserError("[classes] is missing: give the class of each word of the class column")
-    for word, kind in classes.items():
-        one_of(f"class of '{one_line(word, 40)}'", kind, [kind.name.lower() for kind in RoadUser])
-    return {word: RoadUser[kind.upper()] for word, kind in classes.items()}
-
-
-def _scales(units: dict[str, Any]) -> dict[str, float]:
-    for quantity, unit in units.items():
-        one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
-    return {
-        quantity: factors[units.get(quantity, next(iter(factors)))]
-        for quantity, factors in UNITS.items()
-    }
 
 
 def _rate(time: dict[str, Any]) -> tuple[float, tuple[str, str, str] | None]:

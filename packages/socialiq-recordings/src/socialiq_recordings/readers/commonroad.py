@@ -244,7 +244,16 @@ class _Draft(_RoadDraft):
                 raise ValueError(f"the position is a {state['region']}, not a point")
             row = [float(state[name]) for name in ("x", "y")]  # type: ignore[arg-type]
             row += [self._value(state, name) for name in ("orientation", "velocity", "slipAngle")]
-            self._frames.append(self._frame(state["time"]))
+            time = state["time"]
+            if isinstance(time, tuple):
+                raise ValueError("the time is an interval")
+            if "." in time and self._in_seconds:
+                frame = float(time) / self._dt
+                if abs(frame - round(frame)) > 1e-3:
+                    raise ValueError(f"{one_line(time, 20)} s is no multiple of the step")
+                self._frames.append(round(frame))
+            else:
+                self._frames.append(whole_number(time))
             self._values.extend(row)
         except (KeyError, TypeError, ValueError) as error:
             time = state.get("time")
@@ -252,26 +261,14 @@ class _Draft(_RoadDraft):
             fault = f"no {error.args[0]}" if isinstance(error, KeyError) else str(error)
             self._fault = self._fault or f"{name}: {fault}"
 
-    def _frame(self, time: str | tuple[str, str]) -> int:
-        if isinstance(time, str) and "." in time and self._in_seconds:
-            frame = float(time) / self._dt
-            if abs(frame - round(frame)) > 1e-3:
-                raise ValueError(f"{one_line(time, 20)} s is no multiple of the step")
-            return round(frame)
-        if isinstance(time, tuple):
-            raise ValueError("the time is an interval")
-        return whole_number(time)
-
     def _value(self, state: State, name: str) -> float:
         """Return a value's number, the middle of an interval, or the default of a missing value."""
-        value = state.get(name)
+        value = state[name] if name == "orientation" else state.get(name)
         if isinstance(value, str):
             return float(value)
         if isinstance(value, tuple):
             self._n_intervals += 1
             return (float(value[0]) + float(value[1])) / 2
-        if name == "orientation":
-            raise KeyError(name)
         return 0.0 if name == "slipAngle" else np.nan
 
     def element(self, element: Element) -> None:

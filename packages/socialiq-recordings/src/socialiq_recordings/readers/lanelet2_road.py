@@ -72,22 +72,19 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
         ) from error
     if "error" in answer:
         raise UserError(f"{path} is not a Lanelet2 map: {one_line(answer['error'])}")
-    try:
-        lanelets = [_lanelet_of(values) for values in answer["lanelets"]]
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+    lanelets = {}
+    for values in answer["lanelets"]:
+        for name in ("left", "right", "stop_line"):
+            values[name] = None if values[name] is None else np.array(values[name])
+        for name in ("successors", "predecessors", "adjacent_left", "adjacent_right"):
+            values[name] = None if values[name] is None else tuple(values[name])
+        try:
+            lanelets[values["identity"]] = Lanelet(**values | {"sign": Sign(values["sign"])})
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from error
     if not lanelets:
         raise UserError(f"{path} holds no lanelet for vehicles: name a map that does")
-    return RoadNetwork({lanelet.identity: lanelet for lanelet in lanelets})
-
-
-def _lanelet_of(values: dict[str, Any]) -> Lanelet:
-    """Return a lanelet of plain values."""
-    for name in ("left", "right", "stop_line"):
-        values[name] = None if values[name] is None else np.array(values[name])
-    for name in ("successors", "predecessors", "adjacent_left", "adjacent_right"):
-        values[name] = None if values[name] is None else tuple(values[name])
-    return Lanelet(**values | {"sign": Sign(values["sign"])})
+    return RoadNetwork(lanelets)
 
 
 def serve() -> None:

@@ -24,12 +24,9 @@ MOST_STATES = 5_000_000
 """States of a file that are read by default: 1.5 GB of memory at the peak, 300 bytes for each
 (`socialiq bench recordings`). An XML file of 1 GB has two or three million."""
 
-STEPS = (1e-4, 1e3)
-"""s; shortest and longest time between frames that is read."""
-
+STEPS = (1e-4, 1e3)  # s; shortest and longest time between frames that is read
 Column = Float64[np.ndarray, " state"]
-User = tuple[int, float, float]
-"""Class, length and width of a road user, m."""
+User = tuple[int, float, float]  # class, length and width of a road user, m
 
 
 def check_frames(
@@ -129,9 +126,7 @@ STILL = 0.5
 """m/s; slower than this, the direction of a smoothed displacement is noise and the last direction
 at speed is kept."""
 
-WINDOW = 1.1
-"""s over which positions are smoothed by a quadratic before they are differenced."""
-
+WINDOW = 1.1  # s over which positions are smoothed by a quadratic before they are differenced
 _MOVING = 1.0  # m/s
 _LANE = 2.5  # m; a standing vehicle is in a lane whose middle is this close
 _PASSED = 1.0  # m; or stands where another passed

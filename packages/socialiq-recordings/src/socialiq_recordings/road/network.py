@@ -17,11 +17,8 @@ from socialiq.errors import UserError
 from socialiq.foreign import optional
 from socialiq_recordings import DISTRIBUTION
 
-STEP = 2.0
-"""m between the points of a line that is compared with others."""
-
-LONGEST = 1e5
-"""m of a lanelet's bound; no map's is as long, and its points would fill the memory."""
+STEP = 2.0  # m between the points of a line that is compared with others
+LONGEST = 1e5  # m of a lanelet's bound; no map's is as long, and its points would fill the memory
 
 
 class Sign(enum.IntEnum):
