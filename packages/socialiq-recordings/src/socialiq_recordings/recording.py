@@ -99,11 +99,7 @@ class Tracks:
         return self.vx * east + self.vy * north, self.vy * east - self.vx * north
 
     def kept(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
-        """Return only these tracks, renumbered.
-
-        Raises:
-            UserError: If none is left.
-        """
+        """Return only these tracks, renumbered; raise a `UserError` if none is left."""
         if not keep.any():
             raise UserError(f"recording {self.recording}: no track is left")
         rows = keep[self.track]

@@ -53,11 +53,9 @@ class Traffic:
         return math.ceil(self.frames / CHUNK)
 
     def part(self, number: int) -> dict[str, Any]:
-        """Return the states of the frames of a part, JSON-compatible.
+        """Return the `frames` of a part, JSON-compatible.
 
-        Returns:
-            `frames`: for each, a row for each road user: track, x, y in m, heading in rad, speed
-            in m/s.
+        A row for each road user: track, x, y in m, heading in rad, speed in m/s.
         """
         of, frames = self._tracks, []
         for frame in range(number * CHUNK, min((number + 1) * CHUNK, self.frames)):
@@ -145,10 +143,7 @@ class Traffic:
 
 
 def recording_view(path: Path) -> View:
-    """Return recorded traffic as content of the page.
-
-    Args:
-        path: A file of `socialiq data import`, or a CommonRoad scenario.
+    """Return a file of `socialiq data import`, or a CommonRoad scenario, as content of the page.
 
     Raises:
         UserError: If it can't be read, is empty, or an extra is missing that it needs.

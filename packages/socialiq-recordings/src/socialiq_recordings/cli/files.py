@@ -70,8 +70,8 @@ class Import(Printing):
         with whole_folder(self.out) as folder:
             rows = self._import(folder, columns, failed)
             if not rows:
-                others = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
-                raise UserError(failed[0]["reason"] + others)
+                remainder = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
+                raise UserError(failed[0]["reason"] + remainder)
             refused = [
                 {"recording": row["recording"], **track} for row in rows for track in row["refused"]
             ]

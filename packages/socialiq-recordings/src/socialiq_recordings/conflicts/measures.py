@@ -168,8 +168,8 @@ def ttc_at(meeting: Meeting, frame: int) -> float:
     Where ways merge, the second vehicle may also reach the first behind the line.
     """
     now, times = frame * meeting.ego.dt, _projected(meeting, frame)
-    one, other = ((occupancy.enters - now, occupancy.leaves - now) for occupancy in times)
-    crossing = time_to_collision_crossing(one, other)
+    ego_times, other_times = ((times_in.enters - now, times_in.leaves - now) for times_in in times)
+    crossing = time_to_collision_crossing(ego_times, other_times)
     if meeting.area.kind == Conflict.CROSSING or math.isfinite(crossing):
         return crossing
     first = 0 if times[0].enters <= times[1].enters else 1
@@ -209,10 +209,8 @@ def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
     """Return the gap and the lag that the ego accepted before the other vehicle, s.
 
     The stream is the vehicles that enter the area by the other's lanelet. Without one of them
-    before the ego, it accepted a lag; with one, a gap.
-
-    Returns:
-        NaN for what it did not accept, or what wasn't recorded.
+    before the ego, it accepted a lag; with one, a gap. NaN for what it did not accept, or what
+    wasn't recorded.
     """
     after, arrives = meeting.other_times.enters, meeting.ego_times.enters
     if not (meeting.complete and meeting.ego_first):

@@ -47,9 +47,7 @@ class Way:
     def reached(self, coordinate: float) -> float:
         """Return the frame, with a fraction, at which the middle reached a coordinate.
 
-        Returns:
-            Minus infinity if it was beyond already at its first frame, infinity if it had not
-            reached it at its last.
+        Minus infinity if it was beyond at its first frame, infinity if it had not at its last.
         """
         if coordinate < self.along[0]:
             return -np.inf

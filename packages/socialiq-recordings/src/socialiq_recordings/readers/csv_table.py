@@ -64,10 +64,9 @@ class Table:
         return f"row {self._numbers[row] + 2}: "
 
     def read(self, columns: dict[str, str], texts: frozenset[str], whole: frozenset[str]) -> None:
-        """Read columns of the file: its names by ours.
+        """Read columns of the file, its names by ours.
 
-        Some are texts, some whole numbers without empty cells, the others numbers, NaN for an empty
-        cell.
+        Texts and whole numbers are named; the others are numbers, NaN for an empty cell.
 
         Raises:
             UserError: If the file is missing, empty, too large or lacks a column, or more than half
@@ -83,7 +82,7 @@ class Table:
             raise UserError(f"{self.path}, after {row}: {error}: is this a CSV file?") from error
         if not self.n_rows:
             raise UserError(f"{self.path} has no row but its header: name a file with states")
-        self._columns = {name: [np.concatenate(part)] for name, part in self._columns.items()}
+        self._columns = {name: [np.concatenate(pieces)] for name, pieces in self._columns.items()}
         self._numbers = np.arange(self.n_rows)
         self.drop(self._bad)
 
@@ -102,7 +101,7 @@ class Table:
                 self.faults.setdefault(int(self["id"][row]), fault)
             stays[row] = False
         if faults:
-            self._columns = {name: [part[0][stays]] for name, part in self._columns.items()}
+            self._columns = {name: [self[name][stays]] for name in self._columns}
             self._numbers = self._numbers[stays]
             self.n_rows -= len(faults)
             self.dropped += len(faults)
@@ -195,11 +194,7 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
 
 
 def beside(path: Path, endings: tuple[str, str]) -> Path:
-    """Return the file whose name has another ending.
-
-    Raises:
-        UserError: If the name of the path has not the first ending.
-    """
+    """Return the file whose name has the second ending in place of the first."""
     if not path.name.endswith(endings[0]):
         raise UserError(
             f"{path}: the column map expects a name that ends in {endings[0]}, to find the file "
@@ -209,11 +204,7 @@ def beside(path: Path, endings: tuple[str, str]) -> Path:
 
 
 def rate_of(path: Path, columns: ColumnMap) -> float:
-    """Return the frames a second, from the column map or the file that it names.
-
-    Raises:
-        UserError: If that file is missing, or does not have exactly one such number.
-    """
+    """Return the frames a second, from the column map or the file that it names."""
     if columns.rate_file is None:
         return columns.rate
     rate = _number_beside(path, columns, columns.rate_file[2])
@@ -223,11 +214,7 @@ def rate_of(path: Path, columns: ColumnMap) -> float:
 
 
 def origin_of(path: Path, columns: ColumnMap) -> tuple[float, float] | None:
-    """Return the UTM coordinates of the origin of a file's positions, m; None if not known.
-
-    Raises:
-        UserError: If the file that the column map names has other things than numbers there.
-    """
+    """Return the UTM coordinates of the origin of a file's positions, m; None if not known."""
     if columns.origin is None or columns.rate_file is None:
         return None
     with open_csv(beside(path, columns.rate_file[:2])) as file:
@@ -286,12 +273,12 @@ def recordings_of(
             f"{table.path}: {len(distinct):,} periods: frames and times have different rates; "
             "correct the rate or the unit of time in the column map"
         )
-    of_word, named = distinct[:, 0], {}
+    of_word, recordings = distinct[:, 0], {}
     for at, word in enumerate(of_word.tolist()):
         several = (of_word == word).sum() > 1
         number = (of_word[:at] == word).sum() + 1
-        named[at] = names[word] + (f"-period-{number}" if several else "")
-    return group.ravel(), named
+        recordings[at] = names[word] + (f"-period-{number}" if several else "")
+    return group.ravel(), recordings
 
 
 def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:

@@ -95,11 +95,7 @@ class Gathered:
     def imported(
         self, recording: str, dt: float, source: dict[str, Any], road: RoadNetwork
     ) -> Imported:
-        """Return the recording.
-
-        Raises:
-            UserError: If it has no track.
-        """
+        """Return the recording; raise a `UserError` if it has no track."""
         if not self._users:
             first = "".join(f"; the first, {r.identity}: {r.reason}" for r in self._refused[:1])
             raise UserError(f"{self.path}: no track can be used{first}")

@@ -185,8 +185,7 @@ def lanes_of(road: RoadNetwork) -> Lanes:
             "name its map with --road, here or at `socialiq data import`"
         )
     library = shapely()
-    numbers = sorted(road.lanelets)
-    lanelets = [road.lanelets[number] for number in numbers]
+    lanelets = [road.lanelets[number] for number in sorted(road.lanelets)]
     centres = [library.linestrings(lanelet.centre) for lanelet in lanelets]
     areas = []
     for lanelet in lanelets:
@@ -195,14 +194,17 @@ def lanes_of(road: RoadNetwork) -> Lanes:
         areas.append(area if area.geom_type != "GeometryCollection" else area.buffer(0))
     conflicts: dict[tuple[int, int], Conflict] = {}
     for first, second in library.STRtree(areas).query(areas, predicate="intersects").T:
-        one, other = lanelets[first], lanelets[second]
-        follow = other.identity in one.successors or one.identity in other.successors
-        if first >= second or follow or {*one.predecessors} & {*other.predecessors}:
+        if first >= second:
             continue
-        if {*one.successors} & {*other.successors}:
-            conflicts[numbers[first], numbers[second]] = Conflict.MERGING
+        low, high = lanelets[first], lanelets[second]
+        if high.identity in low.successors or low.identity in high.successors:
+            continue
+        if {*low.predecessors} & {*high.predecessors}:
+            continue
+        if {*low.successors} & {*high.successors}:
+            conflicts[low.identity, high.identity] = Conflict.MERGING
         elif centres[first].crosses(centres[second]):
-            conflicts[numbers[first], numbers[second]] = Conflict.CROSSING
+            conflicts[low.identity, high.identity] = Conflict.CROSSING
     groups: list[set[int]] = []
     for pair in conflicts:
         joined = [group for group in groups if group & set(pair)]
