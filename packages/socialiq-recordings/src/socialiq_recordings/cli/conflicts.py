@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -93,9 +94,13 @@ class FindConflicts(Printing):
             "chains": len({row["chain"] for row in conflicts}),
         }
         if self.out is not None:
-            provenance = _Provenance(
-                config, self.duplicates, self.pictures, self.seed, sources_of(recordings)
-            )
+            provenance = {
+                "conflicts": dataclasses.asdict(config),
+                "duplicates": self.duplicates,
+                "pictures": self.pictures,
+                "seed": self.seed,
+                "sources": sources_of(recordings),
+            }
             tables = {"recordings": counts, "conflicts": conflicts}
             results = Results.of("recordings conflicts", provenance, tables, summary)
             # Pictures of pairs of vehicles chosen at random, each once.
@@ -111,17 +116,6 @@ class FindConflicts(Printing):
         else:
             print_table(counts, "Conflicts of unordered pairs")
         return 0
-
-
-@dataclass(frozen=True)
-class _Provenance:
-    """Provenance of the conflicts."""
-
-    conflicts: ConflictConfig
-    duplicates: str
-    pictures: int
-    seed: int
-    sources: list[dict[str, Any]]
 
 
 def _cases(

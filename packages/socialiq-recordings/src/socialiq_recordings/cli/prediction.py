@@ -23,6 +23,7 @@ from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
 from socialiq_recordings.prediction.situations import Situations, situations_of
+from socialiq_recordings.recording import Recording
 from socialiq_recordings.trait import models as trait
 from socialiq_recordings.trait import power
 from socialiq_recordings.trait.hierarchy import direction
@@ -95,7 +96,7 @@ class Predict(Printing):
         summary = _summary(situations, prediction.scores, prediction.contrasts)
         summary |= {"trait": tested, "limits": list(LIMITS)}
         if self.out is not None:
-            provenance = _Predicted(config, self.duplicates, sources_of(recordings))
+            provenance = _provenance("prediction", config, self.duplicates, recordings)
             results = Results.of("recordings prediction", provenance, tables, summary)
             pictures = png({"gains": scores.gains(prediction.scores)})
             save(results, self.out, pictures, self.replace)
@@ -108,13 +109,11 @@ class Predict(Printing):
         return 0
 
 
-@dataclass(frozen=True)
-class _Predicted:
-    """Provenance of a prediction."""
-
-    prediction: study.Config
-    duplicates: str
-    sources: list[dict[str, Any]]
+def _provenance(
+    name: str, config: Any, duplicates: str, recordings: list[Recording]
+) -> dict[str, Any]:
+    sources = sources_of(recordings)
+    return {name: dataclasses.asdict(config), "duplicates": duplicates, "sources": sources}
 
 
 def _summary(seen: Situations, rows: list[Row], contrasts: list[Row]) -> dict[str, Any]:
@@ -295,7 +294,8 @@ class Power(Printing):
             "needed": {row["population"]: row for row in needed},
         }
         if self.out is not None:
-            provenance = _Simulated(self.simulation, self.duplicates, sources_of(recordings))
+            config = self.simulation
+            provenance = _provenance("simulation", config, self.duplicates, recordings)
             tables = {"power": rows, "needed": needed}
             results = Results.of("recordings power", provenance, tables, summary)
             save(results, self.out, png({"power": power.power(rows)}), self.replace)
@@ -317,15 +317,6 @@ class Power(Printing):
                 report(clock.report(done, {}, {}, ())._replace(unit="samples"))
 
             return power.power_rows(sample, config, counted)
-
-
-@dataclass(frozen=True)
-class _Simulated:
-    """Provenance of a simulation."""
-
-    simulation: power.PowerConfig
-    duplicates: str
-    sources: list[dict[str, Any]]
 
 
 def _show_power(rows: list[Row], needed: list[Row], summary: dict[str, Any]) -> None:

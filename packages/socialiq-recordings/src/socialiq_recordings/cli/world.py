@@ -141,9 +141,14 @@ class MakeWorld(Printing):
 
             simulated = compare.simulate(made, self.seed, self.repeats)
             rows = compare.table(made.observed, simulated)
-            settings = self.choices, self.repeats, self.seed, provenance["recordings"]
+            settings = {
+                "choices": dataclasses.asdict(self.choices),
+                "repeats": self.repeats,
+                "seed": self.seed,
+                "recordings": provenance["recordings"],
+            }
             tables = {"compared": rows, "drivers": list(made.calibration.evidence)}
-            results = Results.of("recordings world", _Report(*settings), tables, {"compared": rows})
+            results = Results.of("recordings world", settings, tables, {"compared": rows})
             pictures = png({"compared": compare.beside(made.observed, simulated)})
             save(results, self.report, pictures, self.replace)
             summary["compared"] = rows
@@ -152,16 +157,6 @@ class MakeWorld(Printing):
             summary["demonstrations"] = _quality(replayed)
         summary["sha256"] = made.world.save(self.out, replace=False)
         return summary
-
-
-@dataclass(frozen=True)
-class _Report:
-    """Provenance of a report."""
-
-    choices: Choices
-    repeats: int
-    seed: int
-    recordings: list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -237,8 +232,12 @@ class TakeCensus(Printing):
         counts = _counts_of(built, replayed)
         summary = {"population": population, "limits": list(census.LIMITS)}
         if self.out is not None:
-            sources = built.world.provenance["recordings"]
-            provenance = _Census(self.choices, self.confidence, self.seed, sources)
+            provenance = {
+                "choices": dataclasses.asdict(self.choices),
+                "confidence": self.confidence,
+                "seed": self.seed,
+                "sources": built.world.provenance["recordings"],
+            }
             tables = {"drivers": rows, "recordings": counts}
             results = Results.of("recordings census", provenance, tables, summary)
             pictures = png({"census": census.picture(rows, population)})
@@ -255,16 +254,6 @@ class TakeCensus(Printing):
         print_table(lines)
         sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
         return 0
-
-
-@dataclass(frozen=True)
-class _Census:
-    """Provenance of a census."""
-
-    choices: Choices
-    confidence: float
-    seed: int
-    sources: list[dict[str, Any]]
 
 
 def _check_every(every: float, choices: Choices) -> None:
