@@ -222,10 +222,10 @@ class Encounters:
             for way in (self.ways[track] for track in pair if track not in self._swept):
                 width = max(way.width - self.config.slack, 0.1)
                 line = shapely().linestrings(way.line.points)
-                swept = line.buffer(width / 2, cap_style="flat", join_style="round")
-                self._swept[way.track] = swept
-            ways, areas = [self.ways[n] for n in pair], [self._swept[n] for n in pair]
-            self._areas[pair] = area_of(*ways, *areas, self.scene.lanes)
+                area = line.buffer(width / 2, cap_style="flat", join_style="round")
+                self._swept[way.track] = area
+            ways, swept = [self.ways[n] for n in pair], [self._swept[n] for n in pair]
+            self._areas[pair] = area_of(ways[0], ways[1], swept[0], swept[1], self.scene.lanes)
         area = self._areas[pair]
         return area if area is None or one == pair[0] else area.swapped()
 

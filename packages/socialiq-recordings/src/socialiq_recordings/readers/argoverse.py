@@ -60,7 +60,7 @@ def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Importe
     order = np.lexsort([table["timestep"][users], number])
     ends = np.flatnonzero(np.diff(number[order])) + 1
     for track in np.split(users[order], ends) if len(users) else []:
-        name, kind = one_line(table["track_id"][track[0]], 60), kinds[track[0]]
+        name, kind = one_line(str(table["track_id"][track[0]]), 60), str(kinds[track[0]])
 
         def row(at: int, rows: np.ndarray = track) -> str:
             return f"row {rows[at] + 1}: "

@@ -287,12 +287,12 @@ def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
     Rows without a time, and those whose time fits no frame, are dropped.
     """
     if "time" in table:
-        steps = table["time"] * columns.scales["time"] / dt
-        bad = np.flatnonzero(~np.isfinite(steps)).tolist()
-        steps = steps[table.drop(dict.fromkeys(bad, "no time"))]
+        bad = np.flatnonzero(~np.isfinite(table["time"])).tolist()
+        table.drop(dict.fromkeys(bad, "no time"))
     if "frame" in table:
         frame = table["frame"]
     else:
+        steps = table["time"] * columns.scales["time"] / dt
         frame = np.round(steps - steps.min()).astype(np.int64)
         off = np.flatnonzero(np.abs(steps - steps.min() - frame) > 0.1).tolist()
         fault = (
