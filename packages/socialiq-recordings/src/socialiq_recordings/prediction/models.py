@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from socialiq.foreign import optional
 from socialiq_recordings import DISTRIBUTION
-from socialiq_recordings.idm import ballistic
+from socialiq_recordings.physics import ballistic
 from socialiq_recordings.prediction import following
 from socialiq_recordings.prediction.following import features, next_second
 from socialiq_recordings.prediction.situations import HORIZON, Situations, grouped

@@ -65,7 +65,7 @@ _CREEP = 0.3  # m/s; least speed of a projection
 
 @kernel
 def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
-    """Return the acceleration of the IDM, m/s²; the compiled form of `idm.acceleration`."""
+    """Return the acceleration of the IDM, m/s²; the compiled form of `physics.acceleration`."""
     ratio = speed / desired
     free = 1.0 - ratio * ratio * ratio * ratio
     closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(strongest * comfort))
@@ -201,7 +201,7 @@ def drive(road, traffic, row, base, count, vehicle, now):
 
 @kernel
 def advance(speed, rate):
-    """Return the distance of a sub-step and the speed after it; compiled `idm.ballistic`."""
+    """Return the distance of a sub-step and the speed after it; compiled `physics.ballistic`."""
     after = speed + rate * DT
     if after < 0.0:
         return speed * speed / (-2.0 * rate), 0.0
