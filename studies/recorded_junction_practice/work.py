@@ -30,7 +30,7 @@ from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Ending, RewardPair, Row
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_recordings.readers.import_file import import_file
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import WorldConfig

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.optimize import least_squares
 
-from socialiq_recordings.idm import Idm, acceleration, ballistic
+from socialiq_recordings.physics import Idm, acceleration, ballistic
 from socialiq_recordings.prediction.situations import Situations
 
 FITTED = Idm._fields

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 
 from socialiq.foreign import optional
 from socialiq_recordings import DISTRIBUTION
-from socialiq_recordings.idm import ballistic
+from socialiq_recordings.physics import ballistic
 from socialiq_recordings.prediction import following
 from socialiq_recordings.prediction.density import Forecast, Spread
 from socialiq_recordings.prediction.folds import grouped

@@ -30,9 +30,8 @@ from socialiq_recordings.conflicts.ways import (
     on_way,
     projected,
 )
-from socialiq_recordings.identity.duplicates import tracks_kept
-from socialiq_recordings.identity.identify import Identified
-from socialiq_recordings.idm import ballistic
+from socialiq_recordings.identity.identify import Identified, tracks_kept
+from socialiq_recordings.physics import ballistic
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
 from socialiq_recordings.road.routes import Scene

@@ -12,12 +12,11 @@ from socialiq.foreign import one_line
 from socialiq_recordings.conflicts.encounters import Area, ConflictConfig, Encounters
 from socialiq_recordings.conflicts.measures import sign, turn
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.identity.duplicates import once, same_moments
-from socialiq_recordings.identity.identify import Identified, identify
+from socialiq_recordings.identity.identify import Identified, identify, once, same_moments
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.simulated_source import signs_of_simulation
+from socialiq_recordings.simulated import signs_of_simulation
 from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.drivers import Calibration, Observed, calibrate, observe
 from socialiq_recordings.world.lines import (

@@ -21,7 +21,7 @@ from socialiq.worlds.intersection.options import Normal
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.measures import gaps, pet
 from socialiq_recordings.conflicts.ways import Way, leader, on_way
-from socialiq_recordings.idm import Idm, acceleration
+from socialiq_recordings.physics import Idm, acceleration
 from socialiq_recordings.world.lines import curvature, line_of
 
 _MOVING = 2.0  # m/s

@@ -16,7 +16,7 @@ from jaxtyping import Float64
 
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, projected
-from socialiq_recordings.road.paths import wrapped
+from socialiq_recordings.physics import wrapped
 from socialiq_recordings.world.config import SUB_STEPS
 
 SPACING = 1.0

@@ -73,7 +73,7 @@ _CREEP = 0.3  # m/s; least speed of a projection
 
 @kernel
 def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
-    """Return the acceleration of the IDM, m/s²; `recordings.idm.acceleration`."""
+    """Return the acceleration of the IDM, m/s²; `physics.acceleration`."""
     ratio = speed / desired
     free = 1.0 - ratio * ratio * ratio * ratio
     closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(strongest * comfort))
@@ -239,7 +239,7 @@ def drive(road, traffic, row, base, count, vehicle, now):
 
 @kernel
 def advance(speed, rate):
-    """Return the distance of a sub-step and the speed after it; `recordings.idm.ballistic`."""
+    """Return the distance of a sub-step and the speed after it; `physics.ballistic`."""
     after = speed + rate * DT
     if after < 0.0:
         return speed * speed / (-2.0 * rate), 0.0
