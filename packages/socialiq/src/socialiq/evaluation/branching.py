@@ -124,13 +124,16 @@ class OracleLookahead:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, " batch"], None]:
-        """Choose the action of each episode with the best known score to its end."""
+        """Choose the action of each episode with the best known end."""
+        return self.totals().argmax(axis=1), state
 
-        def follow(seen: np.ndarray) -> np.ndarray:
-            return np.asarray(self._policy.predict(seen)[0])
+    def totals(self) -> Float[np.ndarray, "batch action"]:
+        """Return the score that each action gives from now to the end of its episode."""
 
-        returns = branched_returns(self._batch, follow, self._clock)
-        return score(self._weights, returns).argmax(axis=1), state
+        def follow(observation: np.ndarray) -> np.ndarray:
+            return np.asarray(self._policy.predict(observation)[0])
+
+        return score(self._weights, branched_returns(self._batch, follow, self._clock))
 
 
 def with_oracle_lookahead(
