@@ -17,25 +17,31 @@ import numpy as np
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.road_training import CHUNK, source_of
-from socialiq.evaluation.rollout import record
+from socialiq.evaluation.rollout import record, trajectory_datasets
+from socialiq.learners.acting import dials, soft
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import Behaviour, Collector, soft
-from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import QUICK, RUNS, SHORT, DialPreset
+from socialiq.learners.collect import Behaviour, Collector
+from socialiq.learners.dial.config import (
+    QUICK,
+    RUNS,
+    SHORT,
+    DialConfig,
+    DialHyperparameters,
+    DialPreset,
+)
 from socialiq.learners.dial.train import train as train_dial
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.comparison_runs import Run
-from studies.compare_priors.study import dial_settings
-from studies.dial.evaluate import KEY_ANGLES
+from socialiq_lab.comparison_runs import Arena, Run, dial_settings
+from studies.compare_priors.study import DIAL_RATES
+from studies.dial.study import KEY_ANGLES
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
 EPISODES_EACH = 60
@@ -120,7 +126,7 @@ def _grid_dial(run: DialPreset, seeds: Sequence[int] = (0,)) -> tuple[Trains, in
 
 def _quick_regrets() -> list[float]:
     """Of the quick dial by seed: exact greedy regret, the mean over 0, 15, ..., 90 degrees."""
-    ground = with_clock(Ground.of("crossing7"), clock=True)
+    ground = Ground.of("crossing7").with_clock(clock=True)
     trains, updates = _grid_dial(QUICK, QUICK_SEEDS)
     trained = trains(updates, Callbacks(), CHUNK)
     regrets = []
@@ -143,7 +149,9 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
     }
     data = [MIXTURES["equal_trajectories"](shown, 100, 0)]
     run = Run(0.0, 0, 0, (("strength", rates.strength),))
-    dial_config, hyperparameters = dial_settings(base, rates, base.updates, run)
+    own = DialConfig(), DialHyperparameters(final_rate=1.0)
+    arena = Arena(base, rates, base.updates, data)
+    dial_config, hyperparameters = dial_settings(arena, *own, run, DIAL_RATES)
 
     def collector(behaviour: Behaviour) -> Collector:
         source = source_of(options, 12, base.env_steps_per_update)
@@ -156,7 +164,7 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
 
     def dial(updates: int, callbacks: Callbacks, chunk: int) -> Any:
         shorter = dataclasses.replace(dial_config, updates=updates)
-        acts = collector(acting(shorter, [hyperparameters]))
+        acts = collector(dials(shorter, [hyperparameters]))
         return train_dial(
             shorter, [hyperparameters], data, callbacks=callbacks, chunk=chunk, before_chunk=acts
         )

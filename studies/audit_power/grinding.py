@@ -7,7 +7,7 @@ is an audit, or a simulation of one at home.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -18,11 +18,9 @@ from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision, regret_test
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.social.angle import exact_weights
-from socialiq.statistics.intervals import wilson
 from socialiq.types import Row
-from studies.audit_power.power import ERROR, FLOOR, MARGIN, Truth, draw_evidence
-
-ProgressCallback = Callable[[int], None]
+from socialiq_lab.study import StageCallback, silent, tracked
+from studies.audit_power.power import ERROR, FLOOR, MARGIN, Truth, draw_evidence, share
 
 TRIES = 20
 
@@ -53,14 +51,8 @@ class Way(NamedTuple):
     at_home: bool = False
 
     def error(self, number: int) -> float:
-        """Return the error of a try.
-
-        Args:
-            number: Number of the try, from 1.
-        """
-        if not self.log:
-            return ERROR
-        return spend(ERROR, 1 if self.at_home else number)
+        """Return the error of a try, given its number from 1."""
+        return spend(ERROR, 1 if self.at_home else number) if self.log else ERROR
 
 
 WAYS: Mapping[str, Way] = {
@@ -79,44 +71,29 @@ def grinding_rows(
     owners: int,
     seed: int,
     resamples: int = 1000,
-    on_progress: ProgressCallback | None = None,
+    on_stage: StageCallback = silent,
 ) -> list[Row]:
     """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals.
 
-    Args:
-        episodes: Episodes of each audit.
-        owners: Number of owners of each policy.
-        seed: Seed of the first owner; the others follow.
-        resamples: Smallest number of resamples of each bootstrap; a small error takes more.
-        on_progress: Called with the number of finished owners.
+    `resamples` is the smallest number of each bootstrap; a small error takes more.
     """
     first: dict[tuple[str, str], list[int]] = {
         (policy, way): [] for policy in POLICIES for way in WAYS
     }
-    for done, owner in enumerate(range(seed, seed + owners), start=1):
+    for owner in tracked(range(seed, seed + owners), on_stage, "grinding", "owners"):
         for policy, truth in POLICIES.items():
             for way, number in first_passes(truth, episodes, owner, resamples).items():
                 first[policy, way].append(number)
-        if on_progress:
-            on_progress(done)
-    rows: list[Row] = []
-    for (policy, way), numbers in first.items():
-        for tries in COUNTED:
-            share = wilson(sum(1 <= audit <= tries for audit in numbers), owners, 0.99)
-            passes = {"passed": share.value, "low": share.low, "high": share.high}
-            rows.append({"policy": policy, "way": way, "tries": tries, **passes})
-    return rows
+    return [
+        {"policy": policy, "way": way, "tries": tries}
+        | share("passed", sum(1 <= audit <= tries for audit in numbers), owners)
+        for (policy, way), numbers in first.items()
+        for tries in COUNTED
+    ]
 
 
 def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dict[str, int]:
-    """Return the number of the first try that passes, by way; 0 if none of 20 does.
-
-    Args:
-        truth: True values of the owner's policy.
-        episodes: Episodes of each audit.
-        owner: Seed of the owner.
-        resamples: Smallest number of resamples of each bootstrap.
-    """
+    """Return the number of the first try of an owner that passes, by way; 0 if none of 20 does."""
     passes = dict.fromkeys(WAYS, 0)
     for varied in get_args(Varied):
         ways = {name: way for name, way in WAYS.items() if way.varied == varied}
@@ -131,19 +108,17 @@ def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dic
 
 
 def draw_of(varied: Varied, owner: int, number: int) -> Draw:
-    """Return commitment and seed of a try, as an audit would draw them.
+    """Return commitment and seed of a try of an owner (from 1), as an audit would draw them."""
 
-    Args:
-        varied: What differs between tries.
-        owner: Seed of the owner.
-        number: Number of the try, from 1.
-    """
+    def sha256(text: str) -> str:
+        return hashlib.sha256(text.encode()).hexdigest()
+
     entropy = np.random.default_rng([owner, number])
     free = number if varied.startswith("byte") else 0
-    commitment = Commitment(_sha256(f"policy {owner}"), _sha256(f"profile {owner} {free}"))
+    commitment = Commitment(sha256(f"policy {owner}"), sha256(f"profile {owner} {free}"))
     if varied == "byte, nonce":
         nonce = Nonce(entropy.bytes(32).hex())
-        return reveal(commitment, _sha256(f"entry {commitment.sha256}"), nonce)
+        return reveal(commitment, sha256(f"entry {commitment.sha256}"), nonce)
     if varied == "rerun":
         return draw(commitment, int(entropy.integers(LARGEST_SEED + 1)))
     return draw(commitment, number if varied == "seed" else 7)
@@ -157,14 +132,7 @@ _CLOSEST = 1.2
 
 
 class Audit:
-    """A simulated audit, which may be tested at several errors.
-
-    Args:
-        truth: True values of the policy.
-        drawn: Commitment and seed.
-        episodes: Number of episodes.
-        resamples: Smallest number of resamples; a small error takes more.
-    """
+    """A simulated audit, which may be tested at several errors."""
 
     def __init__(self, truth: Truth, drawn: Draw, episodes: int, resamples: int) -> None:
         self._truth, self._least = truth, resamples
@@ -189,11 +157,7 @@ class Audit:
             count = enough_resamples(error, self._least)
             regrets = Regrets(self._evidence, self._seed, count)
             angle = self._truth.declared
-            test = regret_test(regrets, self._evidence, angle, MARGIN, error, error / 2)
+            test = regret_test(regrets, angle, MARGIN, error, error / 2)
             joined = join_tests(test, self._evidence.policy, FLOOR, error)
             self._tested[error] = joined.decision is Decision.PASS
         return self._tested[error]
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()

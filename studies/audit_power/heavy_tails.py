@@ -6,6 +6,7 @@ sample; the bounds by betting know the largest loss that is declared.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -13,38 +14,28 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm
 
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.verdict.bounds import Regrets, exceeds, loss_bounds
-from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Row
-
-ERROR = 0.05
+from socialiq_lab.study import StageCallback, silent, tracked
+from studies.audit_power.power import ERROR, outcomes, shares
 
 Draw = Callable[[np.random.Generator, float, tuple[int, int]], Float[np.ndarray, "audit episode"]]
 
 
 @dataclass(frozen=True)
 class Tail:
-    """A family of losses below a limit.
+    """A family of losses below a limit."""
 
-    Attributes:
-        margin: Margin of the declaration.
-        limit: Largest loss possible.
-        draw: Draws losses of a given mean, of shape (audits, episodes).
-    """
-
-    margin: float
-    limit: float
-    draw: Draw
+    margin: float  # margin of the declaration
+    limit: float  # largest loss possible
+    draw: Draw  # draws losses of a given mean, of shape (audits, episodes)
 
 
 def scale_of(mean: float, limit: float, cut_mean: Callable[[float], float]) -> float:
-    """Return the factor s for which min(s X, limit) has a mean, by bisection.
+    """Return the factor s for which min(s X, limit) has a mean below the limit, by bisection.
 
-    Args:
-        mean: Mean, below the limit.
-        limit: Limit of the losses.
-        cut_mean: Mean of min(X, t) by t.
+    `cut_mean` is the mean of min(X, t) by t.
     """
     low, high = 1e-9 * limit, limit
     for _ in range(100):
@@ -53,7 +44,9 @@ def scale_of(mean: float, limit: float, cut_mean: Callable[[float], float]) -> f
     return low
 
 
-SIGMA = 2.0
+SIGMA, SHAPE = 2.0, 1.5
+"""Of the lognormal and of the Pareto tails."""
+_DEVIATION = 1.5  # of the light tails
 
 
 def lognormal_cut(t: float) -> float:
@@ -63,17 +56,11 @@ def lognormal_cut(t: float) -> float:
     return float(inside + t * norm.sf(quantile))
 
 
-SHAPE = 1.5
-
-
 def pareto_cut(t: float) -> float:
     """Return the mean of min(X, t) for P(X > x) = x^-`SHAPE` from 1 on."""
     if t <= 1.0:
         return t
     return (SHAPE - t ** (1.0 - SHAPE)) / (SHAPE - 1.0)
-
-
-DEVIATION = 1.5  # of the light tails
 
 
 def _rare(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np.ndarray:
@@ -95,7 +82,7 @@ def _pareto(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np
 def _normal(rng: np.random.Generator, mean: float, shape: tuple[int, int]) -> np.ndarray:
     limit = TAILS["normal"].limit
     # The limit is more than six deviations away on both sides: cutting changes no digit shown.
-    return (mean + DEVIATION * rng.normal(size=shape)).clip(-limit, limit)
+    return (mean + _DEVIATION * rng.normal(size=shape)).clip(-limit, limit)
 
 
 TAILS: Mapping[str, Tail] = {
@@ -122,111 +109,76 @@ LONGER = 8
 
 _TAILS = 6108  # makes these draws independent of others from the same seed
 
-ProgressCallback = Callable[[int], None]
-
 
 def error_rows(
     episodes: int,
     replications: int,
     seed: int,
     resamples: int = 1000,
-    on_progress: ProgressCallback | None = None,
+    on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the shares of passes by each bound, with 99 % intervals.
+    """Return the shares of passes by each bound, with 99 % intervals, over audits of each case."""
+    cases = list(itertools.product(TAILS, TIMES))
+    return [
+        {"losses": name, "regret": label, "margins": TIMES[label]}
+        | {"largest_loss_in_margins": TAILS[name].limit / TAILS[name].margin}
+        | _passes(name, label, replications, episodes, seed, resamples)
+        for name, label in tracked(cases, on_stage, "heavy tails", "cases")
+    ]
 
-    Args:
-        episodes: Episodes of each audit.
-        replications: Number of audits of each case.
-        seed: Seed of all draws.
-        resamples: Resamples of each bootstrap.
-        on_progress: Called with the number of finished cases.
-    """
-    rows: list[Row] = []
-    for name, tail in TAILS.items():
-        for label, times in TIMES.items():
-            losses = _drawn(name, times, replications, episodes, seed)
-            usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
-            guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
-            row: Row = {"losses": name, "regret": label, "margins": times}
-            row |= {"largest_loss_in_margins": tail.limit / tail.margin}
-            rows.append(row | _shares({"bootstrap": usual, "betting": guarded}, replications))
-            if on_progress:
-                on_progress(len(rows))
-    return rows
+
+def price_rows(
+    audits: int, seed: int, resamples: int = 1000, on_stage: StageCallback = silent
+) -> list[Row]:
+    """Return the passes of policies well within their margin by number of episodes, likewise."""
+    cases = list(itertools.product(TAILS, SIZES))
+    return [
+        {"losses": name, "episodes": episodes}
+        | _passes(name, "well within", audits, episodes, seed, resamples)
+        for name, episodes in tracked(cases, on_stage, "price", "cases")
+    ]
 
 
 def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
     """Return the shares of wrong passes by betting in audits of `LONGER` times as many episodes.
 
     Short audits of heavy tails pass nothing, so that their errors say little.
-
-    Args:
-        episodes: Episodes of a usual audit.
-        replications: Number of audits of each case.
-        seed: Seed of all draws.
     """
     rows: list[Row] = []
     for name, tail in TAILS.items():
-        losses = _drawn(name, TIMES["at the margin"], replications, LONGER * episodes, seed)
+        losses = _drawn(name, "at the margin", replications, LONGER * episodes, seed)
         passed, _ = decisions_by_betting(losses, tail.margin, tail.limit)
-        row: Row = {"losses": name, "episodes": LONGER * episodes}
-        rows.append(row | _shares({"betting": passed}, replications))
+        label = {"losses": name, "episodes": LONGER * episodes}
+        rows.append(label | shares(replications, betting=passed))
     return rows
 
 
 def false_bound_rows(episodes: int, replications: int, seed: int) -> list[Row]:
     """Return the decisions on policies whose declared largest loss is too low.
 
-    Args:
-        episodes: Episodes of each audit.
-        replications: Number of audits of each case.
-        seed: Seed of all draws; the losses are those of `error_rows`.
+    The losses are those of `error_rows`.
     """
     rows: list[Row] = []
     for name, tail in TAILS.items():
-        losses = _drawn(name, TIMES["at the margin"], replications, episodes, seed)
+        losses = _drawn(name, "at the margin", replications, episodes, seed)
         passed, broken = decisions_by_betting(losses, tail.margin, TOO_LOW * tail.limit)
-        row: Row = {"losses": name, "possible": tail.limit, "declared": TOO_LOW * tail.limit}
-        rows.append(row | _shares({"passed": passed, "seen": broken}, replications))
+        label = {"losses": name, "possible": tail.limit, "declared": TOO_LOW * tail.limit}
+        rows.append(label | shares(replications, passed=passed, seen=broken))
     return rows
 
 
-def price_rows(
-    audits: int, seed: int, resamples: int = 1000, on_progress: ProgressCallback | None = None
-) -> list[Row]:
-    """Return the shares of passes of policies well within their margin, by number of episodes.
-
-    Args:
-        audits: Number of audits of each case.
-        seed: Seed of all draws.
-        resamples: Resamples of each bootstrap.
-        on_progress: Called with the number of finished cases.
-    """
-    rows: list[Row] = []
-    for name, tail in TAILS.items():
-        for episodes in SIZES:
-            losses = _drawn(name, TIMES["well within"], audits, episodes, seed)
-            usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
-            guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
-            row: Row = {"losses": name, "episodes": episodes}
-            rows.append(row | _shares({"bootstrap": usual, "betting": guarded}, audits))
-            if on_progress:
-                on_progress(len(rows))
-    return rows
-
-
-def _drawn(name: str, times: float, audits: int, episodes: int, seed: int) -> np.ndarray:
-    tail, number = TAILS[name], list(TAILS).index(name)
+def _drawn(name: str, regret: str, audits: int, episodes: int, seed: int) -> np.ndarray:
+    tail, number, times = TAILS[name], list(TAILS).index(name), TIMES[regret]
     rng = np.random.default_rng([_TAILS, seed, number, round(100 * times), episodes])
     return tail.draw(rng, times * tail.margin, (audits, episodes))
 
 
-def _shares(counts: Mapping[str, int], audits: int) -> Row:
-    row: Row = {}
-    for name, count in counts.items():
-        share = wilson(count, audits, 0.99)
-        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
-    return row
+def _passes(name: str, regret: str, audits: int, episodes: int, seed: int, resamples: int) -> Row:
+    """Return the shares of passes by both bounds."""
+    losses, tail = _drawn(name, regret, audits, episodes, seed), TAILS[name]
+    usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
+    guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
+    return shares(audits, bootstrap=usual, betting=guarded)
 
 
 def passes_by_bootstrap(
@@ -235,8 +187,14 @@ def passes_by_bootstrap(
     """Return the number of audits whose upper bound by the bootstrap is within the margin."""
     count = 0
     for number, row in enumerate(losses):
-        regrets = Regrets(_evidence(row), seed + number, resamples)
-        count += bool(regrets.highs(0.0, ERROR)[0] <= margin)
+        still, arrived = np.zeros(len(row)), np.full(len(row), Ending.ARRIVAL)
+        policy, reference = (
+            outcomes(name, np.stack([env, still], axis=1), arrived, still)
+            for name, env in (("policy", -row), ("reference", still))
+        )
+        evidence = Evidence("made up", np.arange(len(row)), policy, (reference,), {})
+        highs = Regrets(evidence, seed + number, resamples).highs(0.0, ERROR)
+        count += bool(highs[0] <= margin)
     return count
 
 
@@ -251,19 +209,3 @@ def decisions_by_betting(
     broken = np.array([exceeds(float(row.max()), declared) for row in losses])
     highs = loss_bounds(losses, compared, margin, declared, ERROR, ERROR / 2).highs
     return int(((highs <= margin) & ~broken).sum()), int(broken.sum())
-
-
-def _evidence(losses: Float[np.ndarray, " episode"]) -> Evidence:
-    episodes, still = len(losses), np.zeros(len(losses))
-    ending = np.full(episodes, Ending.ARRIVAL, np.int8)
-    drivers = [
-        Outcomes(
-            name,
-            np.stack([env, still], axis=1),
-            ending,
-            np.zeros_like(ending),
-            np.ones(episodes, np.int64),
-        )
-        for name, env in (("policy", -losses), ("reference", still))
-    ]
-    return Evidence("made up", np.arange(episodes), drivers[0], (drivers[1],), {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,8 @@ from socialiq.social.angle import angle_of, estimate_angle, exact_weights
 from socialiq.statistics.hotelling import confidence_ellipse
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Row
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
+from socialiq_lab.study import StageCallback, silent, tracked
 
 ANGLES = np.array([0.0, 30.0, 60.0, 90.0])
 """Target angles of the references in degrees."""
@@ -31,23 +32,14 @@ _OWN = 1.0  # of its effect on each driver; exponential in r_env: losses are rar
 
 @dataclass(frozen=True)
 class Truth:
-    """A population of drivers.
+    """A population of drivers."""
 
-    Attributes:
-        declared: Declared angle of the policy in degrees.
-        regret: Its true regret at this angle, in reward per episode.
-        at_fault: Its true share of at-fault collisions.
-        struck: True share of collisions that others caused.
-        arrival: True share of arrivals; the remaining episodes run out of time.
-        alpha_hat: True α̂ of the policy in degrees.
-    """
-
-    declared: float = 45.0
-    regret: float = 0.25
-    at_fault: float = 0.05
-    struck: float = 0.05
-    arrival: float = 0.85
-    alpha_hat: float = 30.0
+    declared: float = 45.0  # declared angle of the policy in degrees
+    regret: float = 0.25  # its true regret at this angle, in reward per episode
+    at_fault: float = 0.05  # its true share of at-fault collisions
+    struck: float = 0.05  # true share of collisions that others caused
+    arrival: float = 0.85  # true share of arrivals; the remaining episodes run out of time
+    alpha_hat: float = 30.0  # true α̂ of the policy in degrees
 
     @property
     def references(self) -> Float[np.ndarray, "reference 2"]:
@@ -74,13 +66,7 @@ class Truth:
 
 
 def draw_evidence(truth: Truth, episodes: int, seed: int) -> Evidence:
-    """Draw the evidence of an audit.
-
-    Args:
-        truth: True values of the population.
-        episodes: Number of episodes.
-        seed: Seed of all draws.
-    """
+    """Draw the evidence of an audit of a population."""
     rng = np.random.default_rng(seed)
     means = np.concatenate([truth.references, truth.policy[None]])
     common = rng.normal(0.0, _COMMON, (episodes, 2))
@@ -89,34 +75,44 @@ def draw_evidence(truth: Truth, episodes: int, seed: int) -> Evidence:
         losses = 1.0 - rng.exponential(1.0, episodes)
         own = np.stack([losses, rng.normal(size=episodes)], axis=1)
         totals.append(mean + common + _OWN * own)
-    names = [f"made for {angle:g}" for angle in ANGLES]
-    references = [
-        _outcomes(name, total, np.full(episodes, Ending.ARRIVAL), angles=(angle,))
-        for name, total, angle in zip(names, totals, ANGLES.tolist(), strict=False)
-    ]
+    arrived, untouched = np.full(episodes, Ending.ARRIVAL), np.full(episodes, Contact.NONE)
+    references = tuple(
+        outcomes(f"made for {angle:g}", total, arrived, untouched, (angle,))
+        for total, angle in zip(totals, ANGLES.tolist(), strict=False)
+    )
     bounds = np.cumsum([truth.at_fault, truth.struck, truth.arrival])
     kind = np.searchsorted(bounds, rng.random(episodes), side="right")
     ending = np.array([Ending.COLLISION, Ending.COLLISION, Ending.ARRIVAL, Ending.TIMEOUT])[kind]
     contact = np.array([Contact.EGO_STRUCK, Contact.EGO_WAS_STRUCK, Contact.NONE, Contact.NONE])
-    return Evidence(
-        scenario=f"made up: α̂ {angle_of(*truth.policy.tolist()):g} degrees",
-        seeds=np.arange(episodes),
-        policy=_outcomes("policy", totals[-1], ending, contact[kind]),
-        references=tuple(references),
-        strata={},
-    )
+    policy = outcomes("policy", totals[-1], ending, contact[kind])
+    scenario = f"made up: α̂ {angle_of(*truth.policy.tolist()):g} degrees"
+    return Evidence(scenario, np.arange(episodes), policy, references, {})
 
 
-def _outcomes(
+def outcomes(
     name: str,
     totals: np.ndarray,
     ending: np.ndarray,
-    contact: np.ndarray | None = None,
+    contact: np.ndarray,
     angles: tuple[float, ...] = (),
 ) -> Outcomes:
-    none = np.zeros(len(totals)) if contact is None else contact
+    """Return outcomes of episodes of one decision each."""
     length = np.ones(len(totals), np.int64)
-    return Outcomes(name, totals, ending.astype(np.int8), none.astype(np.int8), length, angles)
+    return Outcomes(name, totals, ending.astype(np.int8), contact.astype(np.int8), length, angles)
+
+
+def shares(number: int, **counts: int) -> Row:
+    """Return shares of a number of audits, each with its 99 % interval."""
+    row: Row = {}
+    for name, count in counts.items():
+        share = wilson(count, number, 0.99)
+        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
+    return row
+
+
+def share(name: str, count: int, number: int) -> Row:
+    """Return one share with its 99 % interval `low` and `high`."""
+    return dict(zip((name, "low", "high"), shares(number, share=count).values(), strict=True))
 
 
 def _directions(angles: Float[np.ndarray, " angle"]) -> Float[np.ndarray, "angle 2"]:
@@ -124,19 +120,11 @@ def _directions(angles: Float[np.ndarray, " angle"]) -> Float[np.ndarray, "angle
     return np.stack([np.cos(radians), np.sin(radians)], axis=1)
 
 
-ProgressCallback = Callable[[int], None]
-
 _APART = 2**40  # between the seeds of resamples and of episodes, so that their streams differ
 
 ERROR = 0.05
 MARGIN = 0.25
 FLOOR = Floor(max_at_fault=0.08, max_struck=0.08, min_arrival=0.8, max_timeout=0.08)
-
-_VERDICTS = {
-    "passed": Decision.PASS,
-    "failed": Decision.FAIL,
-    "inconclusive": Decision.INCONCLUSIVE,
-}
 
 CASES: Mapping[str, Truth] = {
     "well within": Truth(regret=0.0, at_fault=0.03, struck=0.03, arrival=0.91),
@@ -177,28 +165,23 @@ def coverage_rows(
     replications: int,
     seed: int,
     resamples: int = 1000,
-    on_progress: ProgressCallback | None = None,
+    on_stage: StageCallback = silent,
 ) -> list[Row]:
     """Return the share of audits in which each interval contains the true value.
 
-    Args:
-        episodes: Episodes of each audit.
-        replications: Number of audits.
-        seed: Seed of the first audit; the others follow.
-        resamples: Resamples of each bootstrap.
-        on_progress: Called with the number of finished audits.
+    `seed` is that of the first audit; the others follow.
     """
-    covered = []
-    for done, current in enumerate(range(seed, seed + replications), start=1):
-        covered.append(_covered(Truth(), episodes, current, resamples))
-        if on_progress:
-            on_progress(done)
-    rows: list[Row] = []
-    for name, (nominal, exact) in NOMINAL.items():
-        share = wilson(sum(audit[name] for audit in covered), replications, 0.99)
-        ends = {"covered": share.value, "low": share.low, "high": share.high}
-        rows.append({"interval": name, "nominal": nominal} | ends | {"exact": int(exact)})
-    return rows
+    seeds = range(seed, seed + replications)
+    covered = [
+        _covered(Truth(), episodes, current, resamples)
+        for current in tracked(seeds, on_stage, "coverage", "audits")
+    ]
+    return [
+        {"interval": name, "nominal": nominal}
+        | share("covered", sum(audit[name] for audit in covered), replications)
+        | {"exact": int(exact)}
+        for name, (nominal, exact) in NOMINAL.items()
+    ]
 
 
 def verdict_rows(
@@ -206,31 +189,35 @@ def verdict_rows(
     replications: int,
     seed: int,
     resamples: int = 1000,
-    on_progress: ProgressCallback | None = None,
+    on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the shares of verdicts on every case, with 99 % intervals.
+    """Return the shares of verdicts on every case, as `coverage_rows` those of intervals.
 
-    Args:
-        episodes: Episodes of each audit.
-        replications: Number of audits of each case.
-        seed: Seed of the first audit; the others follow.
-        resamples: Resamples of each bootstrap.
-        on_progress: Called with the number of finished audits of every case.
+    Endings are drawn after the rewards, so cases that differ only in endings have the same rewards,
+    and their regret is tested once.
     """
     decisions: dict[str, list[Decision]] = {case: [] for case in CASES}
-    for done, current in enumerate(range(seed, seed + replications), start=1):
-        for case, decision in _decisions(episodes, current, resamples).items():
-            decisions[case].append(decision)
-        if on_progress:
-            on_progress(done)
-    rows = []
-    for case, declared in decisions.items():
-        row: Row = {"case": case}
-        for name, kind in _VERDICTS.items():
-            share = wilson(declared.count(kind), len(declared), 0.99)
-            row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
-        rows.append(row)
-    return rows
+    for current in tracked(range(seed, seed + replications), on_stage, "error rates", "audits"):
+        tested: dict[tuple[float, ...], RegretTest] = {}
+        for case, truth in CASES.items():
+            evidence = draw_evidence(truth, episodes, current)
+            rewards = (truth.declared, truth.regret, truth.alpha_hat)
+            if rewards not in tested:
+                regrets = Regrets(evidence, current + _APART, resamples)
+                test = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
+                tested[rewards] = test
+            joined = join_tests(tested[rewards], evidence.policy, FLOOR, ERROR)
+            decisions[case].append(joined.decision)
+    return [
+        {"case": case}
+        | shares(
+            replications,
+            passed=verdicts.count(Decision.PASS),
+            failed=verdicts.count(Decision.FAIL),
+            inconclusive=verdicts.count(Decision.INCONCLUSIVE),
+        )
+        for case, verdicts in decisions.items()
+    ]
 
 
 def _covered(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, bool]:
@@ -238,8 +225,10 @@ def _covered(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str
     evidence = draw_evidence(truth, episodes, seed)
     seed += _APART
     regrets = Regrets(evidence, seed, resamples)
-    regret = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
-    towards_first = float((truth.references[1] - truth.policy) @ _weights(truth.declared))
+    regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
+    towards_first = float(
+        (truth.references[1] - truth.policy) @ _directions(np.array([truth.declared]))[0]
+    )
     env, social = evidence.policy.totals.T.copy()
     angle = estimate_angle(env, social, seed, 1 - ERROR, resamples)
     equivalence = calibrate(evidence, truth.declared, 10.0, True, seed, ERROR, resamples)
@@ -262,27 +251,3 @@ def _covered(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str
         "arrival, upper bound": truth.arrival <= floor["arrival"].high,
         "timeout, upper bound": truth.timeout <= floor["timeout"].high,
     }
-
-
-def _decisions(episodes: int, seed: int, resamples: int) -> dict[str, Decision]:
-    """Return the verdict on every case.
-
-    Endings are drawn after the rewards, so cases that differ only in endings have the same rewards,
-    and their regret is tested once.
-    """
-    tested: dict[tuple[float, ...], RegretTest] = {}
-    decisions = {}
-    for case, truth in CASES.items():
-        evidence = draw_evidence(truth, episodes, seed)
-        rewards = (truth.declared, truth.regret, truth.alpha_hat)
-        if rewards not in tested:
-            regrets = Regrets(evidence, seed + _APART, resamples)
-            test = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
-            tested[rewards] = test
-        decisions[case] = join_tests(tested[rewards], evidence.policy, FLOOR, ERROR).decision
-    return decisions
-
-
-def _weights(angle: float) -> np.ndarray:
-    radians = np.deg2rad(angle)
-    return np.array([np.cos(radians), np.sin(radians)])

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import t as student
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.profile.profile import Margin
 from socialiq.audit.verdict.bounds import episodes_needed
 from socialiq.audit.verdict.calibration import preimage
 from socialiq.audit.verdict.decision import Decision
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.social.angle import Arc, angle_of, arcs_of_grid, exact_weights, score
+from socialiq.evaluation.rollout import MODES
+from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights, score
 from socialiq.statistics.intervals import clopper_pearson
 from socialiq.types import RewardPair, Row
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
@@ -22,16 +21,6 @@ from studies.audits.policies import floor_at
 
 SEEDS = 5
 """Number of seeds of Table 6.2's spread. Their numbers of episodes are not printed."""
-
-_EVERY = 360
-_SHARES = ("collision", "arrival", "timeout")
-
-
-class Level(NamedTuple):
-    """Errors of one test: of a wrong pass and of a wrong fail, one-sided."""
-
-    wrong_pass: float
-    wrong_fail: float
 
 
 def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
@@ -46,7 +35,56 @@ def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
         error: Probability of a wrong pass, and of a wrong fail.
         episodes: Number of episodes for the half width of α̂.
     """
-    return [_return_row(mode, angle, margin, error, episodes) for mode, angle in MODES.items()]
+    rows: list[Row] = []
+    for mode, angle in MODES.items():
+        (env, env_sd), (social, social_sd) = (
+            TABLE_A_1[mode][name] for name in ("g_env", "g_social")
+        )
+        turning = (abs(env) * social_sd + abs(social) * env_sd) / math.hypot(env, social) ** 2
+        regret, rival = _regret(mode, angle)
+        spread = _value_sd(mode, angle) + _value_sd(rival, angle)
+        rows.append(
+            {
+                "policy": f"expert {mode}",
+                "declared": angle,
+                "g_env": env,
+                "g_social": social,
+                "alpha_hat": angle_of(env, social),
+                "half_width": math.degrees(1.959964 * turning / math.sqrt(episodes)),
+                "best_of_the_others": rival,
+                "regret": regret,
+                "deciding_episodes": episodes_needed(margin.regret - regret, spread, error),
+                "explained": _explained(mode, margin.regret),
+                "best_at": _explained(mode, 0.0),
+            }
+        )
+    return rows
+
+
+def _means(mode: str) -> RewardPair:
+    row = TABLE_A_1[mode]
+    return RewardPair(row["g_env"][0], row["g_social"][0])
+
+
+def _regret(mode: str, angle: float) -> tuple[float, str]:
+    """Return the regret towards the better of the other two experts, and that expert."""
+    values = {name: float(score(exact_weights(angle), _means(name))) for name in MODES}
+    rival = max((name for name in MODES if name != mode), key=lambda name: values[name])
+    return values[rival] - values[mode], rival
+
+
+def _value_sd(mode: str, angle: float) -> float:
+    """Return the largest possible standard deviation of R(α) of an episode."""
+    env, social = (abs(weight) for weight in exact_weights(angle))
+    return env * TABLE_A_1[mode]["g_env"][1] + social * TABLE_A_1[mode]["g_social"][1]
+
+
+def _explained(mode: str, margin: float) -> str:
+    """Return the arcs of whole degrees at which the expert is within a margin of the others."""
+    inside = [_regret(mode, float(angle))[0] <= margin for angle in range(360)]
+    arcs = arcs_of_grid(np.array(inside), 1.0)
+    turned = [(arc.low - 360.0 * (arc.low > 180.0), arc.high - arc.low) for arc in arcs]
+    return ", ".join(f"{low:g} to {low + width:g}" for low, width in turned) or "none"
 
 
 def learner_angle_rows(margin: Margin) -> list[Row]:
@@ -55,11 +93,11 @@ def learner_angle_rows(margin: Margin) -> list[Row]:
     achieved = np.array([angle_of(*_means(mode)) for mode in MODES])
     rows = []
     for mode, alpha_hat in FIG_6_5.items():
-        found = preimage(angles, achieved[None], np.array([alpha_hat]))
+        reached = preimage(angles, achieved[None], np.array([alpha_hat]))
         row: Row = {"policy": mode, "declared": MODES[mode], "alpha_hat": alpha_hat}
         row |= dict.fromkeys(("calibrated", "distance", "within_margin"), "")
-        if not found.beyond[0]:
-            calibrated = float(found.low[0])
+        if not reached.beyond[0]:
+            calibrated = float(reached.low[0])
             far = abs(calibrated - MODES[mode])
             row |= {"calibrated": calibrated, "distance": far}
             row["within_margin"] = int(far <= margin.degrees)
@@ -76,127 +114,51 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
     the floor of 0 degrees.
 
     Args:
-        error: Probability of a wrong pass, and of a wrong fail.
+        error: Probability of a wrong pass, and of a wrong fail, one-sided.
         episodes: Number of episodes for `of_episodes`.
     """
-    level = Level(error, error / 2 / len(CRITERIA))
     rows = []
     for policy in POLICIES:
         floor = floor_at(MODES.get(policy.split()[-1], 0.0))
-        for name in _SHARES:
+        struck = floor.max_at_fault, floor.max_struck
+        limits = {  # beyond which a share fails for sure, and within which it passes
+            "collision": (sum(struck), min(struck)),
+            "arrival": (floor.min_arrival, floor.min_arrival),
+            "timeout": (floor.max_timeout, floor.max_timeout),
+        }
+        for name, (fails, passes) in limits.items():
             mean, spread = (value / 100 for value in TABLE_6_2[name][policy])
-            limits = _limits(floor)[name]
-            of_seeds = _student(mean, spread, level, name == "arrival")
-            of_episodes = _exact(mean, episodes, level, name == "arrival")
-            rows.append(
-                {
-                    "policy": policy,
-                    "criterion": name,
-                    "share": mean,
-                    "spread": spread,
-                    "implied_episodes": _implied(mean, spread),
-                    "fails_beyond": limits[0],
-                    "passes_within": limits[1],
-                    "seeds_low": of_seeds[0],
-                    "seeds_high": of_seeds[1],
-                    "of_seeds": _decided(*of_seeds, limits, name == "arrival").value,
-                    "episodes_low": of_episodes[0],
-                    "episodes_high": of_episodes[1],
-                    "of_episodes": _decided(*of_episodes, limits, name == "arrival").value,
-                }
-            )
+            least, tails = name == "arrival", (error / 2 / len(CRITERIA), error)
+            bounds = {
+                "seeds": _student(mean, spread, *(tails[::-1] if least else tails)),
+                "episodes": _exact(mean, episodes, *(tails[::-1] if least else tails)),
+            }
+            # At which chance alone gives the spread of a share.
+            implied = round(mean * (1.0 - mean) / spread**2) if spread else ""
+            row: Row = {"policy": policy, "criterion": name, "share": mean, "spread": spread}
+            row |= {"implied_episodes": implied, "fails_beyond": fails, "passes_within": passes}
+            for kind, (low, high) in bounds.items():
+                decision = Decision.INCONCLUSIVE
+                if (high < fails) if least else (low > fails):
+                    decision = Decision.FAIL
+                elif low >= passes if least else high <= passes:
+                    decision = Decision.PASS
+                row |= {f"{kind}_low": low, f"{kind}_high": high, f"of_{kind}": decision.value}
+            rows.append(row)
     return rows
 
 
-def _return_row(mode: str, angle: float, margin: Margin, error: float, episodes: int) -> Row:
-    (env, env_sd), (social, social_sd) = (TABLE_A_1[mode][name] for name in ("g_env", "g_social"))
-    radius = math.hypot(env, social)
-    turning = (abs(env) * social_sd + abs(social) * env_sd) / radius**2
-    regret, rival = _regret(mode, angle)
-    spread = _value_sd(mode, angle) + _value_sd(rival, angle)
-    return {
-        "policy": f"expert {mode}",
-        "declared": angle,
-        "g_env": env,
-        "g_social": social,
-        "alpha_hat": angle_of(env, social),
-        "half_width": math.degrees(1.959964 * turning / math.sqrt(episodes)),
-        "best_of_the_others": rival,
-        "regret": regret,
-        "deciding_episodes": episodes_needed(margin.regret - regret, spread, error),
-        "explained": _text(_explained(mode, margin.regret)),
-        "best_at": _text(_explained(mode, 0.0)),
-    }
-
-
-def _means(mode: str) -> RewardPair:
-    row = TABLE_A_1[mode]
-    return RewardPair(row["g_env"][0], row["g_social"][0])
-
-
-def _value(mode: str, angle: float) -> float:
-    return float(score(exact_weights(angle), _means(mode)))
-
-
-def _regret(mode: str, angle: float) -> tuple[float, str]:
-    """Return the regret towards the better of the other two experts, and that expert."""
-    rival = max((other for other in MODES if other != mode), key=lambda m: _value(m, angle))
-    return _value(rival, angle) - _value(mode, angle), rival
-
-
-def _value_sd(mode: str, angle: float) -> float:
-    """Return the largest possible standard deviation of R(α) of an episode."""
-    env, social = (abs(weight) for weight in exact_weights(angle))
-    return env * TABLE_A_1[mode]["g_env"][1] + social * TABLE_A_1[mode]["g_social"][1]
-
-
-def _explained(mode: str, margin: float) -> tuple[Arc, ...]:
-    """Return the arcs of whole degrees at which the expert is within a margin of the others."""
-    inside = [_regret(mode, float(angle))[0] <= margin for angle in range(_EVERY)]
-    return arcs_of_grid(np.array(inside), 1.0)
-
-
-def _text(arcs: Sequence[Arc]) -> str:
-    turned = [(arc.low - 360.0 * (arc.low > 180.0), arc.high - arc.low) for arc in arcs]
-    return ", ".join(f"{low:g} to {low + width:g}" for low, width in turned) or "none"
-
-
-def _limits(floor: Floor) -> dict[str, tuple[float, float]]:
-    """Return the limits beyond which a share fails for sure, and within which it passes."""
-    intervals = floor.max_at_fault + floor.max_struck
-    return {
-        "collision": (intervals, min(floor.max_at_fault, floor.max_struck)),
-        "arrival": (floor.min_arrival, floor.min_arrival),
-        "timeout": (floor.max_timeout, floor.max_timeout),
-    }
-
-
-def _student(mean: float, spread: float, level: Level, least: bool) -> tuple[float, float]:
-    from scipy.stats import t as student
-
+def _student(mean: float, spread: float, below: float, above: float) -> tuple[float, float]:
+    """Return Student's bounds with these errors on either side."""
     error = spread / math.sqrt(SEEDS)
-    low, high = level if least else level[::-1]
-    below, above = (float(student.isf(tail, SEEDS - 1)) * error for tail in (low, high))
-    return max(mean - below, 0.0), min(mean + above, 1.0)
+    low, high = (float(student.isf(tail, SEEDS - 1)) * error for tail in (below, above))
+    return max(mean - low, 0.0), min(mean + high, 1.0)
 
 
-def _exact(mean: float, episodes: int, level: Level, least: bool) -> tuple[float, float]:
+def _exact(mean: float, episodes: int, below: float, above: float) -> tuple[float, float]:
+    """Return Clopper and Pearson's bounds with these errors on either side."""
     count = round(mean * episodes)
-    low, high = level if least else level[::-1]
     return (
-        clopper_pearson(count, episodes, 1.0 - 2.0 * low).low,
-        clopper_pearson(count, episodes, 1.0 - 2.0 * high).high,
+        clopper_pearson(count, episodes, 1.0 - 2.0 * below).low,
+        clopper_pearson(count, episodes, 1.0 - 2.0 * above).high,
     )
-
-
-def _decided(low: float, high: float, limits: tuple[float, float], least: bool) -> Decision:
-    fails, passes = limits
-    if (high < fails) if least else (low > fails):
-        return Decision.FAIL
-    angles = low >= passes if least else high <= passes
-    return Decision.PASS if angles else Decision.INCONCLUSIVE
-
-
-def _implied(mean: float, spread: float) -> int | str:
-    """Return the episodes of each seed at which chance alone gives the spread of a share."""
-    return round(mean * (1.0 - mean) / spread**2) if spread else ""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -14,105 +14,104 @@ from scipy.optimize import minimize
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_images
 from socialiq.evaluation.rollout import rollout_env
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import settings
+from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.iq_learn import config as presets
+from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
+from socialiq.learners.iq_learn.train import train
+from socialiq.learners.kernel import Trained
 from socialiq.nn.q_policy import QPolicy
-from socialiq.storage import read_json, write_json
+from socialiq.storage import write_json
 from socialiq.types import Row
+from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.jobs import ProgressCallback
-from studies.classic_control.methods import learn, method_of
-from studies.classic_control.tasks import TASKS, Task, make_env, returns
+from socialiq_lab.registry import declaration
+from studies.classic_control.tasks import TASKS, CartPole, Task, make_env, returns
 
 PROTOCOLS = ("rows", "stride", "whole")
 """One random row of each block, the first row of each block, or all rows."""
 
-_SHIFTS = range(2, 13)
-_TRANSIENT = 100
-_UNIT = 0.1
-"""Common unit of the features in the linear fit."""
-
-
-def trajectories(task: Task, count: int, seed: int) -> Demonstrations:
-    """Return whole episodes of the task's expert; episode i is reset with seed + i."""
-    return rollout_env(make_env(task), task.expert, count, seed).transitions
-
-
-def thinned(
-    episodes: Demonstrations, protocol: str, task: Task, seed: int, mirrored: bool
-) -> Demonstrations:
-    """Return what a learner is given of whole trajectories.
-
-    Args:
-        episodes: Whole trajectories.
-        protocol: One of `PROTOCOLS`.
-        task: Their task.
-        seed: Seed of the random rows.
-        mirrored: Whether every row's mirror image is given too.
-    """
-    rows = {
-        "rows": lambda: episodes.one_of_each_block(task.every, seed),
-        "stride": lambda: episodes.subsample(task.every),
-        "whole": lambda: episodes,
-    }[protocol]()
-    return with_images(rows, task.symmetry) if mirrored else rows
-
-
-def cycle(episodes: Demonstrations) -> tuple[int, float]:
-    """Return the shift of 2 to 12 steps under which most actions stay equal, and their share.
-
-    It is counted over the second half of the first trajectory, after the transient.
-    """
-    action = episodes.action[episodes.episode == 0]
-    action = action[len(action) // 2 :]
-    shares = {k: float(np.mean(action[k:] == action[:-k])) for k in _SHIFTS if k < len(action)}
-    shift = max(shares, key=lambda entry: shares[entry])
-    return shift, shares[shift]
-
-
-def spread_kept(kept_rows: Demonstrations, episodes: Demonstrations) -> float:
-    """Return the least share of a feature's standard deviation that the kept rows have.
-
-    Near 0 the rows show one phase of the demonstrator's oscillation, and its reaction to that
-    feature can hardly be identified. Rows of the first 100 steps, the transient, are left out.
-    """
-    kept_part, all_rows = (
-        rows.observation[rows.step >= _TRANSIENT].std(axis=0) for rows in (kept_rows, episodes)
-    )
-    return float(np.min(kept_part / all_rows))
-
-
-def linear_fit(data: Demonstrations, shrinkage: float) -> Float[np.ndarray, " feature"]:
-    """Fit w of P(right) = logistic(w s) with penalty `shrinkage` |w|², for two actions.
-
-    It is the class of CartPole's experts, without a constant: what is not identified here can't
-    be identified in a larger class.
-    """
-    features = data.observation.astype(float) / _UNIT
-    side = 2.0 * data.action - 1.0
-
-    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
-        margin = side * (features @ weights)
-        wrong = 0.5 * (1.0 - np.tanh(0.5 * margin))  # the logistic function of -margin
-        slope = -(side * wrong) @ features + 2.0 * shrinkage * weights
-        return float(np.logaddexp(0.0, -margin).sum() + shrinkage * weights @ weights), slope
-
-    return minimize(loss, np.zeros(features.shape[1]), jac=True, method="BFGS").x
-
+CHUNK = 250
+"""Updates between two rounds of acting, in environments outside compiled programs."""
 
 ROWS = "rows.json"
 
 
 @dataclass(frozen=True)
-class Source:
-    """Sets of demonstrations, each of trajectories of its own.
+class Method(Recipe):
+    """A learner with its settings, a table `[method.NAME]` of STUDY.toml.
 
     Attributes:
-        task: Name in `TASKS`.
-        protocol: What is kept of a trajectory, one of `PROTOCOLS`.
-        trajectories: Trajectories of a set.
-        sets: Number of sets.
-        seed: Seed of the first episode; set i begins at seed + i * trajectories.
-        episodes: Evaluation episodes of each policy.
-        evaluation_seed: Seed of the evaluation's first states.
+        mirrored: Whether the mirror images of the demonstrations are given.
+        scaled: Whether the features are multiplied by the task's common factor.
+    """
+
+    mirrored: bool = False
+    scaled: bool = True
+
+
+def _declared() -> tuple[dict[str, Method], dict[str, Method], dict[str, Method], set[str]]:
+    """Return methods, published ones and variants by name, and the names of what varies."""
+    content = declaration("classic-control")
+    static, numbers = presets.PRESETS["few-offline"]
+    names = [field.name for field in dataclasses.fields(settings.LearnerConfig)]
+    cloning = bc.CloningConfig(**{name: getattr(static, name) for name in names})
+    rate = bc.CloningHyperparameters(learning_rate=numbers.learning_rate)
+    bases = {
+        "few-offline": Method(static, numbers),
+        "few-online": Method(*presets.PRESETS["few-online"]),
+        "cloning": Method(cloning, rate),
+        "defaults": Method(IQLearnConfig(), IQLearnHyperparameters()),
+    }
+    methods = declared_recipes(content["method"], bases)
+    published = declared_recipes(content["published"], bases)
+    varied = {variant["of"] for variant in content["variant"].values()}
+    return methods, published, declared_recipes(content["variant"], methods), varied
+
+
+METHODS, PUBLISHED, VARIANTS, VARIED = _declared()
+RECIPES = METHODS | PUBLISHED | VARIANTS
+
+
+def learn(
+    task: Task,
+    method: Method,
+    datasets: Sequence[Demonstrations],
+    seeds: Sequence[int],
+    updates: int,
+    callbacks: Callbacks,
+) -> Trained:
+    """Train one run for each set and seed, the seeds of a set side by side.
+
+    `updates` are the gradient steps of each run; 0 for those of the method.
+    """
+    scale = task.input_scale if method.scaled else 1.0
+    updates = updates or method.static.updates
+    static = dataclasses.replace(method.static, updates=updates, input_scale=scale)
+    runs = [
+        dataclasses.replace(method.numbers, seed=seed, dataset=index)
+        for index in range(len(datasets))
+        for seed in seeds
+    ]
+    if isinstance(static, bc.CloningConfig):
+        return bc.BehaviourCloning.train_on(static, runs, datasets, callbacks)
+    if not method.online:
+        return train(static, runs, datasets, callbacks=callbacks)
+    if task.env == "CartPole-v1":
+        return train(static, runs, datasets, CartPole(), callbacks)
+    static = dataclasses.replace(static, env_steps_per_update=1)  # they cost more than an update
+    collect = acting_in(lambda: make_env(task), static, runs, CHUNK)
+    return train(static, runs, datasets, None, callbacks, CHUNK, collect)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Sets of demonstrations, each of so many trajectories of its own.
+
+    A protocol of `PROTOCOLS` says what is kept of a trajectory. Set i begins with the episode of
+    seed + i * trajectories. Policies are evaluated in `episodes` from `evaluation_seed` on.
     """
 
     task: str
@@ -123,17 +122,17 @@ class Source:
     episodes: int
     evaluation_seed: int
 
-    def shown(self) -> list[Demonstrations]:
+    def whole(self) -> list[Demonstrations]:
         """Return the whole trajectories of each set."""
         episodes = trajectories(TASKS[self.task], self.sets * self.trajectories, self.seed)
         sets = np.arange(episodes.n_episodes).reshape(self.sets, self.trajectories)
         return [episodes.select(chosen) for chosen in sets]
 
-    def kept(self, episodes: Sequence[Demonstrations], mirrored: bool) -> list[Demonstrations]:
+    def thinned(self, sets: Sequence[Demonstrations], mirrored: bool) -> list[Demonstrations]:
         """Return what learners are given of each set."""
         return [
-            thinned(all_rows, self.protocol, TASKS[self.task], self.seed + number, mirrored)
-            for number, all_rows in enumerate(episodes)
+            thinned(episodes, self.protocol, TASKS[self.task], self.seed + number, mirrored)
+            for number, episodes in enumerate(sets)
         ]
 
     def label(self) -> Row:
@@ -144,6 +143,26 @@ class Source:
         """Return the mean return of a policy."""
         task = TASKS[self.task]
         return float(returns(task, act, self.episodes, self.evaluation_seed).mean())
+
+
+def trajectories(task: Task, count: int, seed: int) -> Demonstrations:
+    """Return whole episodes of the task's expert; episode i is reset with seed + i."""
+    return rollout_env(make_env(task), task.expert, count, seed).transitions
+
+
+def thinned(
+    episodes: Demonstrations, protocol: str, task: Task, seed: int, mirrored: bool
+) -> Demonstrations:
+    """Return what a learner is given of whole trajectories, by one of `PROTOCOLS`.
+
+    The seed is that of random rows; mirrored, every row's mirror image is given too.
+    """
+    rows = episodes
+    if protocol == "rows":
+        rows = episodes.one_of_each_block(task.every, seed)
+    elif protocol == "stride":
+        rows = episodes.subsample(task.every)
+    return with_images(rows, task.symmetry) if mirrored else rows
 
 
 @dataclass(frozen=True)
@@ -157,47 +176,32 @@ class Training:
 
 
 def train_and_score(
-    run: Training, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+    run: Training, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Write what `scored` returns."""
-    del inputs
-    write_json(folder / ROWS, scored(run, progress))
-
-
-def scored(run: Training, progress: ProgressCallback) -> list[Row]:
-    """Train; return the mean return of each policy and of each set's ensemble."""
-    source, method = run.source, method_of(run.method)
-    episodes = source.shown()
-    sets = source.kept(episodes, method.mirrored)
-    report = Callbacks(
-        on_report=lambda progress_report: progress(progress_report.done / progress_report.total)
-    )
-    trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, report)
+    """Train; write the mean return of each policy and of each set's ensemble."""
+    source, method = run.source, RECIPES[run.method]
+    sets = source.thinned(source.whole(), method.mirrored)
+    callbacks = Callbacks(on_report=lambda report: progress(report.done / report.total))
+    trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, callbacks)
     rows: list[Row] = []
+
+    def score(policies: Sequence[QPolicy]) -> float:  # greedy by the mean of Q - mean Q
+        def act(observations: np.ndarray) -> np.ndarray:
+            values = [policy.q_values(observations) for policy in policies]
+            advantages = [q - q.mean(axis=1, keepdims=True) for q in values]
+            return np.mean(advantages, axis=0).argmax(axis=1)
+
+        return source.score(act)
+
     for index, rows_of_set in enumerate(sets):
+        label = source.label() | {"method": run.method, "set": index}
+        label["rows"] = rows_of_set.n_transitions
         first = index * len(run.seeds)
         policies = [trained.policy(first + number) for number in range(len(run.seeds))]
-        label = source.label() | {
-            "method": run.method,
-            "set": index,
-            "rows": rows_of_set.n_transitions,
-        }
-        rows += [
-            label | {"seed": str(seed), "mean_return": source.score(_greedy([policy]))}
-            for seed, policy in zip(run.seeds, policies, strict=True)
-        ]
-        rows.append(label | {"seed": "ensemble", "mean_return": source.score(_greedy(policies))})
-    return rows
-
-
-def _greedy(policies: Sequence[QPolicy]) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the greedy choice by the mean of the policies' advantages Q - mean Q."""
-
-    def act(observations: np.ndarray) -> np.ndarray:
-        values = [policy.q_values(observations) for policy in policies]
-        return np.mean([q - q.mean(axis=1, keepdims=True) for q in values], axis=0).argmax(axis=1)
-
-    return act
+        entries = {str(seed): [policy] for seed, policy in zip(run.seeds, policies, strict=True)}
+        for seed, voters in (entries | {"ensemble": policies}).items():
+            rows.append(label | {"seed": seed, "mean_return": score(voters)})
+    write_json(folder / ROWS, rows)
 
 
 @dataclass(frozen=True)
@@ -209,47 +213,65 @@ class Inspection:
 
 
 def inspect(
-    run: Inspection, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+    run: Inspection, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Write what `inspected` returns."""
-    del inputs
-    write_json(folder / ROWS, inspected(run))
+    """Write each set's expert return, and of CartPole cycle, spread and linear fits' returns."""
+    source, sets = run.source, run.source.whole()
+    rows: list[Row] = []
+    for number, (episodes, data) in enumerate(zip(sets, source.thinned(sets, False), strict=True)):
+        row = source.label() | {"set": number, "rows": data.n_transitions}
+        row["expert_return"] = float(episodes.totals().env.mean())
+        if TASKS[source.task].env == "CartPole-v1":
+            shift, share = cycle(episodes)
+            row |= {"cycle": shift, "equal": share, "spread_kept": spread_kept(data, episodes)}
+            for shrinkage in run.shrinkages:
+                weights = linear_fit(data, shrinkage)
+
+                def act(seen: np.ndarray, weights: np.ndarray = weights) -> np.ndarray:
+                    return (seen @ weights > 0).astype(int)
+
+                row[f"linear_{shrinkage:g}"] = source.score(act)
+        rows.append(row)
+    write_json(folder / ROWS, rows)
     progress(1.0)
 
 
-def inspected(run: Inspection) -> list[Row]:
-    """Return each set's expert return, and of CartPole cycle, spread and linear fits' returns."""
-    source, task = run.source, TASKS[run.source.task]
-    episodes = source.shown()
-    rows: list[Row] = []
-    for number, (all_rows, rows_of_set) in enumerate(
-        zip(episodes, source.kept(episodes, False), strict=True)
-    ):
-        row = source.label() | {"set": number, "rows": rows_of_set.n_transitions}
-        row["expert_return"] = float(all_rows.totals().env.mean())
-        if task.env == "CartPole-v1":
-            row |= _phase(all_rows, rows_of_set) | _fits(source, rows_of_set, run.shrinkages)
-        rows.append(row)
-    return rows
+def cycle(episodes: Demonstrations) -> tuple[int, float]:
+    """Return the shift of 2 to 12 steps under which most actions stay equal, and their share.
+
+    It is counted over the second half of the first trajectory, after the transient.
+    """
+    action = episodes.action[episodes.episode == 0]
+    action = action[len(action) // 2 :]
+    shifts = range(2, min(13, len(action)))
+    shares = {shift: float(np.mean(action[shift:] == action[:-shift])) for shift in shifts}
+    shift = max(shares, key=lambda entry: shares[entry])
+    return shift, shares[shift]
 
 
-def _phase(all_rows: Demonstrations, rows: Demonstrations) -> Row:
-    shift, share = cycle(all_rows)
-    return {"cycle": shift, "equal": share, "spread_kept": spread_kept(rows, all_rows)}
+def spread_kept(data: Demonstrations, episodes: Demonstrations) -> float:
+    """Return the least share of a feature's standard deviation that a thinned set has.
+
+    Near 0 the rows show one phase of the demonstrator's oscillation, and its reaction to that
+    feature can hardly be identified. Rows of the first 100 steps, the transient, are left out.
+    """
+    deviations = [rows.observation[rows.step >= 100].std(axis=0) for rows in (data, episodes)]
+    return float(np.min(deviations[0] / deviations[1]))
 
 
-def _fits(source: Source, rows: Demonstrations, shrinkages: Sequence[float]) -> Row:
-    fits: Row = {}
-    for shrinkage in shrinkages:
-        weights = linear_fit(rows, shrinkage)
+def linear_fit(data: Demonstrations, shrinkage: float) -> Float[np.ndarray, " feature"]:
+    """Fit w of P(right) = logistic(w s) with penalty `shrinkage` |w|², for two actions.
 
-        def act(observation: np.ndarray, weights: np.ndarray = weights) -> np.ndarray:
-            return (observation @ weights > 0).astype(int)
+    It is the class of CartPole's experts, without a constant: what is not identified here can't
+    be identified in a larger class. The features are in units of 0.1.
+    """
+    features = data.observation.astype(float) / 0.1
+    side = 2.0 * data.action - 1.0
 
-        fits[f"linear_{shrinkage:g}"] = source.score(act)
-    return fits
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        margin = side * (features @ weights)
+        wrong = 0.5 * (1.0 - np.tanh(0.5 * margin))  # the logistic function of -margin
+        slope = -(side * wrong) @ features + 2.0 * shrinkage * weights
+        return float(np.logaddexp(0.0, -margin).sum() + shrinkage * weights @ weights), slope
 
-
-def read_rows(folder: Path) -> list[Any]:
-    """Return what a job wrote."""
-    return read_json(folder / ROWS)
+    return minimize(loss, np.zeros(features.shape[1]), jac=True, method="BFGS").x

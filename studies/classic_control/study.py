@@ -8,78 +8,24 @@ trajectory, so that everything is repeated over several.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.learners.settings import check_counts
-from socialiq.plotting.style import figure, plain
 from socialiq.results_folder import Results
+from socialiq.storage import read_json
 from socialiq.types import Row
+from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job
-from socialiq_lab.study import Context, Findings, Study, View
+from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, matching, nested, paired_row, with_holm
-from studies.classic_control.methods import METHODS, PUBLISHED, VARIANTS
-from studies.classic_control.runs import (
-    PROTOCOLS,
-    Inspection,
-    Source,
-    Training,
-    inspect,
-    read_rows,
-    train_and_score,
-)
+from studies.classic_control import runs
+from studies.classic_control.runs import METHODS, PROTOCOLS, PUBLISHED, VARIANTS, Source
 from studies.classic_control.tasks import TASKS, make_env
-
-_COLORS = ("#7f7f7f", "#2166ac", "#e08214", "#053061", "#7f3b08", "#bdbdbd", "#1b7837", "#00441b")
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw the return of each policy, by method, in a panel for each kind of data."""
-    panels = groups(results.tables["returns"], "task", "protocol", "trajectories")
-    columns = 2
-    lines = -(-len(panels) // columns)
-    picture = figure(9.6, 3.0 * lines)
-    for index, (label, rows) in enumerate(panels.items(), start=1):
-        axes = picture.add_subplot(lines, columns, index)
-        methods = list(dict.fromkeys(column(rows, "method")))
-        for number, method in enumerate(methods):
-            single = [row for row in matching(rows, method=method) if row["seed"] != "ensemble"]
-            values = column(single, "mean_return")
-            color = _COLORS[number % len(_COLORS)]
-            axes.plot(values, [number] * len(values), "o", color=color, alpha=0.4, markersize=4)
-            axes.plot([sum(values) / len(values)], [number], "|", color=color, markersize=16)
-        axes.set_yticks(range(len(methods)), methods, fontsize=7)
-        axes.invert_yaxis()
-        count = "1 trajectory" if label[2] == 1 else f"{label[2]} trajectories"
-        axes.set_title(f"{label[0]}, {label[1]}, {count}", fontsize=9)
-        axes.set_xlabel("mean return", fontsize=8)
-        plain(axes)
-    return {"returns": picture}
-
-
-def views(results: Results) -> Sequence[View]:
-    """Return the tables to print."""
-    tables = results.tables
-    views = [View(_narrow(tables["pooled"]), "Over all sets of demonstrations and seeds")]
-    if "differences" in tables:
-        views.append(View(tables["differences"], "Pairs of methods, over sets of demonstrations"))
-    if "ablation_returns" in tables:
-        views.append(
-            View(_narrow(tables["ablations"]), "CartPole, one row of each block, one changed")
-        )
-    return views
-
-
-def _narrow(rows: Sequence[dict]) -> list[dict]:
-    hidden = ("best", "deviation_of_sets")
-    return [{name: value for name, value in row.items() if name not in hidden} for row in rows]
-
 
 SOLVED = 475.0
 """Mean return at which Gymnasium calls CartPole-v1 solved."""
@@ -90,6 +36,9 @@ PAIRS = (
     ("iq_learn online", "cloning"),
 )
 """Methods that are compared, with the same demonstrations."""
+
+KEYS = ("task", "protocol", "trajectories")
+"""Columns that name a source of demonstrations."""
 
 
 @dataclass(frozen=True)
@@ -135,130 +84,110 @@ class Config:
         counts = (*self.trajectories, *self.protocol_trajectories, *self.other_trajectories)
         if min((*counts, 1)) < 1:
             raise UserError("trajectories must be at least 1")
-        for what, names, choices in (
-            ("task", self.tasks, TASKS),
-            ("protocol", self.protocols, PROTOCOLS),
-            ("method", self.methods, METHODS),
-            ("published method", self.published, PUBLISHED),
-            ("variant", self.variants, VARIANTS),
-        ):
-            for name in names:
-                one_of(what, name, tuple(choices))
+        choices = {"tasks": TASKS, "protocols": PROTOCOLS, "methods": METHODS}
+        check_names(self, **choices, published=PUBLISHED, variants=VARIANTS)
+
+    def sources(self, task: str) -> list[Source]:
+        """Return the sources of demonstrations of a task."""
+        seeds = self.episodes, self.evaluation_seed
+        if TASKS[task].env != "CartPole-v1":
+            kinds = [("rows", count, self.other_sets) for count in self.other_trajectories]
+        elif task != "CartPole":
+            kinds = [("rows", 1, self.sets)]
+        else:
+            counts = dict.fromkeys(self.protocols, self.protocol_trajectories)
+            counts |= {"rows": self.trajectories}
+            kinds = [
+                (protocol, count, self.sets)
+                for protocol in self.protocols
+                for count in counts[protocol]
+            ]
+        return [Source(task, *kind, self.data_seed, *seeds) for kind in kinds]
 
 
-def plan(config: Config) -> list[Job]:
-    """Return every job; none reads another."""
-    return list(_jobs(config))
-
-
-def _plan(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return `plan`, once every task's library is known to be there."""
     for task in config.tasks:
         make_env(TASKS[task]).close()
     return plan(config)
 
 
-def _jobs(config: Config) -> Iterator[Job]:
+def plan(config: Config) -> list[Job]:
+    """Return every job; none reads another."""
+
+    def training(source: Source, method: str, name: str) -> Job:
+        run = runs.Training(source, method, config.seeds, config.updates)
+        cost = 40.0 if "online" in method else 20.0
+        return Job(f"{name}/{as_file_name(method)}", runs.train_and_score, run, cost=cost)
+
+    planned: list[Job] = []
     for task in config.tasks:
-        for source in _sources(config, task):
-            name = "-".join(_folder(label) for label in source.label().values())
-            yield Job(f"data/{name}", inspect, Inspection(source, config.shrinkages))
+        for source in config.sources(task):
+            name = "-".join(map(as_file_name, source.label().values()))
+            inspection = runs.Inspection(source, config.shrinkages)
+            planned.append(Job(f"data/{name}", runs.inspect, inspection))
             thin = (task, source.trajectories) == ("CartPole", 1) and source.protocol != "whole"
-            for method in (*config.methods, *(config.published if thin else ())):
-                yield _training(config, source, method, f"runs/{name}/{_folder(method)}")
+            methods = (*config.methods, *(config.published if thin else ()))
+            planned += [training(source, method, f"runs/{name}") for method in methods]
     if "CartPole" in config.tasks:
-        source = _source(config, "CartPole", "rows", 1, min(config.sets, config.other_sets))
-        for variant in config.variants:
-            yield _training(config, source, variant, f"variants/{_folder(variant)}")
-
-
-def _training(config: Config, source: Source, method: str, name: str) -> Job:
-    cost = 40.0 if "online" in method else 20.0
-    run = Training(source, method, config.seeds, config.updates)
-    return Job(name, train_and_score, run, cost=cost)
-
-
-def _folder(label: Any) -> str:
-    """Return a name as that of a folder."""
-    return "".join(letter if letter.isalnum() else "_" for letter in str(label))
-
-
-def _sources(config: Config, task: str) -> list[Source]:
-    if TASKS[task].env != "CartPole-v1":
-        return [
-            _source(config, task, "rows", count, config.other_sets)
-            for count in config.other_trajectories
-        ]
-    if task != "CartPole":
-        return [_source(config, task, "rows", 1, config.sets)]
-    return [
-        _source(config, task, protocol, count, config.sets)
-        for protocol in config.protocols
-        for count in (config.trajectories if protocol == "rows" else config.protocol_trajectories)
-    ]
-
-
-def _source(config: Config, task: str, protocol: str, count: int, sets: int) -> Source:
-    seeds = (config.data_seed, config.episodes, config.evaluation_seed)
-    return Source(task, protocol, count, sets, *seeds)
+        seeds = config.data_seed, config.episodes, config.evaluation_seed
+        source = Source("CartPole", "rows", 1, min(config.sets, config.other_sets), *seeds)
+        planned += [training(source, variant, "variants") for variant in config.variants]
+    return planned
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders alone."""
-    rows = {
-        stage: _read(context.jobs, context.work, stage) for stage in ("data", "runs", "variants")
-    }
-    policies = rows["runs"]
-    keys = ("task", "protocol", "trajectories", "method")
-    told = _identified(config, rows["data"])
+    rows: dict[str, list[Row]] = {"data": [], "runs": [], "variants": []}
+    for job in context.jobs:
+        rows[job.stage] += read_json(context.work / job.name / runs.ROWS)
+    policies, variants = rows["runs"], rows["variants"]
+    # The criterion knows the expert's class and no learner: where the linear fit with the least
+    # penalty solves CartPole, a set's rows identify the expert.
+    fit = f"linear_{min(config.shrinkages, default=0.0):g}"
+    told = [_set_of(row) for row in rows["data"] if row.get(fit, 0.0) >= SOLVED]
+    # Ablations are compared with their methods on the same sets.
+    sets = set(column(variants, "set"))
+    unchanged = [
+        row
+        for row in matching(policies, task="CartPole", protocol="rows", trajectories=1)
+        if row["method"] in runs.VARIED and row["set"] in sets
+    ]
+    keys = (*KEYS, "method")
     tables = {
         "data": rows["data"],
         "returns": policies,
-        "pooled": _pooled(policies, *keys),
-        "identified": _pooled([row for row in policies if _source_of(row) in told], *keys),
-        "differences": _differences(policies),
-        "ablations": _pooled([*_base(policies, rows["variants"]), *rows["variants"]], "method"),
-        "ablation_returns": rows["variants"],
+        "pooled": pooled(policies, *keys),
+        "identified": pooled([row for row in policies if _set_of(row) in told], *keys),
+        "differences": differences(policies),
+        "ablations": pooled([*unchanged, *variants], "method"),
+        "ablation_returns": variants,
     }
-    return Findings(tables, _summary(tables))
+    names = ("mean", "worst", "solved", "ensemble_mean")
+    summary = nested(tables["pooled"], *keys, keep=names)
+    for row in tables["identified"]:
+        level = summary
+        for key in keys:
+            level = level[str(row[key])]
+        level["identified"] = {name: row[name] for name in ("mean", "worst", "policies")}
+    for (task,), group in groups(tables["data"], "task").items():
+        summary[task]["expert"] = float(np.mean(column(group, "expert_return")))
+    return Findings(tables, summary)
 
 
-def _read(jobs: Sequence[Job], work: Path, stage: str) -> list[Row]:
-    return [row for job in jobs if job.stage == stage for row in read_rows(work / job.name)]
+def _set_of(row: Row) -> tuple[Any, ...]:
+    return tuple(row[key] for key in (*KEYS, "set"))
 
 
-def _source_of(row: Row) -> tuple[Any, ...]:
-    return tuple(row[key] for key in ("task", "protocol", "trajectories", "set"))
-
-
-def _identified(config: Config, rows: Sequence[Row]) -> set[tuple[Any, ...]]:
-    """Return the sets whose linear fit with the least penalty solves CartPole.
-
-    The criterion knows the expert's class and no learner: these rows identify the expert.
-    """
-    fit = f"linear_{min(config.shrinkages, default=0.0):g}"
-    return {_source_of(row) for row in rows if row.get(fit, 0.0) >= SOLVED}
-
-
-def _base(policies: Sequence[Row], variants: Sequence[Row]) -> list[Row]:
-    """Return the rows that the ablations are compared with: of the same sets."""
-    rows = matching(policies, task="CartPole", protocol="rows", trajectories=1)
-    changed, sets = {variant.of for variant in VARIANTS.values()}, set(column(variants, "set"))
-    return [row for row in rows if row["method"] in changed and row["set"] in sets]
-
-
-def _pooled(rows: Sequence[Row], *keys: str) -> list[Row]:
+def pooled(rows: Sequence[Row], *keys: str) -> list[Row]:
     """Return mean, worst and spread over sets and seeds, and those of the sets' ensembles."""
-    pooled = []
+    means = []
     for values, group in groups(rows, *keys).items():
         single = [row for row in group if row["seed"] != "ensemble"]
         joint = column(matching(group, seed="ensemble"), "mean_return")
         returns = np.array(column(single, "mean_return"))
-        of_sets = [
-            np.mean(column(rows_of_set, "mean_return"))
-            for rows_of_set in groups(single, "set").values()
-        ]
-        pooled.append(
+        of_sets = list(_set_means(single).values())
+        means.append(
             dict(zip(keys, values, strict=True))
             | {
                 "policies": len(returns),
@@ -271,52 +200,37 @@ def _pooled(rows: Sequence[Row], *keys: str) -> list[Row]:
                 "ensemble_worst": float(min(joint)),
             }
         )
-    return pooled
+    return means
 
 
-def _differences(rows: Sequence[Row]) -> list[Row]:
+def _set_means(rows: Sequence[Row]) -> dict[Any, float]:
+    """Return the mean return of the single policies of each set."""
+    single = groups([row for row in rows if row["seed"] != "ensemble"], "set")
+    return {key: float(np.mean(column(group, "mean_return"))) for key, group in single.items()}
+
+
+def differences(rows: Sequence[Row]) -> list[Row]:
     """Test the pairs of methods, paired over sets of demonstrations; Holm over all."""
     tests = []
-    for (task, protocol, count), group in groups(rows, "task", "protocol", "trajectories").items():
+    for values, group in groups(rows, *KEYS).items():
         for first, second in PAIRS:
-            means = [_set_means(group, name) for name in (first, second)]
-            if min(map(len, means)) > 1:
-                label = {"task": task, "protocol": protocol, "trajectories": count}
-                label |= {"first": first, "second": second}
-                tests.append(paired_row(label, *means))
+            sides = [_set_means(matching(group, method=name)) for name in (first, second)]
+            if min(map(len, sides)) > 1:
+                label = dict(zip(KEYS, values, strict=True)) | {"first": first, "second": second}
+                tests.append(paired_row(label, *([of[key] for key in sorted(of)] for of in sides)))
     return with_holm(tests)
 
 
-def _set_means(rows: Sequence[Row], method: str) -> list[float]:
-    single = [row for row in matching(rows, method=method) if row["seed"] != "ensemble"]
-    sets = groups(single, "set")
-    return [float(np.mean(column(sets[key], "mean_return"))) for key in sorted(sets)]
-
-
-def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Nest the pooled returns by task, protocol, trajectories and method."""
-    names = ("mean", "worst", "solved", "ensemble_mean")
-    keys = ("task", "protocol", "trajectories", "method")
-    summary = nested(tables["pooled"], *keys, keep=names)
-    for row in tables["identified"]:
-        level = summary
-        for key in keys:
-            level = level[str(row[key])]
-        level["identified"] = {
-            "mean": row["mean"],
-            "worst": row["worst"],
-            "policies": row["policies"],
-        }
-    for (task,), rows in groups(tables["data"], "task").items():
-        summary[task]["expert"] = float(np.mean(column(rows, "expert_return")))
-    return summary
-
-
-STUDY = Study(
-    name="classic-control",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw,
-    view=views,
-    jobs=_plan,
-)
+def views(results: Results) -> Sequence[View]:
+    """Return the tables to print."""
+    tables, hidden = results.tables, ("best", "deviation_of_sets")
+    titles = {
+        "pooled": "Over all sets of demonstrations and seeds",
+        "differences": "Pairs of methods, over sets of demonstrations",
+        "ablations": "CartPole, one row of each block, one changed",
+    }
+    return [
+        View([{key: row[key] for key in row if key not in hidden} for row in tables[name]], title)
+        for name, title in titles.items()
+        if name in tables
+    ]

@@ -10,7 +10,7 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from socialiq.demonstrations.variants import Symmetry
@@ -118,15 +118,15 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
 def returns(
     task: Task, act: Callable[[np.ndarray], np.ndarray], episodes: int, seed: int
 ) -> np.ndarray:
-    """Return the undiscounted return of each of some episodes, side by side.
+    """Return the undiscounted returns of episodes side by side, from the first states of a seed.
 
-    Args:
-        task: The task.
-        act: From observations, (episodes, features), to actions, (episodes,).
-        episodes: Number of episodes.
-        seed: Seed of the first states.
+    `act` goes from observations, (episodes, features), to actions, (episodes,).
     """
-    envs = _side_by_side(task, episodes)
+    if gymnasium.spec(task.env).vector_entry_point is not None:  # in one array
+        envs = gymnasium.make_vec(task.env, episodes, vectorization_mode="vector_entry_point")
+    else:
+        makers = [lambda: make_env(task)] * episodes
+        envs = SyncVectorEnv(makers, autoreset_mode=AutoresetMode.NEXT_STEP)
     observation, _ = envs.reset(seed=seed)
     total, running = np.zeros(episodes), np.ones(episodes, bool)
     while running.any():
@@ -135,15 +135,6 @@ def returns(
         running &= ~(terminated | truncated)
     envs.close()
     return total
-
-
-def _side_by_side(task: Task, episodes: int) -> VectorEnv[Any, Any, Any]:
-    """Return environments that step together: in one array where Gymnasium can."""
-    if gymnasium.spec(task.env).vector_entry_point is not None:
-        return gymnasium.make_vec(task.env, episodes, vectorization_mode="vector_entry_point")
-    return SyncVectorEnv(
-        [lambda: make_env(task)] * episodes, autoreset_mode=AutoresetMode.NEXT_STEP
-    )
 
 
 GRAVITY, CART, POLE, HALF_LENGTH = 9.8, 1.0, 0.1, 0.5

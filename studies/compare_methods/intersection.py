@@ -7,17 +7,15 @@ is fast at. Episodes are driven by the compiled core, on as many processes as th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.road_training import source_of
-from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
@@ -26,161 +24,100 @@ from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
-from socialiq_lab.comparison_runs import (
-    Arena,
+from socialiq_lab import comparison_runs
+from socialiq_lab.comparison import (
+    DEVELOPMENT,
+    FRESH,
     Method,
     Setting,
-    runs_of,
+    declared_methods,
     setting_name,
 )
-from socialiq_lab.intersection.demonstration_sets import (
-    DEMONSTRATIONS,
-    MIXTURE,
-    RECORDED_EPISODES,
-    SIZE,
-    atlas_demonstrations,
-    mixture_of,
-)
-from socialiq_lab.intersection.driving import BATCH, EpisodesRun
+from socialiq_lab.comparison_runs import Arena
+from socialiq_lab.comparison_tables import ROWS, GridRuns
+from socialiq_lab.intersection import demonstration_sets as recorded
+from socialiq_lab.intersection.driving import BATCH, FIRST_EPISODE, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
-from studies.compare_methods.methods import BY_NAME
-from studies.compare_methods.training import LEARNERS
+from socialiq_lab.registry import declaration
+from studies.compare_methods.learners import LEARNERS
 
 WORLD = "intersection"
 
-NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
+METHODS = declared_methods(declaration("compare-methods"))
+"""The comparison's rows by name."""
 
 FIRST_DEVELOPMENT = 50_000_000
 """Seed of the first episode on which settings are chosen."""
 
-ROWS, SPEED = "rows.csv", "speed.csv"
-"""Files of a job: a row for each policy and angle; updates per second."""
-
-POLICIES = "policies.csv"
-"""File of a training job: the file of the policy of each setting, seed and angle."""
+SPEED, POLICIES = "speed.csv", "policies.csv"
+"""Files of a training job: updates per second; the file of the policy of each run and angle."""
 
 DEMONSTRATORS = "references/intersection"
 """Job that drives the demonstrators."""
 
+ENVIRONMENTS = 12
+"""Intersections side by side in which a learner acts."""
 
-@dataclass(frozen=True, kw_only=True)
-class IntersectionRuns:
-    """Runs of a method at every angle, setting and seed."""
 
-    method: str
-    structure: iq.IQLearnConfig
-    numbers: iq.IQLearnHyperparameters
-    updates: int
-    """Of each network."""
-    angles: tuple[float, ...]
-    settings: tuple[Setting, ...]
-    seeds: tuple[int, ...]
-    environments: int = 12
-    options: Options = field(default_factory=Options)
-    mixture: str = MIXTURE
-    size: int = SIZE
+@dataclass(frozen=True)
+class IntersectionRuns(GridRuns):
+    """Runs with networks of `hidden` layers, at the rates of the world in place of the others."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    batch_size: int = 64
 
 
 @dataclass(frozen=True, kw_only=True)
 class Driving(EpisodesRun):
-    """Episodes of a method's policies of one setting and seed, at every angle."""
+    """Episodes of a method's greedy policies of one setting and seed, at every angle."""
 
     method: str
     setting: Setting
     seed: int
     angles: tuple[float, ...]
-    readouts: tuple[str, ...] = ("greedy",)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemonstratorsRun(EpisodesRun):
-    """Episodes of the demonstrators, scored at every angle."""
+    """Episodes of the demonstrators of these SHA-256, scored at every angle."""
 
     angles: tuple[float, ...]
     sha256: tuple[str, ...]
-    """SHA-256 of the demonstrators."""
 
 
-def structure(config: Any) -> iq.IQLearnConfig:
-    """Return the static config of every method: a network that sees vehicles as a set."""
-    return dataclasses.replace(
-        presets.INTERSECTION_CALIBRATED,
-        view="set",
-        hidden=config.intersection_hidden,
-        batch_size=config.intersection_batch,
-        replay_capacity=100_000,
-    )
-
-
-def demonstrations() -> Job:
-    """Return the job that records the demonstrations."""
-    return atlas_demonstrations(RECORDED_EPISODES)
-
-
-def demonstrators(config: Any) -> Job:
-    """Return the job that drives the demonstrators on the episodes of the table."""
-    sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
-    run = DemonstratorsRun(angles=config.angles, sha256=sha256, episodes=config.episodes)
-    return Job(DEMONSTRATORS, drive_demonstrators, run, cost=5.0)
+def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
+    """Yield the job that records the demonstrations, and the one that drives the demonstrators."""
+    yield recorded.atlas_demonstrations(recorded.RECORDED_EPISODES)
+    if phase == FRESH:
+        sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
+        run = DemonstratorsRun(angles=config.angles, sha256=sha256, episodes=config.episodes)
+        yield Job(DEMONSTRATORS, drive_demonstrators, run, cost=5.0)
 
 
 def jobs_of(
-    config: Any,
-    phase: str,
-    method: Method,
-    updates: int,
-    angles: tuple[float, ...],
-    settings: Sequence[Setting],
-    seeds: Sequence[int],
-    first_seed: int,
+    config: Any, phase: str, method: Method, updates: int, settings: tuple[Setting, ...]
 ) -> Iterator[Job]:
     """Yield the job that trains a method, and one that drives for each setting and seed.
 
-    Args:
-        config: The comparison.
-        phase: Name of the phase, part of the jobs' names.
-        method: The method.
-        updates: Gradient steps of each network.
-        angles: Target angles in degrees.
-        settings: Settings of the method's grid.
-        seeds: Training seeds.
-        first_seed: Seed of the first episode.
+    `updates` are the gradient steps of each network.
     """
-    runs = IntersectionRuns(
-        method=method.name,
-        structure=structure(config),
-        numbers=NUMBERS,
-        updates=updates,
-        angles=angles,
-        settings=tuple(settings),
-        seeds=tuple(seeds),
-    )
-    count = len(settings) * len(seeds)
-    steps = updates * len(method.served(angles))
-    training = trained(phase, method)
-    yield Job(training, train_method, runs, (DEMONSTRATIONS,), 20.0 + count * steps / 300)
-    for setting in settings:
-        for seed in seeds:
-            episodes = Driving(
-                method=method.name,
-                setting=setting,
-                seed=seed,
-                angles=angles,
-                episodes=config.episodes,
-                first_seed=first_seed,
-            )
-            name = _name(phase, method, setting, seed)
-            yield Job(name, drive, episodes, (training,), 1.0 * len(angles))
-
-
-def trained(phase: str, method: Method) -> str:
-    """Return the folder of a method's training."""
-    return f"training/{WORLD}/{phase}/{method.name}"
-
-
-def _name(phase: str, method: Method, setting: Setting, seed: int) -> str:
-    number = method.settings.index(setting)
-    return f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
+    shape = {"hidden": config.intersection_hidden, "batch_size": config.intersection_batch}
+    runs = IntersectionRuns.of(config, phase, WORLD, method, settings, updates, **shape)
+    steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
+    training = f"training/{WORLD}/{phase}/{method.name}"
+    yield Job(training, train_method, runs, (recorded.DEMONSTRATIONS,), 20.0 + steps / 300)
+    for setting, seed in [(setting, seed) for setting in settings for seed in runs.seeds]:
+        episodes = Driving(
+            method=method.name,
+            setting=setting,
+            seed=seed,
+            angles=runs.angles,
+            episodes=config.episodes,
+            first_seed=FIRST_DEVELOPMENT if phase == DEVELOPMENT else FIRST_EPISODE,
+        )
+        number = method.settings.index(setting)
+        name = f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
+        yield Job(name, drive, episodes, (training,), 1.0 * len(runs.angles))
 
 
 def train_method(
@@ -190,11 +127,31 @@ def train_method(
     on_progress: ProgressCallback,
 ) -> None:
     """Train every run; write their policies, which file serves which angle, and the speed."""
-    method, (recordings,) = BY_NAME[config.method], inputs.values()
-    arena = _arena(config, recordings, on_progress)
+    method, (recordings,) = METHODS[config.method], inputs.values()
+    static = presets.INTERSECTION_CALIBRATED
+    steps = config.updates * static.env_steps_per_update
+    arena = Arena(
+        dataclasses.replace(
+            static,
+            view="set",  # a network that sees vehicles as a set
+            hidden=config.hidden,
+            batch_size=config.batch_size,
+            replay_capacity=min(100_000, steps),
+        ),
+        dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
+        config.updates,
+        [
+            recorded.mixture_of(recordings, recorded.MIXTURE, recorded.SIZE, seed)
+            for seed in config.seeds
+        ],
+        None,
+        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
+        lambda report: on_progress(0.9 * report.done / report.total),
+        advantage="advantage_fitted",
+    )
     served = method.served(config.angles)
-    runs = runs_of(config.settings, served, config.seeds)
-    policies = LEARNERS[method.learner](arena, method, runs)
+    runs = comparison_runs.runs_of(config.settings, served, config.seeds)
+    policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
     rows: list[Row] = []
     for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):
         files: dict[int, str] = {}
@@ -210,53 +167,29 @@ def train_method(
     on_progress(1.0)
 
 
-def _arena(config: IntersectionRuns, recordings: Path, on_progress: ProgressCallback) -> Arena:
-    """Return the inputs of a method: a mixture for each seed, and intersections to act in."""
-    steps = config.updates * config.structure.env_steps_per_update
-    capacity = min(config.structure.replay_capacity, steps)
-    return Arena(
-        dataclasses.replace(config.structure, replay_capacity=capacity),
-        config.numbers,
-        config.updates,
-        [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds],
-        None,
-        lambda steps: source_of(config.options, config.environments, -(-steps // Arena.chunk)),
-        lambda report: on_progress(0.9 * report.done / report.total),
-        advantage="advantage_fitted",
-    )
-
-
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Drive each policy once, and write a row for each angle and action selection."""
-    (trained,) = inputs.values()
-    label_and_seed = (setting_name(config.setting), config.seed)
-    driven: dict[tuple[str, str], Metrics] = {}
+    """Drive each policy once, and write a row for each angle."""
+    (training,) = inputs.values()
+    label = {"world": WORLD, "method": config.method, "setting": setting_name(config.setting)}
+    driven: dict[str, Metrics] = {}
     rows: list[Row] = []
-    for row in from_csv(trained / POLICIES):
-        if (row["setting"], row["seed"]) != label_and_seed:
+    for row in from_csv(training / POLICIES):
+        if (row["setting"], row["seed"]) != (label["setting"], config.seed):
             continue
-        for readout in config.readouts:
-            key = str(row["file"]), readout
-            if key not in driven:
-                driven[key] = _driven(config, QPolicy.load(trained / key[0]), readout)
-            label = {"world": WORLD, "method": config.method, "setting": label_and_seed[0]}
-            label |= {
-                "target_angle": row["target_angle"],
-                "readout": readout,
-                "seed": label_and_seed[1],
-            }
-            metrics = driven[key]
-            value = {"value": metrics.value(row["target_angle"]), "regret": ""}
-            rows.append(label | metrics._asdict() | value)
-        on_progress(len(rows) / len(config.angles) / len(config.readouts))
+        file, angle = str(row["file"]), row["target_angle"]
+        if file not in driven:
+            driven[file] = _driven(config, QPolicy.load(training / file))
+        labels = {"target_angle": angle, "readout": "greedy", "seed": config.seed}
+        value = {"value": driven[file].value(angle), "regret": ""}
+        rows.append(label | labels | driven[file]._asdict() | value)
+        on_progress(len(rows) / len(config.angles))
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
 
 
-def _driven(config: EpisodesRun, policy: Policy, readout: str = "greedy") -> Metrics:
-    batch = Batch(config.options, BATCH)
-    return episodes_of(batch, policy, config.seeds, deterministic=readout == "greedy").metrics()
+def _driven(config: EpisodesRun, policy: Policy) -> Metrics:
+    return episodes_of(Batch(config.options, BATCH), policy, config.seeds).metrics()
 
 
 def drive_demonstrators(
@@ -273,12 +206,3 @@ def drive_demonstrators(
             row[mode] = metrics.value(row["target_angle"])
         on_progress(number / len(MODES))
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
-
-
-def rows_of(
-    work: Path, phase: str, method: Method, settings: Sequence[Setting], seeds: Sequence[int]
-) -> Iterator[Row]:
-    """Yield the rows of a method's jobs."""
-    for setting in settings:
-        for seed in seeds:
-            yield from from_csv(work / _name(phase, method, setting, seed) / ROWS)

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.social.angle import exact_weights
-from socialiq_lab.comparison_runs import Arena, Method, Run
+from socialiq_lab.comparison import Method
+from socialiq_lab.comparison_runs import Arena, Run
 from socialiq_lab.jobs import Job, ProgressCallback
-from studies.compare_methods.methods import PEERS
 
 PYTHON = Path("venv", "Scripts" if sys.platform == "win32" else "bin", "python")
 """Interpreter of an environment, in its job's folder."""
@@ -33,9 +33,8 @@ TAKEN, REQUESTS, MADE = "world.npz", "requests.json", "policies.npz"
 
 @dataclass(frozen=True)
 class Environment:
-    """Environment of a library: its name, and the pins that pip is given."""
+    """Environment of a library, by the pins that pip is given."""
 
-    library: str
     pins: str
 
 
@@ -56,14 +55,8 @@ def scripts() -> Path:
 
 def environment_job(library: str) -> Job:
     """Return the job that makes the environment of a library."""
-    pins = (scripts() / f"{library}.txt").read_text()
-    environment = Environment(library, pins)
-    return Job(environment_name(library), make_environment, environment, cost=200.0)
-
-
-def environment_name(library: str) -> str:
-    """Return the folder of an environment."""
-    return f"environments/{library}"
+    environment = Environment((scripts() / f"{library}.txt").read_text())
+    return Job(f"environments/{library}", make_environment, environment, cost=200.0)
 
 
 def make_environment(
@@ -92,28 +85,20 @@ def train_tabular(
 ) -> list[dict[float, np.ndarray]]:
     """Train every run with a script; return its action probabilities by angle.
 
-    Args:
-        arena: Budget, settings and demonstrations.
-        ground: The world.
-        method: The method.
-        runs: Training runs.
-        served: Angles that the network of each trained angle serves.
-        environment: Folder of the library's environment.
-        folder: Folder for the exchanged files.
+    `served` has the angles that the network of each trained angle serves; `environment` is the
+    folder of the library's, and `folder` holds the exchanged files.
     """
-    datasets, placed = list(arena.datasets), list(runs)
-    if method.serves == "mode":
-        datasets, placed = arena.of_each_mode(runs)
+    if method.of_mode:
+        arena, runs = arena.of_each_mode(runs)
     exchanged = world_arrays(ground)
-    for number, data in enumerate(datasets):
-        exchanged |= {f"observation_{number}": data.observation, f"action_{number}": data.action}
-        exchanged |= {f"starts_{number}": data.episode_starts}
-        exchanged |= {f"next_observation_{number}": data.next_observation}
-        exchanged |= {f"ending_{number}": data.ending}
+    for number, data in enumerate(arena.datasets):
+        for name in ("observation", "action", "next_observation", "ending"):
+            exchanged[f"{name}_{number}"] = getattr(data, name)
+        exchanged[f"starts_{number}"] = data.episode_starts
     np.savez(folder / TAKEN, allow_pickle=False, **exchanged)
-    requests = [request(arena, method, run, served[run.angle]) for run in placed]
+    requests = [request(arena, method, run, served[run.angle]) for run in runs]
     (folder / REQUESTS).write_text(json.dumps(requests))
-    script = scripts() / f"{PEERS[method.learner]}_peer.py"
+    script = scripts() / f"{method.peer}_peer.py"
     _call([str(environment / PYTHON), str(script), str(folder)], folder)
     with np.load(folder / MADE) as arrays:
         arena.rates.append(float(arrays["updates_per_second"]))
@@ -122,7 +107,7 @@ def train_tabular(
                 angle: checked(arrays[f"policy_{number}_{index}"], ground)
                 for index, angle in enumerate(served[run.angle])
             }
-            for number, run in enumerate(placed)
+            for number, run in enumerate(runs)
         ]
     for file in (TAKEN, REQUESTS, MADE):
         (folder / file).unlink()
@@ -130,14 +115,7 @@ def train_tabular(
 
 
 def request(arena: Arena, method: Method, run: Run, angles: Sequence[float]) -> dict[str, Any]:
-    """Return what a script needs to know of a run, JSON-able.
-
-    Args:
-        arena: Budget and settings of the comparison.
-        method: The method.
-        run: The run, whose own settings come first.
-        angles: Angles that it serves.
-    """
+    """Return what a script needs to know of a run that serves these angles, JSON-able."""
     return {
         "learner": method.learner,
         "dataset": run.dataset,

@@ -5,9 +5,8 @@ Every method of a world has the same updates, environment steps, network, rates 
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,38 +15,38 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.train import train as train_dial
-from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import losses, presets
-from socialiq.results_folder import Results, as_csv, from_csv
+from socialiq.learners.iq_learn import config as presets
+from socialiq.learners.iq_learn import losses
+from socialiq.results_folder import Results, as_csv
 from socialiq.social.angle import angle_difference, score, weights
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq_lab import comparison
-from socialiq_lab.comparison import EPISODES_EACH, GRIDWORLDS, nearest_mode, of_modes
-from socialiq_lab.comparison_figures import angle_figure
-from socialiq_lab.comparison_runs import (
-    Arena,
-    GridRuns,
-    Learner,
+from socialiq_lab import comparison_runs, comparison_tables
+from socialiq_lab.comparison import (
+    DEVELOPMENT,
+    FRESH,
+    GRIDWORLDS,
     Method,
-    Run,
-    in_programs,
-    iq_learn,
-    offline,
+    check_choices,
+    declared_methods,
+    nearest_mode,
+    of_modes,
     product,
-    reinforcement,
-    rows_of,
-    runs_of,
 )
+from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
+from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.study import Context, Findings, Study, View
+from socialiq_lab.registry import declaration
+from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, with_holm
+
+METHODS = declared_methods(declaration("compare-priors"))
+"""The comparison's rows by name."""
 
 THESIS_STRENGTHS = {"crossing5": presets.POC_STRENGTH, "crossing7": presets.GRID_STRENGTH}
 """λ of each world's own study, also in the column of methods without one."""
@@ -55,95 +54,15 @@ THESIS_STRENGTHS = {"crossing5": presets.POC_STRENGTH, "crossing7": presets.GRID
 FASTER = 3
 """Factor on the learning rates of 6.2, with a third of its updates: the table costs a third."""
 
-DEVELOPMENT, FRESH, ROWS = "development", "fresh", "rows.csv"
 KEYS = ("world", "method", "strength", "target_angle", "readout")
 
-# ----------------------------------------------------------------------------------------------
-# Methods
-# ----------------------------------------------------------------------------------------------
-
-SCALES = product(strength=(1.0, 3.0, 10.0))
-"""λ (or 1/τ_w) that can be chosen."""
-
-METHODS = (
-    Method("none", "IQ-Learn, no prior", "none", (), serves="all"),
-    Method("thesis", "running returns, the thesis' λ", "running", ()),
-    Method("running", "running returns", "running", SCALES),
-    Method("to_go", "returns-to-go", "to_go", SCALES),
-    Method("trajectory", "whole-episode returns", "trajectory", SCALES),
-    Method("instantaneous", "instantaneous rewards", "instantaneous", SCALES),
-    Method("advantage", "advantages", "advantage", SCALES),
-    Method("shifted_chi2", "shifted χ², instantaneous", "shifted_chi2", SCALES),
-    # In term 1 the shift has no gradient, whatever λ and angle (tests/identities).
-    Method("bellman_shift", "Bellman shift, term 1", "bellman_shift", (), serves="all"),
-    Method("bellman_shift_1_3", "Bellman shift, terms 1 and 3", "bellman_shift_1_3", SCALES),
-    Method("reweighting", "reweighting", "reweighting", SCALES),
-    Method("dial", "the dial, one network", "dial", SCALES, serves="all"),
-    Method("clone", "BC, pooled", "clone", (), serves="all"),
-    Method("clone_of_mode", "BC of the nearest mode", "clone_of_mode", ()),
-    Method("clone_weighted", "BC weighted by R(α)", "clone_weighted", SCALES),
-    Method("cql", "CQL on λ R(α)", "cql", SCALES),
-    # The temperature of deep Q-learning has no meaning.
-    Method("rl", "RL on R(α), no demonstrations", "rl", (), soft=False),
-)
-"""Rows of the comparison; those without settings have no λ."""
-
-BY_NAME = {method.name: method for method in METHODS}
-
-
-def scaled(learner: Learner, *names: str) -> Learner:
-    """Return a learner that is given a run's λ under the names of its own settings."""
-
-    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-        placed = []
-        for run in runs:
-            strength = dict(run.setting)["strength"]
-            values = {"strength": strength, "reweight_temperature": 1 / strength}
-            placed.append(run._replace(setting=tuple((name, values[name]) for name in names)))
-        return learner(arena, method, placed)
-
-    return train
+DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
+"""Hyperparameters that a dial has in common with the other rows."""
 
 
 def prior(name: str, target_kind: str = "instantaneous", **fixed: Any) -> Learner:
-    """Return IQ-Learn with the social score at a place, and a target of the score."""
-    learner = iq_learn(prior=name, target_kind=target_kind, **fixed)
-    return scaled(learner, "strength", "reweight_temperature")
-
-
-def dial_settings(
-    base: iq.IQLearnConfig, rates: iq.IQLearnHyperparameters, updates: int, run: Run
-) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
-    """Return the settings of a dial at the budget of the other rows."""
-    names = ("hidden", "activation", "view", "endings", "replay_capacity")
-    static = dial.DialConfig(
-        **{name: getattr(base, name) for name in names},
-        updates=updates,
-        expert_batch=base.batch_size,
-        replay_batch=base.batch_size,
-        environments=base.env_steps_per_update,
-    )
-    names = ("temperature", "learning_rate", "discount", "polyak")
-    numbers: dict[str, Any] = {name: getattr(rates, name) for name in names}
-    numbers |= dict(run.setting)
-    numbers |= {"final_rate": 1.0, "seed": run.seed, "dataset": run.dataset}
-    return static, dial.DialHyperparameters(**numbers)
-
-
-def train_dials(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
-    """Train a network for all angles of a seed and λ, at the other rows' budget of an angle."""
-    budget = arena.structure, arena.numbers, arena.updates
-    return in_programs(
-        [dial_settings(*budget, run) for run in runs],
-        lambda static, numbers: train_dial(
-            static,
-            numbers,
-            arena.datasets,
-            arena.world,
-            callbacks=arena.callbacks(),
-            chunk=arena.chunk,
-        ),
-    )
+    """Return IQ-Learn with the social score at a point of the objective, and its target."""
+    return iq_learn(prior=name, target_kind=target_kind, **fixed)
 
 
 LEARNERS: Mapping[str, Learner] = {
@@ -154,18 +73,35 @@ LEARNERS: Mapping[str, Learner] = {
     "bellman_shift": prior("bellman_shift", "running"),
     "bellman_shift_1_3": prior("bellman_shift", "running", shift_term_3=True),
     "reweighting": prior("reweighting", "running"),
-    "dial": train_dials,
-    "clone": scaled(offline(bc.BehaviourCloning), "reweight_temperature"),
-    "clone_of_mode": scaled(offline(bc.BehaviourCloning, True), "reweight_temperature"),
-    "clone_weighted": scaled(offline(bc.BehaviourCloning, weighted=True), "reweight_temperature"),
-    "cql": scaled(offline(ConservativeQ), "strength"),
-    "rl": scaled(reinforcement),
+    "dial": comparison_runs.dialled(
+        dial.DialConfig(), dial.DialHyperparameters(final_rate=1.0), *DIAL_RATES
+    ),
+    "clone": offline(bc.BehaviourCloning),
+    "clone_of_mode": offline(bc.BehaviourCloning),
+    "clone_weighted": offline(bc.BehaviourCloning, weighted=True),
+    "cql": offline(ConservativeQ),
+    "rl": comparison_runs.reinforcement,
 }
-"""By the name in `Method.learner`."""
+"""By the `learner` of a method in STUDY.toml."""
 
-# ----------------------------------------------------------------------------------------------
-# Configuration and jobs
-# ----------------------------------------------------------------------------------------------
+OWN_SCALES: Mapping[str, tuple[str, ...]] = {
+    "dial": ("strength",),
+    "cql": ("strength",),
+    "rl": (),
+    **dict.fromkeys(("clone", "clone_of_mode", "clone_weighted"), ("reweight_temperature",)),
+}
+"""Settings that are λ, or 1/λ, of learners other than IQ-Learn, which has both."""
+
+
+def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Train a method, whose learner is given a run's λ under the names of its own settings."""
+    scales = OWN_SCALES.get(method.learner, ("strength", "reweight_temperature"))
+    own_runs = []
+    for run in runs:
+        strength = dict(run.setting)["strength"]
+        values = {"strength": strength, "reweight_temperature": 1 / strength}
+        own_runs.append(run._replace(setting=tuple((name, values[name]) for name in scales)))
+    return comparison_runs.trained(LEARNERS[method.learner], arena, method, own_runs)
 
 
 @dataclass(frozen=True)
@@ -174,8 +110,8 @@ class Config:
 
     worlds: tuple[str, ...] = GRIDWORLDS
     """Worlds of the comparison."""
-    methods: tuple[str, ...] = tuple(BY_NAME)
-    """Names of `METHODS`."""
+    methods: tuple[str, ...] = tuple(METHODS)
+    """Names of the methods of STUDY.toml."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """Target angles in degrees."""
     development_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
@@ -193,78 +129,57 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown worlds and methods, empty options, and seeds used twice."""
-        names = tuple(BY_NAME)
-        comparison.check_choices(self, names, self.development_seeds, self.seeds, GRIDWORLDS)
+        check_choices(self, METHODS, GRIDWORLDS)
 
     @property
-    def rows(self) -> list[Method]:
-        """Methods in the order of the table."""
-        return [BY_NAME[name] for name in self.methods]
+    def rows(self) -> list[tuple[str, Method]]:
+        """Worlds and methods in the order of the table."""
+        return list(itertools.product(self.worlds, map(METHODS.__getitem__, self.methods)))
 
 
-def development_jobs(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return the jobs of every method with a λ, at each λ."""
     return [
         _job(config, DEVELOPMENT, world, method, config.strengths)
-        for world in config.worlds
-        for method in config.rows
+        for world, method in config.rows
         if method.settings
     ]
 
 
-def chosen_jobs(config: Config, work: Path) -> list[Job]:
+def more_jobs(config: Config, work: Path) -> list[Job]:
     """Return every method's jobs at the λ that the development jobs' folders choose."""
-    chosen = comparison.choose(list(_rows(config, DEVELOPMENT, work)), "strength")
+    developed = job_rows(jobs(config), work, DEVELOPMENT)
+    chosen = comparison_tables.choose(developed, "strength")
     return [
-        _job(config, FRESH, world, method, (strength_of(world, method, chosen),))
-        for world in config.worlds
-        for method in config.rows
+        _job(config, FRESH, world, method, (chosen.get((world, name), THESIS_STRENGTHS[world]),))
+        for world, method in config.rows
+        for name in (method.name,)
     ]
-
-
-def strength_of(world: str, method: Method, chosen: Mapping[tuple[str, str], float]) -> float:
-    """Return the λ of a method's fresh runs."""
-    return chosen[world, method.name] if method.settings else THESIS_STRENGTHS[world]
 
 
 def _job(
     config: Config, phase: str, world: str, method: Method, strengths: tuple[float, ...]
 ) -> Job:
-    fresh = phase == FRESH
-    angles = config.angles if fresh else config.development_angles
-    rates = {"learning_rate": config.learning_rate, "polyak": config.polyak}
-    run = GridRuns(
-        world,
-        method.name,
-        dataclasses.replace(presets.TABLE_C1, updates=config.updates),
-        dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
-        config.updates,
-        angles,
-        product(strength=strengths),
-        config.seeds if fresh else config.development_seeds,
-        EPISODES_EACH[world],
-        chunk=500,
-    )
-    count = len(run.seeds) * len(strengths) * len(method.served(angles))
-    return Job(_name(phase, world, method), run_method, run, cost=count + 10.0)
-
-
-def _name(phase: str, world: str, method: Method) -> str:
-    return f"priors/{world}/{phase}/{method.name}"
+    settings = product(strength=strengths)
+    run = GridRuns.of(config, phase, world, method, settings, config.updates, chunk=500)
+    count = len(run.seeds) * len(strengths) * len(method.served(run.angles))
+    return Job(f"priors/{world}/{phase}/{method.name}", run_method, run, cost=count + 10.0)
 
 
 def run_method(
     config: GridRuns, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train every run and write a row for each policy, angle and action selection."""
-    ground, method = Ground.of(config.world), BY_NAME[config.method]
+    ground, method = Ground.of(config.world), METHODS[config.method]
     arena = config.arena(ground, on_progress)
     served = method.served(config.angles)
-    runs = sorted(runs_of(config.settings, served, config.seeds), key=lambda run: run.angle)
+    runs = comparison_runs.runs_of(config.settings, served, config.seeds)
+    runs.sort(key=lambda run: run.angle)
     rows: list[Row] = []
-    for run, policy in zip(runs, LEARNERS[method.learner](arena, method, runs), strict=True):
+    for run, policy in zip(runs, train(arena, method, runs), strict=True):
         label = {"world": config.world, "method": method.name} | dict(run.setting)
-        policy_rows = rows_of(ground, method, label, run.seed, policy, served[run.angle])
+        evaluated = ground, method, label, run.seed, policy, served[run.angle]
+        policy_rows = comparison_tables.rows_of(*evaluated)
         if not hasattr(policy, "at"):  # one policy, whatever the angle
             policy_rows.sort(key=lambda row: method.readouts.index(row["readout"]))
         share = effective_share(arena, method, run)
@@ -294,55 +209,35 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
     return 1.0
 
 
-# ----------------------------------------------------------------------------------------------
-# Tables, figures, views
-# ----------------------------------------------------------------------------------------------
-
-
-def _rows(config: Config, phase: str, work: Path) -> Iterator[Row]:
-    """Yield the rows of a phase."""
-    for world, method in itertools.product(config.worlds, config.rows):
-        if phase == FRESH or method.settings:
-            yield from from_csv(work / _name(phase, world, method) / ROWS)
-
-
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which λ was chosen."""
-    developed = list(_rows(config, DEVELOPMENT, context.work))
-    fresh = list(_rows(config, FRESH, context.work))
-    pooled, aligned = means(fresh), alignment(fresh)
-    references = [comparison.references(world, config.angles) for world in config.worlds]
+    developed = job_rows(context.jobs, context.work, DEVELOPMENT)
+    fresh = job_rows(context.jobs, context.work, FRESH)
+    also = ("effective_share",)
+    pooled, aligned = comparison_tables.means(fresh, KEYS, also), alignment(fresh)
+    references = [comparison_tables.references(world, config.angles) for world in config.worlds]
+    chosen = comparison_tables.choose(developed, "strength")
+    keys = ("world", "method", "strength", "readout")
     tables = {
         "policies": fresh,
         "pooled": pooled,
-        "overall": comparison.overall(pooled, ("world", "method", "strength", "readout")),
+        "overall": comparison_tables.overall(pooled, keys),
         "alignment": aligned,
         "references": [row for rows in references for row in rows],
-        "development": means(developed),
+        "development": comparison_tables.means(developed, KEYS, also),
         "chosen": [
             {"world": world, "method": method, "strength": float(strength)}
-            for (world, method), strength in comparison.choose(developed, "strength").items()
+            for (world, method), strength in chosen.items()
         ],
     }
-    summary = summarise(pooled) | {"alignment": alignment_counts(aligned)}
-    return Findings(tables, summary)
-
-
-def means(rows: Sequence[Row]) -> list[Row]:
-    """Return means over seeds (`comparison.means`)."""
-    return comparison.means(rows, KEYS, ("effective_share",))
-
-
-def summarise(pooled: Sequence[Row]) -> dict[str, Any]:
-    """Return λ, α̂, arrival and value by world, method, action selection and target angle."""
     summary: dict[str, Any] = {}
+    names = ("value", "regret", "regret_low", "regret_high", "angle", "arrival")
     for row in pooled:
-        method = summary.setdefault(row["world"], {}).setdefault(row["method"], {})
-        method["strength"] = row["strength"]
-        entry = method.setdefault(row["readout"], {})
-        names = ("value", "regret", "regret_low", "regret_high", "angle", "arrival")
-        entry[f"{row['target_angle']:g}"] = {name: row[name] for name in names}
-    return summary
+        of_method = summary.setdefault(row["world"], {}).setdefault(row["method"], {})
+        of_method["strength"] = row["strength"]
+        at_angles = of_method.setdefault(row["readout"], {})
+        at_angles[f"{row['target_angle']:g}"] = {name: row[name] for name in names}
+    return Findings(tables, summary | {"alignment": alignment_counts(aligned)})
 
 
 def alignment(policies: Sequence[Row]) -> list[Row]:
@@ -376,20 +271,19 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
 def alignment_counts(rows: Sequence[Row]) -> dict[str, Any]:
     """Return the numbers of groups with a positive, a negative and no significant correlation."""
     sure = [row for row in rows if row["p_holm"] < 0.05]
+    ties = [row["regret_at_least_error"] <= row["least_regret"] + 1e-9 for row in rows]
     return {
         "groups": len(rows),
         "alike": sum(row["spearman"] > 0 for row in sure),
         "against": sum(row["spearman"] < 0 for row in sure),
         "neither": len(rows) - len(sure),
-        "least_error_has_least_regret": sum(
-            row["regret_at_least_error"] <= row["least_regret"] + 1e-9 for row in rows
-        ),
+        "least_error_has_least_regret": sum(ties),
     }
 
 
 def _scale(row: Row) -> float | str:
     """Return λ, or 1/τ_w, of a method that has one, else a dash."""
-    method = BY_NAME[row["method"]]
+    method = METHODS[row["method"]]
     return row["strength"] if method.settings or method.name == "thesis" else "-"
 
 
@@ -402,8 +296,8 @@ def draw_figures(results: Results) -> dict[str, Figure]:
             sign = "1/τ_w" if name in ("reweighting", "clone_weighted") else "λ"
             scale = _scale(of_method[0])
             suffix = "" if scale == "-" else f" ({sign} = {scale:g})"
-            labels[name] = BY_NAME[name].label + suffix
-        figures[world] = angle_figure(results, world, labels)
+            labels[name] = METHODS[name].label + suffix
+        figures[world] = comparison_tables.angle_figure(results, world, labels)
     return figures
 
 
@@ -412,21 +306,10 @@ def view(results: Results) -> Sequence[View]:
     views = []
     for (world, readout), rows in groups(results.tables["pooled"], "world", "readout").items():
         table = [
-            {"method": BY_NAME[method].label, "λ": _scale(group[0])}
+            {"method": METHODS[method].label, "λ": _scale(group[0])}
             | {f"{row['target_angle']:g}°": row["regret"] for row in group}
             for (method,), group in groups(rows, "method").items()
         ]
         title = f"{world}, {readout}: regret at the target angle, mean over seeds"
         views.append(View(table, title))
     return views
-
-
-STUDY = Study(
-    name="compare-priors",
-    Config=Config,
-    jobs=development_jobs,
-    more_jobs=chosen_jobs,
-    tables=compute_tables,
-    figures=draw_figures,
-    view=view,
-)

@@ -6,148 +6,96 @@ Agents of one angle whose strength follows from a budget of regret stand beside 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
-from socialiq.evaluation.exact import READOUTS
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, exact_regret, regret_at, with_clock
+from socialiq.errors import UserError
+from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
+from socialiq.evaluation.exact import (
+    READOUTS,
+    Ground,
+    action_table,
+    exact_regret,
+)
+from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.config import PRESETS, RUNS, DialConfig, DialHyperparameters
+from socialiq.learners.dial.config import PRESETS, RUNS
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.social import dial as mixtures
+from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings, StageCallback
-from socialiq_lab.tables import groups, nested, spread
-from studies.dial.evaluate import Config, TrainedDial
+from socialiq_lab.tables import column, groups, nested, spread
 
-
-class Agents(NamedTuple):
-    """Runs of one static config, each with its own budget."""
-
-    static: DialConfig
-    numbers: list[DialHyperparameters]
-    budgets: list[float]
-
-
-def budget_tables(
-    ground: Ground, config: Config, data: Sequence[Demonstrations], on_stage: StageCallback
-) -> dict[str, list[Row]]:
-    """Train an agent for each budget and seed; return the results and the paths of the multipliers.
-
-    Args:
-        ground: The world with its clock.
-        config: Configuration of the study.
-        data: A data set for each of the study's seeds.
-        on_stage: Shows progress.
-    """
-    agents = _agents(ground, config)
-    budget = Budget(exact_regret(ground, agents.static, agents.numbers), np.array(agents.budgets))
-    trained = train(
-        agents.static,
-        agents.numbers,
-        data,
-        callbacks=Callbacks(on_report=on_stage("7x7 dial, budgets")),
-        chunk=ASCENT_EVERY,
-        budget=budget,
-    )
-    rows = [_row(ground, config, agents, trained, data, run) for run in range(len(agents.numbers))]
-    path: list[Row] = [
-        {
-            "budget": agents.budgets[run],
-            "seed": numbers.seed,
-            "updates": step.updates,
-            "regret": float(step.regret[run]),
-            "multiplier": float(step.multiplier[run]),
-        }
-        for step in budget.path
-        for run, numbers in enumerate(agents.numbers)
-    ]
-    return {"budgets": rows, "budget_path": path}
-
-
-def _agents(ground: Ground, config: Config) -> Agents:
-    angle, offline = config.budget_angle, RUNS["offline"]
-    static = dataclasses.replace(
-        offline.structure,
-        low=angle,
-        high=angle,
-        margin=0.0,
-        one_hot=ground.table.world.one_hot,
-        updates=config.updates or offline.structure.updates,
-    )
-    runs = [
-        (dataclasses.replace(offline.numbers, seed=seed, dataset=config.seeds.index(seed)), epsilon)
-        for epsilon in config.budgets
-        for seed in config.budget_seeds
-    ]
-    numbers, budgets = (list(column) for column in zip(*runs, strict=True))
-    return Agents(static, numbers, budgets)
-
-
-def _row(
-    ground: Ground,
-    config: Config,
-    agents: Agents,
-    trained: Trained,
-    data: Sequence[Demonstrations],
-    run: int,
-) -> Row:
-    """Return the strength of a budget, and the demonstrations' likelihood under its policy."""
-    dial, numbers = trained.policy(run), agents.numbers[run]
-    demonstrations = data[numbers.dataset]
-    chances = dial.at(config.budget_angle).probabilities(demonstrations.observation)
-    chosen = chances[np.arange(len(demonstrations.action)), demonstrations.action]
-    return {
-        "budget": agents.budgets[run],
-        "seed": numbers.seed,
-        "angle": config.budget_angle,
-        "multiplier": float(trained.kept[run]),
-        "log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean()),
-    } | {
-        f"regret_{readout}": regret_at(ground, dial, config.budget_angle, readout)
-        for readout in READOUTS
-    }
-
-
+KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
+"""Angles in degrees whose mean regret is the key regret of a dial."""
 DIAL = "dial.safetensors"
 """File of the first run's first dial in the results folder: chosen before any was evaluated."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Seeds 0 to 9 were used in development.
+    """
+
+    seeds: tuple[int, ...] = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)  # each with its own data set
+    episodes_each: int = 60  # demonstrated, of each expert
+    runs: tuple[str, ...] = tuple(RUNS)  # names of `learners.dial.config.PRESETS`
+    updates: int | None = None  # gradient steps instead of each run's own number
+    wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
+    """Behavioural angles of the mixtures."""
+    rollouts: int = 1000  # of each requested angle, from which mixtures are estimated
+    budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
+    """ε of the agents whose strength follows from a budget of regret, beside the run `offline`."""
+    budget_angle: float = 45.0  # of these agents, in degrees
+    budget_seeds: tuple[int, ...] = (30, 31, 32)  # of their trainings, among `seeds`
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Train every run, evaluate it exactly at each degree, and set its mixtures."""
     ground = Ground.of("crossing7")
-    tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
+    grounds = {clock: ground.with_clock(clock) for clock in (True, False)}
     data = {
-        clock: trajectory_datasets(
-            with_clock(ground, clock).table, config.seeds, config.episodes_each
-        )
-        for clock in (True, False)
+        clock: trajectory_datasets(grounds[clock].table, config.seeds, config.episodes_each)
+        for clock in grounds
     }
-    ceilings = _ceilings(ground, config, data[True])
+    supports = sorted({PRESETS[name].support for name in config.runs} - {""})
+    ceilings = {
+        (kind, seed): support_ceiling(demonstrations, grounds[True].part, timed=kind == "timed")
+        for kind in supports
+        for seed, demonstrations in zip(config.seeds, data[True], strict=True)
+    }
+    tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
     files: dict[str, bytes] = {}
     for name in config.runs:
-        trained = _train(ground, config, name, data[PRESETS[name].clock], context.on_stage)
+        clock = PRESETS[name].clock
+        trained = _train(grounds[clock], config, name, data[clock], context.on_stage)
         for run, seed in enumerate(config.seeds):
-            dial = TrainedDial(
-                name, seed, trained.policy(run), with_clock(ground, PRESETS[name].clock)
-            )
-            files = files or {DIAL: _file_of(dial.dial)}
+            dial, label = trained.policy(run), {"run": name, "seed": seed}
+            files = files or {DIAL: _content(dial)}
             limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
-            for table, rows in dial.rows(config, limit):
-                tables[table] += rows
+            _evaluate(tables, label, dial, grounds[clock], config, limit)
     if "offline" in config.runs:
-        tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
+        tables |= budget_tables(grounds[True], config, data[True], context.on_stage)
     if ceilings:
-        tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
+        tables["ceilings"] = [
+            {"support": support, "seed": seed, "angle": angle, "regret": float(regret)}
+            for (support, seed), ceiling in ceilings.items()
+            for angle, regret in zip(
+                config.wanted, ceiling_regrets(ceiling, ground.optimum, config.wanted), strict=True
+            )
+        ]
     tables["pooled"] = _pooled(tables["dials"])
     tables["front"] = [
         {"r_env": float(env), "r_social": float(social)}
@@ -156,7 +104,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings(tables, {"runs": nested(tables["pooled"], "run", "readout")}, files)
 
 
-def _file_of(dial: DialPolicy) -> bytes:
+def _content(dial: DialPolicy) -> bytes:
     """Return the content of a dial's file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / DIAL
@@ -171,8 +119,8 @@ def _train(
     data: Sequence[Demonstrations],
     on_stage: StageCallback,
 ) -> Trained:
-    static, numbers, clock, _ = PRESETS[name]
-    world = with_clock(ground, clock).table.world
+    static, numbers, _, _ = PRESETS[name]
+    world = ground.table.world
     static = dataclasses.replace(
         static, one_hot=world.one_hot, updates=config.updates or static.updates
     )
@@ -189,42 +137,175 @@ def _train(
     )
 
 
-def _ceilings(
-    ground: Ground, config: Config, data: Sequence[Demonstrations]
-) -> dict[tuple[str, int], AttainableSet]:
-    """Return the best values within each data set's support, by kind of support and seed."""
-    reachable = with_clock(ground, True).part
-    supports = {PRESETS[name].support for name in config.runs} - {""}
-    return {
-        (support, seed): support_ceiling(demonstrations, reachable, timed=support == "timed")
-        for support in sorted(supports)
-        for seed, demonstrations in zip(config.seeds, data, strict=True)
-    }
-
-
-def _ceiling_rows(
-    ground: Ground, config: Config, ceilings: dict[tuple[str, int], AttainableSet]
-) -> list[Row]:
-    return [
-        {"support": support, "seed": seed, "angle": angle, "regret": float(regret)}
-        for (support, seed), ceiling in ceilings.items()
-        for angle, regret in zip(
-            config.wanted, ceiling_regrets(ceiling, ground.optimum, config.wanted), strict=True
+def _evaluate(
+    tables: dict[str, list[Row]],
+    run: Row,
+    dial: DialPolicy,
+    ground: Ground,
+    config: Config,
+    limit: AttainableSet,
+) -> None:
+    """Add the rows of a dial to the tables; `limit` has the best values within its support."""
+    best = ground.optimum.attainable
+    for readout in READOUTS:
+        label = run | {"readout": readout}
+        swept = sweep(dial, ground.part, readout)
+        regrets = dict(zip(swept.angles, swept.regrets(best).tolist(), strict=True))
+        tables["angles"] += [
+            label
+            | {"angle": angle}
+            | metrics._asdict()
+            | {"behavioural_angle": metrics.angle, "angle": angle, "regret": regrets[angle]}
+            for angle, metrics in zip(swept.angles, swept.metrics, strict=True)
+            if angle % 5 == 0
+        ]
+        settings = (
+            _settings(label, dial, ground, config, swept, limit) if readout == "greedy" else []
         )
+        tables["settings"] += settings
+        back, shares = swept.backward_steps(), column(settings, "share_of_radius")
+        supported = column(settings, "share_of_support")
+        errors = [abs(error) for error in column(settings, "estimated_angle_error") if error != ""]
+        key = float(np.mean([regrets[angle] for angle in KEY_ANGLES]))
+        lost = [best.optimum(angle).value - limit.optimum(angle).value for angle in KEY_ANGLES]
+        ceiling = float(np.mean(lost))
+        tables["dials"].append(
+            label
+            | {"key_regret": key, "ceiling": ceiling, "above_ceiling": key - ceiling}
+            | {"mean_regret": float(np.mean(list(regrets.values())))}
+            | {"worst_regret": max(regrets.values())}
+            | {"rise_r_env": back.env, "drop_r_social": back.social}
+            | {"least_share_of_radius": min(shares) if shares else ""}
+            | {"least_share_of_support": min(supported) if supported else ""}
+            | {"mean_estimated_error": float(np.mean(errors)) if errors else ""}
+            | {"worst_estimated_error": max(errors) if errors else ""}
+        )
+
+
+_SETTING = (
+    "first", "second", "share", "radius", "share_of_radius", "share_of_support",
+    "estimated_share", "estimated_angle_error", "estimated_low", "estimated_high",
+    "estimated_covers", "estimated_share_of_radius",
+)  # fmt: skip
+
+
+def _settings(
+    label: Row,
+    dial: DialPolicy,
+    ground: Ground,
+    config: Config,
+    swept: Sweep,
+    limit: AttainableSet,
+) -> list[Row]:
+    """Return the mixture for each wanted angle, exact and estimated from rollouts."""
+    best, points, seed = ground.optimum.attainable, swept.points, label["seed"]
+    totals = [
+        rollout_totals(
+            ground.part,
+            action_table(dial.at(angle), ground.part, "greedy"),
+            config.rollouts,
+            seed=1000 * seed + number,
+        )
+        for number, angle in enumerate(swept.angles)
     ]
+    estimated = np.array([episodes.mean(axis=0) for episodes in totals])
+    rows = []
+    for wanted in config.wanted:
+        row = label | {"wanted": wanted} | dict.fromkeys(_SETTING, "")
+        row |= {"share_of_radius": 0.0, "share_of_support": 0.0}
+        if exact := _reached(points, wanted):
+            row |= {
+                "first": swept.angles[exact.first],
+                "second": swept.angles[exact.second],
+                "share": exact.share,
+                "radius": exact.radius,
+                "share_of_radius": exact.radius / best.radius(wanted),
+                "share_of_support": exact.radius / limit.radius(wanted),
+            }
+        if guess := _reached(estimated, wanted):
+            achieved = mixtures.mixture(points, guess)
+            error = angle_difference(angle_of(*achieved), wanted)
+            pair = totals[guess.first], totals[guess.second]
+            interval = mixtures.mixed_angle(*pair, guess.share, seed)
+            row |= {
+                "estimated_share": guess.share,
+                "estimated_angle_error": error,
+                "estimated_low": interval.low,
+                "estimated_high": interval.high,
+                "estimated_covers": int(interval.low <= wanted + error <= interval.high),
+                "estimated_share_of_radius": float(np.hypot(*achieved)) / best.radius(wanted),
+            }
+        rows.append(row)
+    return rows
+
+
+def _reached(points: np.ndarray, angle: float) -> mixtures.Setting | None:
+    """Return the mixture of these policies at an angle, or None without one."""
+    try:
+        return mixtures.setting(points, angle)
+    except UserError:
+        return None
+
+
+def budget_tables(
+    ground: Ground, config: Config, data: Sequence[Demonstrations], on_stage: StageCallback
+) -> dict[str, list[Row]]:
+    """Train an agent for each budget and seed; return the results and the paths of the multipliers.
+
+    The world has its clock; there is a data set for each of the study's seeds.
+    """
+    angle, offline = config.budget_angle, RUNS["offline"]
+    static = dataclasses.replace(
+        offline.structure,
+        low=angle,
+        high=angle,
+        margin=0.0,
+        one_hot=ground.table.world.one_hot,
+        updates=config.updates or offline.structure.updates,
+    )
+    cells = list(itertools.product(config.budgets, config.budget_seeds))
+    numbers = [
+        dataclasses.replace(offline.numbers, seed=seed, dataset=config.seeds.index(seed))
+        for _, seed in cells
+    ]
+    budget = Budget(
+        exact_regret(ground, static, numbers), np.array([epsilon for epsilon, _ in cells])
+    )
+    callbacks = Callbacks(on_report=on_stage("7x7 dial, budgets"))
+    trained = train(static, numbers, data, callbacks=callbacks, chunk=ASCENT_EVERY, budget=budget)
+    rows: list[Row] = []
+    for run, (epsilon, seed) in enumerate(cells):
+        dial, demonstrations = trained.policy(run), data[numbers[run].dataset]
+        chances = dial.at(angle).probabilities(demonstrations.observation)
+        chosen = chances[np.arange(len(demonstrations.action)), demonstrations.action]
+        rows.append(
+            {"budget": epsilon, "seed": seed, "angle": angle}
+            | {"multiplier": float(trained.kept[run])}
+            | {"log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean())}
+            | {f"regret_{way}": ground.regret(dial, angle, way) for way in READOUTS}
+        )
+    path: list[Row] = [
+        {
+            "budget": epsilon,
+            "seed": seed,
+            "updates": step.updates,
+            "regret": float(step.regret[run]),
+            "multiplier": float(step.multiplier[run]),
+        }
+        for step in budget.path
+        for run, (epsilon, seed) in enumerate(cells)
+    ]
+    return {"budgets": rows, "budget_path": path}
 
 
 def _pooled(dials: list[Row]) -> list[Row]:
     """Mean, least and largest over seeds of every number of a run and action selection."""
-    keys = ("run", "readout")
     rows = []
-    for values, group in groups(dials, *keys).items():
-        row: Row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)}
-        for name in (name for name in group[0] if name not in (*keys, "seed")):
+    for (run, readout), group in groups(dials, "run", "readout").items():
+        row: Row = {"run": run, "readout": readout, "seeds": len(group)}
+        for name in (name for name in group[0] if name not in ("run", "readout", "seed")):
             valued = [dial for dial in group if dial[name] != ""]
-            of_seeds = (
-                spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")
-            )
-            row |= {f"{name}_{what}": value for what, value in of_seeds.items()}
+            ends = spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")
+            row |= {f"{name}_{end}": value for end, value in ends.items()}
         rows.append(row)
     return rows

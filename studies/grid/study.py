@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.evaluation.exact import action_table, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results
@@ -37,33 +39,31 @@ def expert_rows(state: State) -> list[Row]:
     return rows
 
 
-def _action_tables(state: State) -> dict[str, np.ndarray]:
-    """Return action tables by name: experts, and the figures' policies averaged over seeds."""
-    ground, config = state.ground, state.config
-    reachable = ground.table.mdp.reachable()
+def _is_of_figure(row: Row, config: Any) -> bool:
+    """Whether a policy is the baseline, or a target of the first kind and strength."""
+    settings = row["method"], row["target_kind"], row["strength"]
+    first = "reward_regularized", config.target_kinds[0], config.strengths[0]
+    is_shown = settings in (("baseline", "none", 0.0), first)
+    return is_shown and row["mixture"] == "equal_trajectories"
+
+
+def _visited(state: State) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield name, action table and visits of experts, and of the figures' policies over seeds."""
+    ground, names = state.ground, {angle: mode for mode, angle in MODES.items()}
     tables = {
-        f"expert {mode}": expert_policy(ground.table, angle)[reachable]
+        f"expert {mode}": [expert_policy(ground.table, angle)[ground.table.mdp.reachable()]]
         for mode, angle in MODES.items()
     }
-    first = ("reward_regularized", config.target_kinds[0], config.strengths[0])
-    for name, angle in {"baseline": 0.0, **MODES}.items():
-        labels = ("baseline", "none", 0.0) if name == "baseline" else first
-        policies = [
-            learned.policy
-            for learned in state.policies
-            if (learned.label["method"], learned.label["target_kind"], learned.label["strength"])
-            == labels
-            and learned.label["mixture"] == "equal_trajectories"
-            and learned.label["target_angle"] == angle
-        ]
-        action_tables = [action_table(policy, ground.part, "greedy") for policy in policies]
-        tables[name] = np.mean(action_tables, axis=0)
-    return tables
-
-
-def _visits(state: State, table: np.ndarray) -> np.ndarray:
-    reachable = state.ground.part
-    return horizon_evaluation(reachable.mdp, table, reachable.world.horizon).visits.sum(axis=1)
+    for learned in state.policies:
+        if _is_of_figure(learned.label, state.config):
+            is_baseline = learned.label["method"] == "baseline"
+            name = "baseline" if is_baseline else names[learned.label["target_angle"]]
+            table = action_table(learned.policy, ground.part, "greedy")
+            tables.setdefault(name, []).append(table)
+    for name, of_seeds in tables.items():
+        table = np.mean(of_seeds, axis=0)
+        horizon = ground.part.world.horizon
+        yield name, table, horizon_evaluation(ground.part.mdp, table, horizon).visits.sum(axis=1)
 
 
 def heatmap_rows(state: State) -> list[Row]:
@@ -73,51 +73,30 @@ def heatmap_rows(state: State) -> list[Row]:
     `unweighted` averages over all reachable states, also those that don't occur.
     """
     states = state.ground.part.states
-    decision = states[:, 0] == 2
     rows = []
-    for name, table in _action_tables(state).items():
-        visits = _visits(state, table)
-        for y_1 in range(-1, 7):
-            for y_2 in range(-1, 7):
-                chosen = decision & (states[:, 2] == y_1) & (states[:, 4] == y_2)
-                if not chosen.any():
-                    continue
-                weight = float(visits[chosen].sum())
-                stop = table[chosen, 0]
-                rows.append(
-                    {
-                        "policy": name,
-                        "y_1": y_1,
-                        "y_2": y_2,
-                        "visits": weight,
-                        "weighted": float(visits[chosen] @ stop) / weight if weight > 1e-9 else "",
-                        "unweighted": float(stop.mean()),
-                    }
-                )
+    for name, table, visits in _visited(state):
+        for y_1, y_2 in itertools.product(range(-1, 7), repeat=2):
+            chosen = (states[:, 0] == 2) & (states[:, 2] == y_1) & (states[:, 4] == y_2)
+            if chosen.any():
+                weight, stop = float(visits[chosen].sum()), table[chosen, 0]
+                weighted = float(visits[chosen] @ stop) / weight if weight > 1e-9 else ""
+                label = {"policy": name, "y_1": y_1, "y_2": y_2, "visits": weight}
+                rows.append(label | {"weighted": weighted, "unweighted": float(stop.mean())})
     return rows
 
 
 def distance_rows(state: State) -> list[Row]:
     """Return P(STOP) before the conflict by the distance of the nearest approaching vehicle."""
     states = state.ground.part.states
-    decision = states[:, 0] == 2
     gaps = np.where((states[:, [2, 4]] >= 0) & (states[:, [2, 4]] < 3), 3 - states[:, [2, 4]], 9)
-    nearest = gaps.min(axis=1)
     rows = []
-    for name, table in _action_tables(state).items():
-        visits = _visits(state, table)
+    for name, table, visits in _visited(state):
         for distance in (1, 2, 3, 9):
-            chosen = decision & (nearest == distance)
+            chosen = (states[:, 0] == 2) & (gaps.min(axis=1) == distance)
             weight = float(visits[chosen].sum())
-            stops = float(visits[chosen] @ table[chosen, 0])
-            rows.append(
-                {
-                    "policy": name,
-                    "distance": distance if distance < 9 else "none approaching",
-                    "visits": weight,
-                    "stops": stops / weight if weight > 1e-9 else "",
-                }
-            )
+            stops = float(visits[chosen] @ table[chosen, 0]) / weight if weight > 1e-9 else ""
+            label = {"policy": name, "distance": distance if distance < 9 else "none approaching"}
+            rows.append(label | {"visits": weight, "stops": stops})
     return rows
 
 
@@ -158,18 +137,16 @@ def data_rows(state: State) -> list[Row]:
 
 def summary(state: State) -> dict[str, Any]:
     """Return pooled metrics of the figures' policies and the experts, by name."""
-    config = state.config
     chosen: dict[str, dict] = {}
     names = {angle: mode for mode, angle in MODES.items()}
-    first = ("reward_regularized", config.target_kinds[0], config.strengths[0])
     for row in state.tables["pooled"]:
-        values = {key: row[key] for key in row if key not in KEYS}
-        if row["mixture"] != "equal_trajectories":
+        if not _is_of_figure(row, state.config):
             continue
+        values = {key: row[key] for key in row if key not in KEYS}
         if row["method"] == "baseline":
             entry = chosen.setdefault(f"baseline_{row['readout']}", values)
             entry[f"regret_at_{row['target_angle']:g}"] = row["regret"]
-        elif (row["method"], row["target_kind"], row["strength"]) == first:
+        else:
             chosen[f"{names[row['target_angle']]}_{row['readout']}"] = values
     return {"policies": chosen, "experts": {row["mode"]: row for row in state.tables["experts"]}}
 

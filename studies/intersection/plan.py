@@ -5,42 +5,22 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Any
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.view import CHOICES
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
-from socialiq_lab.intersection.demonstration_sets import (
-    DEMONSTRATIONS,
-    MIXTURE,
-    RECORDED_EPISODES,
-    SIZE,
-    Recording,
-    record_demonstrations,
-)
-from socialiq_lab.intersection.driving import EPISODES, HIGHWAY_EPISODES, Evaluation, evaluate
-from socialiq_lab.intersection.experts import (
-    EXPERT_STEPS,
-    evaluations,
-    expert_name,
-    finer,
-    flat_expert,
-    on_highway,
-    policy_file,
-)
-from socialiq_lab.intersection.training import (
-    ExpertRun,
-    LearnerRun,
-    train_expert,
-    train_learner,
-)
+from socialiq_lab.intersection import demonstration_sets as sets
+from socialiq_lab.intersection import driving
+from socialiq_lab.intersection.driving import BEST, LAST, Driving, evaluation
+from socialiq_lab.intersection.training import ExpertRun, LearnerRun, train_expert, train_learner
 from socialiq_lab.jobs import Job
 
 PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
@@ -54,54 +34,6 @@ PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
 - timeouts: experts that bootstrap through the end of time.
 - views: changes between the flat network and one that reads a set of vehicles, one by one.
 """
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study. Seeds below 10, 20 and above 100 were used in development."""
-
-    parts: tuple[str, ...] = PARTS
-    """Parts to run; main is always among them."""
-    seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
-    """Training seeds of learners, each with a mixture of its own."""
-    expert_seed: int = 40
-    """Training seed of the expert trio that gives the demonstrations."""
-    ablation_seeds: tuple[int, ...] = (30, 31)
-    """Training seeds of the ablations."""
-    expert_steps: int = EXPERT_STEPS
-    """Environment steps of the trio (thesis 5.2)."""
-    view_steps: int = 600_000
-    """Environment steps of the ablation of views."""
-    updates: int = presets.INTERSECTION_THESIS.updates
-    """Gradient steps of a learner."""
-    ablation_updates: int = 4_000
-    """Gradient steps of a learner in the parts targets and data."""
-    pool_episodes: int = RECORDED_EPISODES
-    """Episodes recorded of each expert."""
-    mixture: str = MIXTURE
-    """Unit of which each expert has an equal number; the thesis names transitions (6.3)."""
-    size: int = SIZE
-    """Transitions of each expert in a mixture, or episodes with mixture "equal_trajectories"."""
-    episodes: int = EPISODES
-    """Evaluation episodes of each policy, the same for all."""
-    evaluation_seeds: int = 5
-    """Groups of evaluation episodes, as the thesis' five evaluation seeds."""
-    group_episodes: int = 100
-    """Episodes of a group; the thesis does not give the number."""
-    highway_episodes: int = HIGHWAY_EPISODES
-    """Episodes of each final policy on the real highway-env; 0 leaves that out."""
-
-    def __post_init__(self) -> None:
-        """Refuse unknown parts and empty sizes."""
-        for name_of_part in self.parts:
-            one_of("part", name_of_part, PARTS)
-        one_of("mixture", self.mixture, tuple(MIXTURES))
-        for name, value in vars(self).items():
-            least = 0 if name in ("highway_episodes", "expert_seed") else 1
-            if isinstance(value, int) and value < least:
-                raise UserError(f"{name} must be at least {least}, got {value}")
-            if isinstance(value, tuple) and not value:
-                raise UserError(f"{name} must name at least one")
 
 
 TARGETS = ("baseline", *MODES)
@@ -121,20 +53,58 @@ ENDINGS = ("zero", "absorbing")
 SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 1000)}
 
 
-def jobs(config: Config) -> list[Job]:
-    """Return every job of the chosen parts, each after its inputs."""
+def jobs(config: Any) -> list[Job]:
+    """Return every job of the chosen parts, each after its inputs.
+
+    Raises:
+        UserError: If a part or the mixture is unknown, or a size is 0.
+    """
+    for name in config.parts:
+        one_of("part", name, PARTS)
+    one_of("mixture", config.mixture, tuple(MIXTURES))
+    for name, value in vars(config).items():
+        least = 0 if name in ("highway_episodes", "expert_seed") else 1
+        if isinstance(value, int) and value < least:
+            raise UserError(f"{name} must be at least {least}, got {value}")
+        if isinstance(value, tuple) and not value:
+            raise UserError(f"{name} must name at least one")
     trainings = list(_main(config))
-    for name_of_part, make in _ABLATIONS.items():
-        if name_of_part in config.parts:
-            trainings += make(config)
-    taken = members(config)
-    return [
-        *trainings,
-        *evaluations(trainings, config.episodes),
-        *_drivers(config),
-        *_connected(config),
-        *on_highway(taken, config.highway_episodes),
-    ]
+    for name, ablation in _ABLATIONS.items():
+        if name in config.parts:
+            trainings += ablation(config)
+    planned, episodes = list(trainings), config.episodes
+    for job in trainings:
+        if job.work is train_expert:
+            planned.append(evaluation(job.name, Driving(driver=BEST, episodes=episodes), 3.0))
+        if job.stage == "experts":
+            angles = (job.config.numbers.angle,)
+            run = Driving(driver=BEST, angles=angles, ahead="lookahead", episodes=episodes)
+            name = f"evaluation/{job.name.replace('experts/', 'foresight/')}"
+            planned.append(Job(name, driving.drive, run, (job.name,), cost=20.0))
+        if job.work is train_learner:
+            readouts = ("greedy", "soft")
+            run = Driving(driver=LAST, readouts=readouts, episodes=episodes)
+            planned.append(evaluation(job.name, run, 6.0))
+    for name in NAMES:
+        run = Driving(driver=name, episodes=episodes)
+        planned.append(Job(f"evaluation/drivers/{name}", driving.drive, run, cost=3.0))
+    for name, job in members(config).items():  # in traffic with connected lanes
+        options = Options(connected_lanes=True)
+        run = Driving(driver=policy_file(job), episodes=episodes, options=options)
+        planned.append(Job(f"connected/{name}", driving.drive, run, (job,), cost=3.0))
+    for name, job in members(config).items() if config.highway_episodes else ():
+        run = Driving(
+            driver=policy_file(job),
+            episodes=config.highway_episodes,
+            first_seed=driving.FIRST_HIGHWAY_EPISODE,
+        )
+        planned.append(Job(f"highway/{name}", driving.drive_highway, run, (job,), cost=100.0))
+    return planned
+
+
+def policy_file(job: str) -> str:
+    """Return the file of a job's network that counts: an expert's best, a learner's last."""
+    return LAST if job.startswith("learners/") else BEST
 
 
 def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
@@ -142,102 +112,113 @@ def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
     return f"learners/{preset}/{setting}/{target}/{seed}"
 
 
-def columns(config: Config) -> dict[tuple[str, str], dict[str, list[str]]]:
+def columns(config: Any) -> dict[tuple[str, str], dict[str, list[str]]]:
     """Return the policies behind each column of Table 6.2, for experts and groups of learners."""
-    policies = {
-        ("experts", "flat"): {
-            f"expert {mode}": [expert_name("flat", mode, config.expert_seed)] for mode in MODES
-        }
-    }
-    for preset, setting in TRAINED:
-        policies[preset, setting] = {
-            target: [learner_name(preset, setting, target, seed) for seed in config.seeds]
+    experts = {f"expert {mode}": [f"experts/flat/{mode}/{config.expert_seed}"] for mode in MODES}
+    return {("experts", "flat"): experts} | {
+        group: {
+            target: [learner_name(*group, target, seed) for seed in config.seeds]
             for target in TARGETS
         }
-    return policies
+        for group in TRAINED
+    }
 
 
-def _main(config: Config) -> Iterator[Job]:
-    first = config.expert_seed
-    yield from (flat_expert(mode, first, config.expert_steps) for mode in MODES)
-    experts = tuple(expert_name("flat", mode, first) for mode in MODES)
-    recording = Recording(episodes=config.pool_episodes)
-    yield Job(DEMONSTRATIONS, record_demonstrations, recording, experts, cost=20.0)
+def _main(config: Any) -> Iterator[Job]:
+    experts = columns(config)["experts", "flat"]
+    for (name,), angle in zip(experts.values(), MODES.values(), strict=True):
+        numbers = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
+        yield _expert(name, dqn.DQNConfig(steps=config.expert_steps), numbers, cost=900.0)
+    recording = sets.Recording(driver=BEST, episodes=config.pool_episodes)
+    inputs = tuple(name for (name,) in experts.values())
+    yield Job(sets.DEMONSTRATIONS, sets.record_experts, recording, inputs, cost=20.0)
     for (preset, setting), target in itertools.product(TRAINED, TARGETS):
         structure, numbers = PRESETS[preset]
         structure = dataclasses.replace(structure, updates=config.updates)
         if setting == "offline":
             structure = presets.offline(structure)
         for seed in config.seeds:
-            run = _learner(config, structure, numbers, target, seed)
             name = learner_name(preset, setting, target, seed)
-            yield _job(name, run, 80.0 if structure.online else 45.0)
+            cost = 80.0 if structure.online else 45.0
+            yield _learner(config, name, structure, numbers, target, seed, cost)
 
 
-def _timeouts(config: Config) -> Iterator[Job]:
+def _timeouts(config: Any) -> Iterator[Job]:
     """Train the experts that can gain by waiting, now bootstrapping through timeouts."""
     for mode, angle in list(MODES.items())[1:]:
         structure = dqn.DQNConfig(steps=config.expert_steps // 2, through_timeouts=True)
-        run = ExpertRun(structure, dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed))
+        numbers = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
         name = f"timeouts/through/{mode}/{config.expert_seed}"
-        yield Job(name, train_expert, run, cost=450.0)
+        yield _expert(name, structure, numbers, cost=450.0)
 
 
-def _views(config: Config) -> Iterator[Job]:
-    for view, seed in itertools.product(VIEWS, config.ablation_seeds):
+def _views(config: Any) -> Iterator[Job]:
+    """Train egoists of each view, whose exploration and step size fall further."""
+    numbers = dqn.DQNHyperparameters(exploration=0.02, final_learning_rate=1.5e-5)
+    for view in VIEWS:
         structure = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
-        run = ExpertRun(structure, finer(dqn.DQNHyperparameters(seed=seed)))
-        yield Job(f"views/{view}/{seed}", train_expert, run, cost=120.0)
+        for seed in config.ablation_seeds:
+            seeded = dataclasses.replace(numbers, seed=seed)
+            yield _expert(f"views/{view}/{seed}", structure, seeded, cost=120.0)
 
 
-def _strengths(config: Config) -> Iterator[Job]:
+def _strengths(config: Any) -> Iterator[Job]:
     structure, numbers = _ablated(config.updates)
     for strength, target in itertools.product(STRENGTHS, MODES):
         changed = dataclasses.replace(numbers, strength=strength)
         for seed in config.ablation_seeds:
-            run = _learner(config, structure, changed, target, seed)
-            yield _job(f"strengths/{strength:g}/{target}/{seed}", run, 75.0)
+            name = f"strengths/{strength:g}/{target}/{seed}"
+            yield _learner(config, name, structure, changed, target, seed, 75.0)
 
 
-def _targets(config: Config) -> Iterator[Job]:
+def _targets(config: Any) -> Iterator[Job]:
     structure, numbers = _ablated(config.ablation_updates)
+    seed = config.ablation_seeds[0]
     cells = itertools.product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS)
     for kind, temperature, ending, target in cells:
         if target == "baseline" and kind != next(iter(TARGET_KINDS)):
             continue  # without a prior the kind of target means nothing
         endings = iq.Endings(arrival=ending, collision=ending, timeout=ending)
         changed = dataclasses.replace(structure, target_kind=kind, endings=endings)
-        seed = config.ablation_seeds[0]
         cooled = dataclasses.replace(numbers, temperature=temperature)
-        run = _learner(config, changed, cooled, target, seed)
-        yield _job(f"targets/{kind}/{temperature:g}/{ending}/{target}/{seed}", run, 40.0)
+        name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seed}"
+        yield _learner(config, name, changed, cooled, target, seed, 40.0)
 
 
-def _data(config: Config) -> Iterator[Job]:
+def _data(config: Any) -> Iterator[Job]:
     structure, numbers = _ablated(config.ablation_updates)
     cells = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
     for (mixture, size), target in itertools.product(cells, TARGETS):
         for seed in config.ablation_seeds:
-            run = _learner(config, structure, numbers, target, seed)
-            run = dataclasses.replace(run, mixture=mixture, size=size)
-            yield _job(f"data/{mixture}/{size}/{target}/{seed}", run, 40.0)
+            changed = dataclasses.replace(config, mixture=mixture, size=size)
+            name = f"data/{mixture}/{size}/{target}/{seed}"
+            yield _learner(changed, name, structure, numbers, target, seed, 40.0)
 
 
-def _drivers(config: Config) -> Iterator[Job]:
-    for name in NAMES:
-        run = Evaluation(name, ("greedy",), episodes=config.episodes)
-        yield Job(f"evaluation/drivers/{name}", evaluate, run, cost=3.0)
+def _expert(
+    name: str, structure: dqn.DQNConfig, numbers: dqn.DQNHyperparameters, cost: float
+) -> Job:
+    return Job(name, train_expert, ExpertRun(structure, numbers), cost=cost)
 
 
-def _connected(config: Config) -> Iterator[Job]:
-    """The atlas' policies in traffic with connected lanes."""
-    for name, job in members(config).items():
-        options = Options(connected_lanes=True)
-        run = Evaluation(policy_file(job), ("greedy",), episodes=config.episodes, options=options)
-        yield Job(f"connected/{name}", evaluate, run, (job,), cost=3.0)
+def _learner(
+    config: Any,
+    name: str,
+    structure: iq.IQLearnConfig,
+    numbers: iq.IQLearnHyperparameters,
+    target: str,
+    seed: int,
+    cost: float,
+) -> Job:
+    """Train a learner towards a mode's angle, or the baseline."""
+    if target == "baseline":
+        structure = presets.baseline(structure)
+    numbers = dataclasses.replace(numbers, angle=MODES.get(target, 0.0), seed=seed)
+    run = LearnerRun(structure, numbers, config.mixture, config.size)
+    return Job(name, train_learner, run, (sets.DEMONSTRATIONS,), cost=cost)
 
 
-def members(config: Config) -> dict[str, str]:
+def members(config: Any) -> dict[str, str]:
     """Return the folder of the job of each policy of the atlas, by its name there.
 
     Experts, and the first training seed's baseline and trio.
@@ -251,25 +232,6 @@ def _ablated(updates: int) -> tuple[iq.IQLearnConfig, iq.IQLearnHyperparameters]
     """Return the calibrated preset, which the ablations vary."""
     structure, numbers = PRESETS["calibrated"]
     return dataclasses.replace(structure, updates=updates), numbers
-
-
-def _learner(
-    config: Config,
-    structure: iq.IQLearnConfig,
-    numbers: iq.IQLearnHyperparameters,
-    target: str,
-    seed: int,
-) -> LearnerRun:
-    if target == "baseline":
-        structure, angle = presets.baseline(structure), 0.0
-    else:
-        angle = MODES[target]
-    numbers = dataclasses.replace(numbers, angle=angle, seed=seed)
-    return LearnerRun(structure, numbers, config.mixture, config.size)
-
-
-def _job(name: str, run: LearnerRun, cost: float) -> Job:
-    return Job(name, train_learner, run, (DEMONSTRATIONS,), cost=cost)
 
 
 _ABLATIONS = {

@@ -3,71 +3,68 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import OUTCOMES, REWARDS, policy_row
 from socialiq.evaluation.front import support_intervals
+from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import COLORS, Mark, ring
-from socialiq.results_folder import Results
+from socialiq.results_folder import Results, from_csv
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
+from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection import thesis_values
 from socialiq_lab.intersection.demonstration_sets import DEMONSTRATIONS
-from socialiq_lab.intersection.experts import atlas_files
-from socialiq_lab.intersection.rows import (
-    connected,
-    curves,
-    evaluated,
-    highway,
-    policy_rows,
-    times,
-)
+from socialiq_lab.intersection.driving import episodes_at, load_episodes
+from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import (
-    groups,
-    matching,
-    nested,
-    numeric_means,
-    paired_row,
-    with_holm,
+from socialiq_lab.tables import groups, matching, nested, numeric_means, paired_row, with_holm
+from studies.intersection import tables as thesis_tables
+from studies.intersection.plan import (
+    SHIPPED,
+    TRAINED,
+    columns,
+    jobs,
+    members,
+    policy_file,
 )
-from studies.intersection.plan import SHIPPED, TRAINED, Config, columns, jobs, members
-from studies.intersection.tables import distributions, separability, table_6_2
 
 PolicyRows = Mapping[tuple[str, str], Row]
 """Rows of policies by (policy, readout)."""
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders alone."""
-    work = context.work
-    episodes = evaluated(context.jobs, work)
-    rows = policy_rows(episodes)
-    a_1, a_2 = separability(work / DEMONSTRATIONS)
+    work, shipped = context.work, members(config)
+    episodes = intersection.evaluated(context.jobs, work)
+    rows = {key: policy_row(*key, played) for key, played in episodes.items()}
+    a_1, a_2 = thesis_tables.separability(work / DEMONSTRATIONS)
+    main = [
+        row
+        for (name, readout), row in rows.items()
+        if readout == "greedy" and name.split("/")[0] in ("experts", "learners", "drivers")
+    ]
     tables = {
         "policies": list(rows.values()),
-        "table_6_2": table_6_2(rows, episodes, config),
+        "table_6_2": thesis_tables.table_6_2(rows, episodes, config),
         "table_a_1": a_1,
         "table_a_2": a_2,
-        "fig_a_1": distributions(work / DEMONSTRATIONS),
+        "fig_a_1": thesis_tables.distributions(work / DEMONSTRATIONS),
         "differences": differences(rows, config),
-        "best_angles": best_angles([row for row in rows.values() if _is_compared(row)]),
-        "curves": curves(context.jobs, work),
-        "connected": connected(context.jobs, work),
-        "highway": highway(context.jobs, work),
-        "times": times(context.jobs, work),
+        "best_angles": best_angles(main),
+        "curves": intersection.curves(context.jobs, work),
+        "connected": _connected(context.jobs, work),
+        "highway": _highway(context.jobs, work),
+        "times": intersection.times(context.jobs, work),
     }
-    files = atlas_files("intersection", members(config), work, rows)
+    sources = {name: (job, policy_file(job)) for name, job in shipped.items()}
+    greedy = {name: rows[job, "greedy"] for name, job in shipped.items()}
+    files = intersection.atlas_files("intersection", "intersection", sources, work, greedy)
     return Findings(tables, _summary(config, tables), files)
-
-
-def _is_compared(row: Row) -> bool:
-    """Whether a policy is of the main part: experts, learners and drivers, greedy."""
-    stage = row["policy"].split("/")[0]
-    return row["readout"] == "greedy" and stage in ("experts", "learners", "drivers")
 
 
 def best_angles(rows: Sequence[Row]) -> list[Row]:
@@ -82,45 +79,37 @@ def best_angles(rows: Sequence[Row]) -> list[Row]:
 
 
 class Comparison(NamedTuple):
-    """Two policies and a metric that the thesis compares.
+    """Two policies and a metric that the thesis compares."""
 
-    Attributes:
-        place: Section of the thesis.
-        first: A learner's target.
-        second: Another learner's target, or "expert MODE".
-        metric: Column of the policies' table.
-    """
-
-    place: str
-    first: str
-    second: str
-    metric: str
+    place: str  # section of the thesis
+    first: str  # A learner's target
+    second: str  # another learner's target, or "expert MODE"
+    metric: str  # column of the policies' table
 
 
-_EGO = ("collision", "arrival", "timeout", "speed_kmh", "stopped")
 _EXPOSED = ("at_fault_per_entry", "at_fault_per_conflict")
-
-COMPARISONS = (
-    *(Comparison("6.3, 7.2", "egoistic", "expert egoistic", metric) for metric in _EGO),
-    *(Comparison("6.3, 7.2", "prosocial", "expert prosocial", metric) for metric in _EGO),
-    Comparison("6.3", "altruistic", "expert altruistic", "collision"),
-    *(Comparison("7.1", "prosocial", "egoistic", m) for m in ("collision", "arrival", "stopped")),
-    *(Comparison("7.1", "altruistic", "prosocial", m) for m in ("collision", "arrival", "stopped")),
-    *(Comparison("7.2", "prosocial", "expert prosocial", metric) for metric in _EXPOSED),
-    *(Comparison("7.2", "egoistic", "expert egoistic", metric) for metric in _EXPOSED),
+_ENDED = ("collision", "arrival", "stopped")
+COMPARISONS = tuple(
+    Comparison(place, first, second, metric)
+    for place, first, second, metrics in (
+        ("6.3, 7.2", "egoistic", "expert egoistic", thesis_values.METRICS),
+        ("6.3, 7.2", "prosocial", "expert prosocial", thesis_values.METRICS),
+        ("6.3", "altruistic", "expert altruistic", ("collision",)),
+        ("7.1", "prosocial", "egoistic", _ENDED),
+        ("7.1", "altruistic", "prosocial", _ENDED),
+        ("7.2", "prosocial", "expert prosocial", _EXPOSED),
+        ("7.2", "egoistic", "expert egoistic", _EXPOSED),
+    )
+    for metric in metrics
 )
 
 
-def differences(rows: PolicyRows, config: Config) -> list[Row]:
+def differences(rows: PolicyRows, config: Any) -> list[Row]:
     """Test every difference that the thesis claims, in every group of learners, Holm in a group.
 
     A replicate is a training seed; an expert, trained once, is the same in all of them, so these
     tests cover the variation of learners and not that of experts. A rate over nothing (no entry
     into the junction) leaves a comparison out.
-
-    Args:
-        rows: Rows of policies.
-        config: Configuration of the study.
     """
     experts = columns(config)["experts", "flat"]
     tests: list[Row] = []
@@ -140,69 +129,95 @@ def differences(rows: PolicyRows, config: Config) -> list[Row]:
     return tests
 
 
-def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
+def _connected(planned: Sequence[Job], work: Path) -> list[Row]:
+    """Return outcomes of the atlas' policies with and without connected lanes.
+
+    With highway-env's intersection-v2 a driver also reacts to vehicles on the lane that follows
+    its own; before, it ignores a vehicle that has stopped just beyond the border.
+    """
+    rates = [f"{kind}{end}" for kind in OUTCOMES for end in ("", "_low", "_high")]
+    rows: list[Row] = []
+    for job in planned:
+        if job.stage == "connected":
+            (trained,) = job.inputs
+            folders = {"off": work / "evaluation" / trained, "on": work / job.name}
+            for name, folder in folders.items():
+                episodes = load_episodes(episodes_at(folder, job.config.driver))
+                row = policy_row(trained, "greedy", episodes)
+                label = {"member": job.name.removeprefix("connected/"), "connected": name}
+                names = (*rates, "ego_struck", "ego_was_struck", *REWARDS)
+                rows.append(label | {key: row[key] for key in names})
+    return rows
+
+
+def _highway(planned: Sequence[Job], work: Path) -> list[Row]:
+    """Compare each policy's episodes on the real highway-env with those on the core."""
+    rows: list[Row] = []
+    for job in planned:
+        if job.stage == "highway":
+            compared = from_csv(work / job.name / "compared.csv")
+            worst = ("max_deviation", "max_observation_deviation", "max_reward_deviation")
+            rows.append(
+                {"policy": job.name.removeprefix("highway/"), "episodes": len(compared)}
+                | {"steps": sum(row["steps"] for row in compared)}
+                | {"differing": sum(row["discrete_differences"] for row in compared)}
+                | {name: max(row[name] for row in compared) for name in worst}
+            )
+    return rows
+
+
+def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Summary for the ledger: tables by name, and the means of each group over its seeds."""
     returns = [row | {"mean": row["ours"], "sd": row["ours_sd"]} for row in tables["table_a_1"]]
     pairs = [row | {"pair": f"{row['first']}_{row['second']}"} for row in tables["table_a_2"]]
+    printed = [
+        row | {"group": f"{row['preset']}_{row['setting']}_{row['readout']}"}
+        for row in tables["table_6_2"]
+    ]
     compared = [
         row
         | {"group": f"{row['preset']}_{row['setting']}"}
         | {"pair": f"{row['first']} against {row['second']}"}
-        for row in tables.get("differences", [])
+        for row in tables["differences"]
     ]
-    rows = {(row["policy"], row["readout"]): row for row in tables["policies"]}
-    beside = tables.get("connected", [])
+    greedy = {row["policy"]: row for row in tables["policies"] if row["readout"] == "greedy"}
+    configs = {job.name: dataclasses.asdict(job.config) for job in jobs(config)}
+    settings: dict[str, Any] = {}
+    policies: dict[str, Row] = {}
+    for (preset, setting), names in columns(config).items():
+        if preset == "experts":
+            settings["expert"] = configs[names["expert egoistic"][0]]
+            continue
+        settings[f"{preset}_{setting}"] = configs[names["egoistic"][0]]
+        for target, folders in names.items():
+            policies[f"{preset}_{setting}_{target}"] = _mean([greedy[name] for name in folders])
+    spreads, connected = (
+        ("ours", "over_training", "over_evaluation", "low", "high"),
+        tables["connected"],
+    )
+    experts = columns(config)["experts", "flat"]
     return {
-        "table_6_2": _printed(tables["table_6_2"]),
+        "table_6_2": nested(printed, "group", "policy", "metric", keep=spreads),
         "table_a_1": nested(returns, "mode", "signal", keep=("mean", "sd")),
         "table_a_2": nested(pairs, "pair", "signal", keep=("ours", "thesis_from_a_1")),
         "differences": nested(compared, "group", "pair", "metric", keep=("mean", "p", "p_holm")),
-        "settings": _settings(config),
-        "policies": dict(_means(rows, config)),
-        "experts": {
-            f"flat_{mode}": rows[columns(config)["experts", "flat"][f"expert {mode}"][0], "greedy"]
-            for mode in MODES
-        },
-        "connected": nested(beside, "member", "connected", keep=list(beside[0]) if beside else ()),
+        "settings": settings | {"pool_episodes": config.pool_episodes},
+        "policies": policies,
+        "experts": {f"flat_{mode}": greedy[experts[f"expert {mode}"][0]] for mode in MODES},
+        "connected": nested(
+            connected, "member", "connected", keep=list(connected[0]) if connected else ()
+        ),
         "through_timeouts": {
             row["run"].split("/")[2]: row  # the last check of a run stays
-            for row in tables.get("curves", [])
+            for row in tables["curves"]
             if row["run"].startswith("timeouts/through/")
         },
         "drivers": {
-            row["policy"].split("/")[1]: row
-            for row in tables["policies"]
-            if row["policy"].startswith("drivers/")
+            name.removeprefix("drivers/"): row
+            for name, row in greedy.items()
+            if name.startswith("drivers/")
         },
     }
-
-
-def _printed(table_6_2: Sequence[Row]) -> dict[str, Any]:
-    """Table 6.2 by group, policy and metric."""
-    rows = [
-        row | {"group": f"{row['preset']}_{row['setting']}_{row['readout']}"} for row in table_6_2
-    ]
-    fields = ("ours", "over_training", "over_evaluation", "low", "high")
-    return nested(rows, "group", "policy", "metric", keep=fields)
-
-
-def _settings(config: Config) -> dict[str, Any]:
-    """Return settings of the first expert and of the first learner of each preset."""
-    first = {job.name: dataclasses.asdict(job.config) for job in jobs(config)}
-    settings: dict[str, Any] = {}
-    for (preset, setting), policies in columns(config).items():
-        name, target = f"{preset}_{setting}", "egoistic"
-        if preset == "experts":
-            name, target = "expert", "expert egoistic"
-        settings[name] = first[policies[target][0]]
-    return settings | {"pool_episodes": config.pool_episodes}
-
-
-def _means(rows: PolicyRows, config: Config) -> Iterator[tuple[str, Row]]:
-    """Give the mean over training seeds of each target in each group of learners."""
-    for preset, setting in TRAINED:
-        for target, names in columns(config)[preset, setting].items():
-            yield f"{preset}_{setting}_{target}", _mean([rows[name, "greedy"] for name in names])
 
 
 def _mean(rows: list[Row]) -> Row:
@@ -233,22 +248,14 @@ def view(results: Results) -> Sequence[View]:
 
 def fig_6_5(results: Results) -> dict[str, Figure]:
     """Draw Fig 6.5: the empirical angle of each learner, the thesis' as an open mark outside."""
-    group = "/".join(SHIPPED)
     marks = []
     for name in COLORS:
-        angle = results.summary["policies"]["_".join((*SHIPPED, name))]["angle"]
-        runs = [
-            row
-            for row in matching(results.tables["policies"], readout="greedy")
-            if row["policy"].startswith(f"learners/{group}/{name}/")
-        ]
-        # Around the mean, because the least and greatest number may span the gap at 180 degrees.
-        away = [angle_difference(row["angle"], angle) for row in runs]
-        spread = (angle + min(*away, 0.0), angle + max(*away, 0.0))
+        row = results.summary["policies"]["_".join((*SHIPPED, name))]
+        angle, low, high = (row[f"angle{end}"] for end in ("", "_low", "_high"))
         thesis = thesis_values.FIG_6_5.get(name)
         printed = "not printed" if thesis is None else f"{thesis:.0f}°"
-        label = f"{name}: {angle:.0f}° ({spread[0]:.0f}° to {spread[1]:.0f}°; thesis {printed})"
-        marks.append(Mark(name, angle, label, thesis, spread))
+        label = f"{name}: {angle:.0f}° ({low:.0f}° to {high:.0f}°; thesis {printed})"
+        marks.append(Mark(name, angle, label, thesis, (low, high)))
     note = "open marks: thesis; arcs: range over training seeds"
     title = f"Intersection: empirical angle, greedy\n({note})"
     return {"fig_6_5_ring": ring(marks, title)}

@@ -10,23 +10,21 @@ from typing import Any
 import numpy as np
 
 from socialiq.demonstrations import files
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.episode_rows import outcome_row
-from socialiq.evaluation.episodes import Episodes
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import Episodes, outcome_row
+from socialiq.evaluation.rollout import MODES
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.storage import load_arrays
 from socialiq.types import Row
 from socialiq_lab.intersection import thesis_values
 from socialiq_lab.intersection.rows import PolicyEpisodes
-from studies.intersection.plan import Config, columns
+from studies.intersection.plan import columns
 
 PERCENT = ("collision", "arrival", "timeout", "stopped")
 READOUTS = ("greedy", "soft")
 
 
 def table_6_2(
-    rows: Mapping[tuple[str, str], Row], episodes: PolicyEpisodes, config: Config
+    rows: Mapping[tuple[str, str], Row], episodes: PolicyEpisodes, config: Any
 ) -> list[Row]:
     """Return Tables 6.1 and 6.2: each metric of experts and learners beside the thesis' value.
 
@@ -42,9 +40,7 @@ def table_6_2(
                 continue  # experts are evaluated greedily only
             factor = 100 if metric in PERCENT else 1
             values = [factor * rows[name, readout][metric] for name in names]
-            spreads = [
-                factor * group_spread(episodes[name, readout], config)[metric] for name in names
-            ]
+            spreads = [factor * group_spread(episodes[n, readout], config, metric) for n in names]
             mean, spread = thesis_values.TABLE_6_2[metric][policy]
             table.append(
                 dict(zip(("preset", "setting"), group, strict=True))
@@ -57,34 +53,35 @@ def table_6_2(
     return table
 
 
-def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
-    """Return the standard deviation of each metric over groups of evaluation episodes."""
-    size = config.group_episodes
-    rows = [
-        outcome_row(part(episodes, slice(number * size, (number + 1) * size)))
-        for number in range(config.evaluation_seeds)
-    ]
-    return {
-        name: float(np.std([row[name] for row in rows], ddof=1)) for name in thesis_values.METRICS
-    }
+def group_spread(episodes: Episodes, config: Any, metric: str) -> float:
+    """Return the standard deviation of a metric over groups of evaluation episodes."""
 
+    def group(number: int) -> Episodes:
+        chosen = slice(number * config.group_episodes, (number + 1) * config.group_episodes)
+        fields = episodes._asdict()
+        for name, value in fields.items():
+            if isinstance(value, tuple) and name != "signal_names":
+                fields[name] = type(value)(*(column[chosen] for column in value))
+            elif name != "signal_names":
+                fields[name] = value[chosen]
+        return Episodes(**fields)
 
-def part(episodes: Episodes, which: slice) -> Episodes:
-    """Return some of the episodes."""
-    fields: dict[str, Any] = {}
-    for name, value in episodes._asdict().items():
-        if name == "signal_names":
-            fields[name] = value
-        elif isinstance(value, tuple):
-            fields[name] = type(value)(*(column[which] for column in value))
-        else:
-            fields[name] = value[which]
-    return Episodes(**fields)
+    rows = [outcome_row(group(number)) for number in range(config.evaluation_seeds)]
+    return float(np.std([row[metric] for row in rows], ddof=1))
 
 
 def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
     """Return Tables A.1 and A.2: returns of demonstrations by mode, Cohen's d between modes."""
-    returns = {mode: _returns(recordings, mode) for mode in MODES}
+    returns: dict[str, dict[str, np.ndarray]] = {}
+    for mode in MODES:  # undiscounted sums over each recorded episode
+        recorded = files.load(recordings / f"{mode}.safetensors")
+        signals, starts = _signals(recordings, mode), recorded.episode_starts
+        returns[mode] = {
+            "g_self": np.add.reduceat(signals["r_self"], starts),
+            "g_global": np.add.reduceat(signals["r_global"], starts),
+            "g_env": recorded.totals().env,
+            "g_social": recorded.totals().social,
+        }
     first: list[Row] = []
     for mode, of_mode in returns.items():
         for signal, values in of_mode.items():
@@ -95,18 +92,14 @@ def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
     second: list[Row] = []
     for (a, b), signals in thesis_values.TABLE_A_2.items():
         for signal in ("g_self", "g_global", "g_env", "g_social"):
+            (mean_a, sd_a), (mean_b, sd_b) = (thesis_values.TABLE_A_1[m][signal] for m in (a, b))
+            from_a_1 = (mean_a - mean_b) / float(np.hypot(sd_a, sd_b) / np.sqrt(2))
             second.append(
                 {"first": a, "second": b, "signal": signal}
-                | {"thesis": signals.get(signal, ""), "thesis_from_a_1": _printed_d(a, b, signal)}
+                | {"thesis": signals.get(signal, ""), "thesis_from_a_1": from_a_1}
                 | {"ours": cohens_d(returns[a][signal], returns[b][signal])}
             )
     return first, second
-
-
-def _printed_d(first: str, second: str, signal: str) -> float:
-    """Return Cohen's d that follows from the thesis' Table A.1, for groups of one size."""
-    (mean, sd), (mean_2, other_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
-    return (mean - mean_2) / float(np.hypot(sd, other_sd) / np.sqrt(2))
 
 
 def distributions(recordings: Path) -> list[Row]:
@@ -115,11 +108,7 @@ def distributions(recordings: Path) -> list[Row]:
     Shares of the decisions in 40 equal bins between the 0.5 and 99.5 percentiles of all modes;
     values beyond count in the outermost bins.
     """
-    values: dict[str, dict[str, np.ndarray]] = {}
-    for mode in MODES:
-        recorded, classical = _recorded(recordings, mode)
-        values[mode] = {"r_self": classical["own"], "r_global": classical["others"]}
-        values[mode] |= {"r_env": recorded.rewards.env, "r_social": recorded.rewards.social}
+    values = {mode: _signals(recordings, mode) for mode in MODES}
     table: list[Row] = []
     for signal in ("r_self", "r_global", "r_env", "r_social"):
         everything = np.concatenate([values[mode][signal] for mode in MODES])
@@ -127,29 +116,17 @@ def distributions(recordings: Path) -> list[Row]:
         edges = np.linspace(float(low), float(high), 41)
         for mode in MODES:
             clipped = np.clip(values[mode][signal], edges[0], edges[-1])
-            counts, _ = np.histogram(clipped, edges)
+            shares = np.histogram(clipped, edges)[0] / len(clipped)
             table += [
                 {"mode": mode, "signal": signal, "from": low, "to": high, "share": share}
-                for low, high, share in zip(
-                    edges[:-1], edges[1:], counts / len(clipped), strict=True
-                )
+                for low, high, share in zip(edges[:-1], edges[1:], shares, strict=True)
             ]
     return table
 
 
-def _returns(recordings: Path, mode: str) -> dict[str, np.ndarray]:
-    """Return undiscounted sums over each recorded episode."""
-    recorded, classical = _recorded(recordings, mode)
-    starts = recorded.episode_starts
-    return {
-        "g_self": np.add.reduceat(classical["own"], starts),
-        "g_global": np.add.reduceat(classical["others"], starts),
-        "g_env": recorded.totals().env,
-        "g_social": recorded.totals().social,
-    }
-
-
-def _recorded(recordings: Path, mode: str) -> tuple[Demonstrations, dict[str, np.ndarray]]:
-    """Return the demonstrations of a mode and their classical rewards."""
+def _signals(recordings: Path, mode: str) -> dict[str, np.ndarray]:
+    """Return both kinds of rewards of each recorded decision of a mode."""
+    recorded = files.load(recordings / f"{mode}.safetensors")
     classical, _ = load_arrays(recordings / f"{mode}_classical.safetensors", "classical", 1)
-    return files.load(recordings / f"{mode}.safetensors"), classical
+    signals = {"r_self": classical["own"], "r_global": classical["others"]}
+    return signals | {"r_env": recorded.rewards.env, "r_social": recorded.rewards.social}

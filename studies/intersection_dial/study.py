@@ -1,163 +1,243 @@
 """The dial in the intersection, beside agents trained for one angle each.
 
 Dials and agents differ only in their range of angles and in their number of updates; a dial with a
-clock and its ablations differ in what `config.ABLATIONS` names. All are evaluated on the
-intersection study's seeds.
+clock and its ablations differ in what `ABLATIONS` names. All are evaluated on the intersection
+study's seeds.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import policy_row
+from socialiq.errors import UserError, one_of
 from socialiq.evaluation.front import hypervolume
-from socialiq.plotting.style import band, figure, finish, line
-from socialiq.results_folder import Results
+from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
+from socialiq.learners import policy_iteration
+from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
+from socialiq.learners.settings import check_counts
+from socialiq.results_folder import load
+from socialiq.storage import packaged_results
 from socialiq.types import Row
-from socialiq_lab.intersection.driving import DIAL, EPISODES, angle_file, load_episodes
-from socialiq_lab.intersection.rows import curves, known_policies, times, value_at
-from socialiq_lab.intersection.training import train_dial, train_dial_by_iteration
-from socialiq_lab.study import Context, Findings, Study, view_of
-from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
-from studies.intersection_dial.plan import (
-    ABLATIONS,
-    AGENTS,
-    CALIBRATED,
-    DIALS,
-    FORESIGHT,
-    ITERATED,
-    PLANNED,
-    SHORT,
-    TIMED,
-    Config,
-    folder_of,
-    plan,
+from socialiq_lab.intersection import demonstration_sets as sets
+from socialiq_lab.intersection import driving, training
+from socialiq_lab.intersection.rows import (
+    backward_steps,
+    curves,
+    points_of,
+    times,
+    value_at,
+    valued,
 )
+from socialiq_lab.jobs import Job
+from socialiq_lab.study import Context, Findings
+from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
 
-_LOOKS = {
-    DIALS: ("#2166ac", "o", "one dial"),
-    AGENTS: ("#c23b22", "^", "an agent each"),
-    TIMED: ("#1b7837", "s", "one dial with a clock"),
-    CALIBRATED: ("#762a83", "D", "the same, with settings"),
-    ITERATED: ("#d6604d", "P", "the same, improved by policy iteration"),
-    PLANNED: ("#b8860b", "v", "the same, with online planning"),
+DIALS, AGENTS, TIMED, CALIBRATED, SHORT = "dial", "agents", "timed", "calibrated", "short"
+ITERATED, PLANNED, FORESIGHT = "iterated", "planned", "foresight"
+
+DIAL_STRUCTURE = DialConfig(
+    view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
+)
+"""Static config of dials and agents: network of the intersection's set experts."""
+
+DIAL_NUMBERS = DialHyperparameters(
+    temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
+)
+"""Rates of the set experts; an intersection has no clock, hence their discount."""
+
+_HIDDEN_TIME = {"redraw_times": 0, "timeout_reward": 0.0, "discount": 0.99}
+_STARVED = {"high_share": None, "driven_share": 0.0}
+
+ABLATIONS: dict[str, dict[str, Any]] = {
+    SHORT: {},
+    "hidden_time": _HIDDEN_TIME,
+    "starved_angles": _STARVED,
+    "both_causes": {**_HIDDEN_TIME, **_STARVED},
+    "scores": {"heads": "score"},
+    "soft_backup": {"heads": "score", "backup": "soft"},
+    "slow_rates": {"learning_rate": 5e-4, "polyak": 0.01},
 }
-_RATES = {"arrival": "#1b7837", "collision": "#c23b22", "timeout": "#6e6e6e"}
+"""Dials of `ablation_updates`, and what of the recipe each changes; the first changes nothing."""
 
+FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, ITERATED, PLANNED, FORESIGHT, *ABLATIONS)
+"""Kinds of policies: dials and agents without a clock, the recipe's dials with it, the same with
+settings of their angles, improved by policy iteration, with online planning and with one look at
+the true future, which makes no policy, and the ablations."""
 
-def _looks(results: Results) -> dict[str, tuple[str, str, str]]:
-    """Return the looks of the families that there are; ablations have their tables alone."""
-    there = {row["family"] for row in results.tables["policies"]}
-    return {family: look for family, look in _LOOKS.items() if family in there}
+_AHEAD: dict[str, driving.Ahead] = {PLANNED: "planned", FORESIGHT: "lookahead"}
 
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw all figures of the study."""
-    return {
-        "tradeoff": _tradeoff(results),
-        "regret": _regret(results),
-        "turning": _turning(results),
-        "learning": _learning(results),
-    }
-
-
-def _tradeoff(results: Results) -> Figure:
-    """Draw mean totals of every policy; a dial's are joined in the order in which it turns."""
-    picture = figure(7.5, 5.2)
-    axes = picture.subplots()
-    for family, (color, mark, label) in _looks(results).items():
-        style: dict[str, Any] = {"linestyle": "none" if family == AGENTS else "-"}
-        style |= {"marker": mark, "color": color, "linewidth": 0.6, "markersize": 5, "alpha": 0.6}
-        for number, seed in enumerate(results.config["seeds"]):
-            rows = matching(results.tables["policies"], family=family, seed=seed)
-            if not rows:
-                continue
-            line_label = label if number == 0 else None
-            line(axes, rows, "r_env", "r_social", **style, label=line_label)
-    labels = {"xlabel": "mean total r_env of an episode"}
-    labels["ylabel"] = "mean total r_social of an episode"
-    finish(axes, "Turning from 0° (right) to 90° (left), all seeds", 9, **labels)
-    return picture
-
-
-def _regret(results: Results) -> Figure:
-    """Draw regret against the best policy of all at each key angle."""
-    picture = figure(7.0, 4.2)
-    axes = picture.subplots()
-    for family, (color, mark, label) in _looks(results).items():
-        rows = matching(results.tables["policies"], family=family)
-        band(axes, rows, "asked", "regret", color=color, marker=mark, label=label)
-    labels = {"xlabel": "angle asked for, degrees", "ylabel": "regret against the best of all"}
-    finish(axes, "Mean over seeds, band from least to largest", 9, **labels)
-    return picture
-
-
-def _turning(results: Results) -> Figure:
-    """Draw the endings of the dial's episodes at each angle."""
-    picture = figure(7.0, 4.2)
-    axes = picture.subplots()
-    there = _looks(results)
-    family = next(
-        (candidate for candidate in (ITERATED, CALIBRATED, TIMED, DIALS) if candidate in there),
-        AGENTS,
-    )
-    rows = matching(results.tables["policies"], family=family)
-    for name, color in _RATES.items():
-        band(axes, rows, "asked", name, 100.0, color=color, marker="o", label=name)
-    title = "One dial, turned: mean over seeds, band from least to largest"
-    labels = {"xlabel": "angle asked for, degrees", "ylabel": "episodes, %"}
-    finish(axes, title, 9, **labels, ylim=(0, 100))
-    return picture
-
-
-def _learning(results: Results) -> Figure:
-    """Draw J(α) of each run while it trains: the mean over the angles of its checks."""
-    picture = figure(8.0, 4.2)
-    axes = picture.subplots()
-    for (run,), rows in groups(results.tables["curves"], "run").items():
-        family = run.partition("/")[0].replace("dials", DIALS)
-        color, *_ = _LOOKS.get(family, ("#999999",))
-        line(axes, rows, "updates", "total", color=color, linewidth=0.9, alpha=0.6)
-    title = "Blue: dials. Red: agents, each at its own angle. Green: with a clock. Grey: ablations"
-    finish(axes, title, xlabel="updates", ylabel="J(α): a dial's mean over 0°, 45°, 90°")
-    return picture
-
-
-_COMPARED = ((DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED))
-_COMPARED += ((ITERATED, TIMED), (PLANNED, ITERATED))
-_COMPARED += tuple((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT)
+_COMPARED = (
+    (DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED), (ITERATED, TIMED),
+    (PLANNED, ITERATED), *((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT),
+)  # fmt: skip
 """Pairs of families whose differences are tested, by training seed."""
 
 
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Training seed 120 was used in development. Pool, mixture and evaluation episodes are those of
+    the intersection study. Settings of dials are without the seed.
+    """
+
+    seeds: tuple[int, ...] = (50, 51, 52, 53, 54)  # each with a mixture of its own
+    key_angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
+    """Angles that an agent is trained for, and at which regrets are counted, in degrees."""
+    turned: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
+    """Angles at which a dial is driven; the key angles are among them."""
+    structure: DialConfig = DIAL_STRUCTURE
+    numbers: DialHyperparameters = DIAL_NUMBERS  # of dials and agents
+    agent_updates: int = 12_000
+    """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""
+    steps_per_update: int = 12  # environment steps for each gradient step
+    pool_episodes: int = sets.RECORDED_EPISODES  # of each expert of the atlas
+    mixture: str = sets.MIXTURE
+    size: int = sets.SIZE  # transitions of each expert in a mixture
+    episodes: int = driving.EPISODES  # evaluation episodes of each policy
+
+    families: tuple[str, ...] = (DIALS, AGENTS)  # that are trained and driven, of `FAMILIES`
+    recipe: DialConfig = INTERSECTION.structure  # of a dial with a clock
+    recipe_numbers: DialHyperparameters = INTERSECTION.numbers
+    iteration: policy_iteration.DialIterationConfig = ITERATION  # begins with such a dial
+    iteration_numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
+    ablation_updates: int = 6_000  # gradient steps of each ablation
+    planned_seeds: int = 1
+    """Training seeds, the first ones, whose dials also drive with online planning or foresight."""
+    calibration_episodes: int = driving.EPISODES
+    """Episodes of each angle, of their own, that select a dial's settings."""
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes, and key angles at which no dial is driven."""
+        if not self.seeds:
+            raise UserError("name at least one training seed")
+        if not set(self.key_angles) <= set(self.turned):
+            raise UserError("every key angle must be among the angles at which a dial is driven")
+        for family in self.families:
+            one_of("family", family, FAMILIES)
+        for family in (CALIBRATED, ITERATED, PLANNED, FORESIGHT):
+            if family in self.families and TIMED not in self.families:
+                raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
+        counts = ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes")
+        check_counts(self, (*counts, "ablation_updates", "calibration_episodes", "planned_seeds"))
+
+    def cells(self) -> Iterator[tuple[int, str, tuple[float, ...]]]:
+        """Yield each training seed and family with the angles at which it is driven."""
+        for number, seed in enumerate(self.seeds):
+            for family in self.families:
+                few = family in (AGENTS, PLANNED, FORESIGHT) or family in ABLATIONS
+                if number < self.planned_seeds or family not in (PLANNED, FORESIGHT):
+                    yield seed, family, self.key_angles if few else self.turned
+
+    def recipe_of(self, family: str) -> tuple[DialConfig, DialHyperparameters]:
+        """Return how the dials of a family are trained; agents but for their angle."""
+        if family == DIALS:
+            return self.structure, self.numbers
+        if family == AGENTS:
+            agent = {"margin": 0.0, "updates": self.agent_updates}
+            return dataclasses.replace(self.structure, **agent), self.numbers
+        if family == TIMED:
+            return self.recipe, self.recipe_numbers
+        of_structure, of_numbers = {"updates": self.ablation_updates}, {}
+        for name, value in ABLATIONS[family].items():
+            (of_structure if hasattr(self.recipe, name) else of_numbers)[name] = value
+        return (
+            dataclasses.replace(self.recipe, **of_structure),
+            dataclasses.replace(self.recipe_numbers, **of_numbers),
+        )
+
+
+def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
+    """Return the folder of a dial, or of the agent of an angle."""
+    if family == AGENTS:
+        return f"agents/{angle:g}/{seed}"
+    return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
+
+
+def jobs(config: Config) -> list[Job]:
+    """Return every job, each after its inputs: the training of a dial, then its driving."""
+    planned = [sets.atlas_demonstrations(config.pool_episodes)]
+    for seed, family, angles in sorted(
+        config.cells(), key=lambda cell: (config.seeds.index(cell[0]), FAMILIES.index(cell[1]))
+    ):
+        for at in [(angle,) for angle in angles] if family == AGENTS else [angles]:
+            name, timed = folder_of(family, seed, at[0]), folder_of(TIMED, seed)
+            ahead = _AHEAD.get(family, "")
+            if family == CALIBRATED:
+                run = driving.Driving(
+                    angles=at,
+                    episodes=config.calibration_episodes,
+                    first_seed=driving.FIRST_CALIBRATION,
+                )
+                planned.append(Job(name, driving.calibrate_dial, run, (timed,), 3.0 * len(at)))
+            elif family == ITERATED:
+                numbers = dataclasses.replace(config.iteration_numbers, seed=seed)
+                run = training.DialIterationRun(config.iteration, numbers)
+                work, cost = training.train_dial_by_iteration, config.iteration.updates / 20
+                planned.append(Job(name, work, run, (timed,), cost))
+            elif not ahead:
+                planned.append(_training(config, family, seed, at))
+            run = driving.Driving(angles=at, episodes=config.episodes, ahead=ahead)
+            dial, cost = (timed if ahead else name), {"planned": 140.0, "lookahead": 15.0}
+            cost = cost.get(ahead, 3.0) * len(at)
+            planned.append(Job(f"evaluation/{name}", driving.drive, run, (dial,), cost))
+    return planned
+
+
+def _training(config: Config, family: str, seed: int, angles: tuple[float, ...]) -> Job:
+    """Train a dial, or the agent of an angle."""
+    structure, numbers = config.recipe_of(family)
+    run = training.DialRun(
+        structure=structure,
+        numbers=dataclasses.replace(numbers, seed=seed),
+        size=config.size,
+        steps_per_update=config.steps_per_update,
+        environments=structure.environments,
+        mixture=config.mixture,
+    )
+    if family == AGENTS:
+        agent = dataclasses.replace(structure, low=angles[0], high=angles[0])
+        run = dataclasses.replace(run, structure=agent, check_angles=angles)
+    name, cost = folder_of(family, seed, angles[0]), structure.updates / 150
+    return Job(name, training.train_dial, run, (sets.DEMONSTRATIONS,), cost)
+
+
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Compute every table from the jobs' folders, and copy the dial of the first seed."""
+    """Compute every table from the jobs' folders, and copy the dials of the first seed."""
     work = context.work
-    known_rows = known_policies() if config.episodes == EPISODES else []
+    known_rows = known_policies() if config.episodes == driving.EPISODES else []
     driven = _policies(config, work, known_rows)
     policies = [row for row in driven if row["family"] != FORESIGHT]
+    known: list[Row] = []
+    for angle in config.key_angles if known_rows else ():
+        best = max(known_rows, key=lambda row: value_at(row, angle))
+        known.append({"angle": angle, "value": value_at(best, angle), **best})
     families = _families(config, policies)
-    trained = [job for job in context.jobs if job.work in (train_dial, train_dial_by_iteration)]
+    works = (training.train_dial, training.train_dial_by_iteration)
+    trained = [job for job in context.jobs if job.work in works]
     tables = {
         "policies": policies,
         "families": families,
         "differences": _differences(config, families),
-        "known": _best_known(config, known_rows),
-        "foresight": [row for row in driven if row["family"] == FORESIGHT],
+        "known": known,
+        "foresight": matching(driven, family=FORESIGHT),
         "curves": curves(trained, work, ("updates", "loss", "total")),
         "times": times(trained, work),
     }
     files = {
-        f"{family}.safetensors": (work / folder_of(family, config.seeds[0]) / DIAL).read_bytes()
+        f"{family}.safetensors": (work / folder_of(family, config.seeds[0]) / driving.DIAL)
         for family in (DIALS, TIMED, CALIBRATED, ITERATED)
         if family in config.families
     }
-    return Findings(tables, _summary(config, tables), files)
+    contents = {name: path.read_bytes() for name, path in files.items()}
+    return Findings(tables, _summary(config, tables), contents)
 
 
 def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row]:
@@ -168,43 +248,74 @@ def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row
     one may be negative. A dial with foresight is no policy: it is not among the best.
     """
     rows: list[Row] = []
-    for seed, family in itertools.product(config.seeds, config.families):
-        for angle in config.angles_of(family) if seed in config.seeds_of(family) else ():
-            name = folder_of(family, seed, angle)
-            episodes = load_episodes(work / "evaluation" / name / angle_file(angle))
-            row = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
-            row |= policy_row(name, "greedy", episodes)
-            rows.append({key: row[key] for key in row if key not in ("policy", "readout")})
-    real = [row for row in rows if row["family"] != FORESIGHT]
-    by_family = {family: matching(real, family=family) for family in config.families}
-    best = {
-        (angle, family): max((value_at(row, angle) for row in group), default=-np.inf)
-        for angle in config.turned
-        for family, group in by_family.items()
-    }
-    before = {
-        angle: max(value_at(entry, angle) for entry in known_rows)
-        for angle in config.turned
-        if known_rows
-    }
-    for row in rows:
-        angle, family = row["asked"], row["family"]
-        row["value"] = value_at(row, angle)
-        row["regret"] = max(best[angle, rival] for rival in by_family) - row["value"]
-        if known_rows:
-            rivals = (best[angle, rival] for rival in by_family if rival != family)
-            row["known_regret"] = max(row["regret"], before[angle] - row["value"])
-            row["others_regret"] = max(before[angle], *rivals) - row["value"]
+    for seed, family, angles in config.cells():
+        for angle in angles:
+            folder = work / "evaluation" / folder_of(family, seed, angle)
+            label = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
+            rows.append(valued(label, driving.episodes_at(folder, "dial", angle), angle))
+    by_family = groups([row for row in rows if row["family"] != FORESIGHT], "family")
+    for (angle,), asked in groups(rows, "asked").items():
+        best = {
+            family: max(value_at(row, angle) for row in group)
+            for (family,), group in by_family.items()
+        }
+        before = max((value_at(row, angle) for row in known_rows), default=0.0)
+        for row in asked:
+            row["regret"] = max(best.values()) - row["value"]
+            if known_rows:
+                rivals = [best[family] for family in best if family != row["family"]]
+                row["known_regret"] = max(row["regret"], before - row["value"])
+                row["others_regret"] = max([before, *rivals]) - row["value"]
     return rows
 
 
-def _best_known(config: Config, known_rows: Sequence[Row]) -> list[Row]:
-    """Return the best of the known policies at each key angle, without those of this study."""
-    rows: list[Row] = []
-    for angle in config.key_angles if known_rows else ():
-        best = max(known_rows, key=lambda row: value_at(row, angle))
-        rows.append({"angle": angle, "value": value_at(best, angle), **best})
-    return rows
+_STUDIES = ("intersection", "intersection-networks", "intersection-ahead", "intersection-dial")
+_NO_RIVALS = {FORESIGHT, "varied_drivers", "connected_lanes"}
+"""Words in the names of policies that see the true future, or were driven in other scenarios."""
+
+
+def known_policies() -> list[Row]:
+    """Return study, policy, r_env and r_social of every policy on the 2,000 common episodes.
+
+    Experts, learners, rules, rollout policies, dials and agents.
+
+    Raises:
+        UserError: If the results did not come with the package.
+    """
+    policies: list[Row] = []
+    for study in _STUDIES:
+        for row in load(packaged_results() / study).tables["policies"]:
+            of_dial = "policy" not in row
+            name = f"{row['family']}/{row['seed']}/{row['asked']:g}" if of_dial else row["policy"]
+            if row["episodes"] == driving.EPISODES and not _NO_RIVALS & set(name.split("/")):
+                label = {"study": study, "policy": name, "readout": row.get("readout", "greedy")}
+                policies.append(label | {key: row[key] for key in ("r_env", "r_social")})
+    return policies
+
+
+def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
+    """Return hypervolume, regrets at the key angles and monotony of each family and seed."""
+    corner = points_of(policies).min(axis=0)
+    compared: list[Row] = []
+    for family, seed in itertools.product(config.families, config.seeds):
+        rows = sorted(matching(policies, family=family, seed=seed), key=lambda row: row["asked"])
+        if not rows:
+            continue
+        key = [row for row in rows if row["asked"] in config.key_angles]
+        regrets = [row["regret"] for row in key]
+        compared.append(
+            {"family": family, "seed": seed, "hypervolume": hypervolume(points_of(key), corner)}
+            | {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
+            | {f"regret_{row['asked']:g}": row["regret"] for row in key}
+            | {
+                f"mean_{name}": float(np.mean([row[name] for row in key]))
+                for name in ("known_regret", "others_regret")
+                if name in key[0]
+            }
+            | {"angles": len(rows), **backward_steps(rows)}
+            | {"most_arrivals": max(row["arrival"] for row in rows)}
+        )
+    return compared
 
 
 def _differences(config: Config, families: Sequence[Row]) -> list[Row]:
@@ -221,84 +332,22 @@ def _differences(config: Config, families: Sequence[Row]) -> list[Row]:
     return rows
 
 
-def _points(rows: Sequence[Row]) -> np.ndarray:
-    """Return the mean totals of policies, (policy, 2)."""
-    return np.array([(row["r_env"], row["r_social"]) for row in rows])
-
-
-def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
-    """Return hypervolume, regrets at the key angles and monotony of each family and seed."""
-    corner = _points(policies).min(axis=0)
-    compared: list[Row] = []
-    for family, seed in itertools.product(config.families, config.seeds):
-        if family == FORESIGHT or seed not in config.seeds_of(family):
-            continue
-        rows = matching(policies, family=family, seed=seed)
-        rows.sort(key=lambda row: row["asked"])
-        key = [row for row in rows if row["asked"] in config.key_angles]
-        regrets = {f"regret_{row['asked']:g}": row["regret"] for row in key}
-        of_known = {
-            f"mean_{name}": float(np.mean([row[name] for row in key]))
-            for name in ("known_regret", "others_regret")
-            if name in key[0]
-        }
-        turns = np.diff(_points(rows), axis=0)
-        compared.append(
-            {
-                "family": family,
-                "seed": seed,
-                "hypervolume": hypervolume(_points(key), corner),
-                "mean_regret": float(np.mean(list(regrets.values()))),
-                "worst_regret": max(regrets.values()),
-                **regrets,
-                **of_known,
-                "angles": len(rows),
-                "rise_r_env": float(max(turns[:, 0].max(), 0.0)),
-                "drop_r_social": float(max(-turns[:, 1].min(), 0.0)),
-                "most_arrivals": max(row["arrival"] for row in rows),
-            }
-        )
-    return compared
-
-
 def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Return means over seeds of each family, and of each policy by family and angle."""
-    families = groups(tables["families"], "family")
+
+    def means(rows: list[Row]) -> Row:
+        columns = {name: value for name, value in numeric_means(rows).items() if name != "seed"}
+        return columns | {"seeds": len({row["seed"] for row in rows})}
+
     policies: dict[str, Any] = {family: {} for family in config.families}
     for (family, angle), rows in groups(tables["policies"], "family", "asked").items():
-        policies[family][f"{angle:g}"] = _mean(rows)
+        policies[family][f"{angle:g}"] = means(rows)
     differences: dict[str, Any] = {}
     for row in tables["differences"]:
         differences.setdefault(f"{row['first']} - {row['second']}", {})[row["measure"]] = row
+    families = groups(tables["families"], "family").items()
     return {
-        "families": {family: _mean(rows) for (family,), rows in families.items()},
+        "families": {family: means(rows) for (family,), rows in families},
         "policies": policies,
         "differences": differences,
     }
-
-
-def _mean(rows: list[Row]) -> Row:
-    """Return the means of columns with numbers in all rows."""
-    means = {name: value for name, value in numeric_means(rows).items() if name != "seed"}
-    return means | {"seeds": len({row["seed"] for row in rows})}
-
-
-STUDY = Study(
-    name="intersection-dial",
-    Config=Config,
-    jobs=plan,
-    tables=compute_tables,
-    figures=draw,
-    view=view_of(
-        "families",
-        "family",
-        "seed",
-        "hypervolume",
-        "mean_regret",
-        "worst_regret",
-        "rise_r_env",
-        "drop_r_social",
-        "most_arrivals",
-        title="regret against the best policy of all, over the key angles",
-    ),
-)

@@ -1,63 +1,198 @@
 """Offline learning in the intersection: demonstrations and their reward pairs, no step in a world.
 
-One dial of `learners.offline` beside the demonstrators, clones and IQ-Learn, all with the network
-that reads the vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also
-trained online, in the world.
+One offline dial beside the demonstrators, clones and IQ-Learn, all with the network that reads the
+vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also trained online.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import policy_row
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.plotting.style import band, figure, finish
+from socialiq.errors import UserError, one_of
+from socialiq.evaluation.rollout import MODES
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.iq_learn import config as presets
+from socialiq.learners.settings import check_counts
 from socialiq.results_folder import Results
-from socialiq.social.angle import exact_weights
 from socialiq.types import Row
-from socialiq_lab.intersection.driving import angle_file, load_episodes
-from socialiq_lab.intersection.offline_training import run_file
-from socialiq_lab.intersection.rows import times
-from socialiq_lab.study import Context, Findings, Study, view_of
+from socialiq.worlds.intersection import atlas
+from socialiq_lab.intersection import demonstration_sets as sets
+from socialiq_lab.intersection.driving import Driving, episodes_at, evaluation
+from socialiq_lab.intersection.rows import times, valued
+from socialiq_lab.intersection.training import MixtureRuns, run_file, train_runs
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import groups, matching, paired_row, spread, with_holm
-from studies.intersection_offline.plan import (
-    Config,
-    demonstrator_episodes,
-    dial_episodes,
-    method_episodes,
-    plan,
+
+METHODS = (
+    "clone weighted by R(α)",
+    "IQ-Learn, dueling",
+    "IQ-Learn, dueling, reweighted",
+    "clone weighted by advantage",
+    "IQ-Learn",
+    "clone of the mode",
+    "clone of all",
+    "IQ-Learn online, dueling",
+    "IQ-Learn online",
+    "IQ-Learn online, shifted χ²",
 )
+"""Methods beside the dial, with a run for each angle; the last three act in the world."""
 
 OWN = "offline dial"
 DEMONSTRATOR = "demonstrator"
-KEPT = "dial.safetensors"
-"""File of the first seed's dial beside the tables."""
-_GREEDY = "greedy.safetensors"
+COUNTS = ("updates", "together", "pool_episodes", "size", "episodes")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Training seeds 60 to 64 were used by earlier versions, 100 to 102 in development, and episodes
+    from 50,000,000 on.
+    """
+
+    seeds: tuple[int, ...] = (65, 66, 67, 68, 69)  # each with a mixture of its own
+    angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())  # of the dial, degrees
+    methods: tuple[str, ...] = METHODS  # each trained for each of `method_angles`
+    method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)  # those of the demonstrators
+    structure: OfflineDialConfig = field(default_factory=OfflineDialConfig)  # networks of all, too
+    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
+    updates: int = 5000  # gradient steps of clones and of IQ-Learn
+    learning_rate: float = 1e-3  # Adam's, of clones and of IQ-Learn
+    together: int = 5  # training seeds in one program; another number differs by rounding alone
+    pool_episodes: int = sets.RECORDED_EPISODES  # of each expert of the atlas
+    size: int = sets.SIZE  # transitions of each expert in a mixture
+    episodes: int = 4000  # evaluation episodes of each policy, common to all
+    first_episode: int = 60_000_000  # seed of the first one
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes and unknown methods."""
+        if not self.seeds or not self.angles:
+            raise UserError("name at least one training seed and one angle")
+        if not set(self.method_angles) <= set(self.angles):
+            raise UserError("every method angle must be among the angles of the dial")
+        for method in self.methods:
+            one_of("method", method, METHODS)
+        check_counts(self, COUNTS)
+
+    def program(self, seed: int) -> tuple[int, ...]:
+        """Return the training seeds of a seed's program."""
+        first = self.seeds.index(seed) // self.together * self.together
+        return self.seeds[first : first + self.together]
+
+
+def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
+    """Return the training runs of the dial or of a method.
+
+    A clone of all is one for every angle, and learns from all demonstrators alike.
+    """
+    network = {"hidden": config.structure.hidden, "view": config.structure.view}
+    structure, numbers = config.structure, config.numbers
+    angles = () if method == OWN else config.method_angles
+    if method.startswith("clone"):
+        structure = bc.CloningConfig(
+            weighted="weighted" in method,
+            weighted_by="advantage_fitted" if method.endswith("advantage") else "trajectory",
+            batch_size=config.structure.batch_size,
+            updates=config.updates,
+            **network,
+        )
+        numbers = bc.CloningHyperparameters(learning_rate=config.learning_rate)
+        angles = angles[:1] if method == "clone of all" else angles
+    elif method != OWN:
+        preset = "shifted" if method.endswith("shifted χ²") else "calibrated"
+        structure, numbers = presets.PRESETS[f"intersection-{preset}"]
+        structure = structure if "online" in method else presets.offline(structure)
+        form = "dueling" if "dueling" in method else "plain"
+        structure = dataclasses.replace(structure, form=form, updates=config.updates, **network)
+        if method.endswith("reweighted"):  # Eq B.2, by the weights of the clone
+            structure = dataclasses.replace(
+                structure, prior="reweighting", target_kind="trajectory"
+            )
+        numbers = dataclasses.replace(numbers, learning_rate=config.learning_rate)
+    return MixtureRuns(
+        structure=structure,
+        numbers=numbers,
+        seeds=seeds,
+        angles=angles,
+        size=config.size,
+        nearest=method == "clone of the mode",
+    )
+
+
+def folder_of(config: Config, method: str, seed: int) -> str:
+    """Return the folder of the program that trains a seed's runs of a method."""
+    name = method.replace("R(α)", "total").replace("χ²", "chi2")
+    stage = "dials" if method == OWN else f"learners/{name.replace(',', '').replace(' ', '-')}"
+    return f"{stage}/{config.program(seed)[0]}"
+
+
+def jobs(config: Config) -> list[Job]:
+    """Return every job, each after its inputs."""
+    recording = sets.atlas_demonstrations(config.pool_episodes)
+    driving = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
+    planned = [
+        recording,
+        Job("demonstrators", save_demonstrators, recording.config),
+        evaluation("demonstrators", driving(), cost=6.0),
+    ]
+    for seed in config.seeds[:: config.together]:
+        for method in (OWN, *config.methods):
+            seeds = config.program(seed)
+            name, runs = folder_of(config, method, seed), runs_of(config, method, seeds)
+            policies = len(seeds) * (len(runs.angles) or 4)
+            cost = policies * runs.structure.updates / 300
+            planned.append(Job(name, train_runs, runs, (sets.DEMONSTRATIONS,), cost))
+            run = driving(angles=config.angles if method == OWN else ())
+            planned.append(evaluation(name, run, cost=2.0 * policies))
+    return planned
+
+
+def save_demonstrators(
+    _config: sets.Recording,
+    folder: Path,
+    _inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Write the experts of the atlas, so that other jobs can drive them."""
+    for mode in MODES:
+        atlas.load(f"expert_{mode}").save(folder / f"{mode}.safetensors")
+    on_progress(1.0)
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dial of the first seed."""
     policies = _policies(config, context.work)
     trained = [job for job in context.jobs if job.stage in ("dials", "learners")]
+    pooled: list[Row] = []
+    for (method, angle), rows in groups(policies, "method", "asked").items():
+        value = spread(rows, "value")
+        pooled.append(
+            {"method": method, "asked": angle, "seeds": len(rows), "value": value.pop("mean")}
+            | value
+            | {
+                name: float(np.mean([row[name] for row in rows]))
+                for name in ("r_env", "r_social", "arrival", "collision", "timeout")
+            }
+        )
+    tests = compared(config, policies)
     tables = {
         "policies": policies,
-        "angles": _by_angle(policies),
-        **compared(config, policies),
+        "angles": pooled,
+        **tests,
         "times": times(trained, context.work),
     }
     first = config.seeds[0]
-    dial = (context.work / f"dials/{first}" / run_file(first)).read_bytes()
-    return Findings(tables, summarised(tables), {KEPT: dial})
-
-
-def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the tests between methods that the table of policies allows."""
-    return {"differences": _differences(config, policies), "forms": _forms(config, policies)}
+    dial = context.work / folder_of(config, OWN, first) / run_file(first)
+    return Findings(tables, summarised(tests), {"dial.safetensors": dial.read_bytes()})
 
 
 def _policies(config: Config, work: Path) -> list[Row]:
@@ -66,77 +201,56 @@ def _policies(config: Config, work: Path) -> list[Row]:
     A demonstrator is made for no angle and valued at all; it has no training seed.
     """
     rows: list[Row] = []
-
-    def add(method: str, seed: int | str, angle: float, file: Path) -> None:
-        row = policy_row(method, "greedy", load_episodes(file))
-        direction = exact_weights(angle)
-        value = direction.env * row["r_env"] + direction.social * row["r_social"]
-        metrics = {name: row[name] for name in row if name not in ("policy", "readout")}
-        rows.append({"method": method, "seed": seed, "asked": angle, "value": value} | metrics)
-
     for angle in config.angles:
         for mode in MODES:
-            file = work / demonstrator_episodes(mode) / _GREEDY
-            add(f"{DEMONSTRATOR} {mode}", "", angle, file)
+            label = {"method": f"{DEMONSTRATOR} {mode}", "seed": "", "asked": angle}
+            file = episodes_at(work / "evaluation/demonstrators", mode)
+            rows.append(valued(label, file, angle))
         for seed in config.seeds:
-            add(OWN, seed, angle, work / dial_episodes(seed) / angle_file(angle))
-            for method in config.methods if angle in config.method_angles else ():
+            for method in (OWN, *(config.methods if angle in config.method_angles else ())):
+                folder = work / "evaluation" / folder_of(config, method, seed)
                 trained = config.method_angles[0] if method == "clone of all" else angle
-                add(method, seed, angle, work / method_episodes(method, seed, trained) / _GREEDY)
+                file = episodes_at(folder, run_file(seed, trained))
+                if method == OWN:
+                    file = episodes_at(folder, run_file(seed), angle)
+                label = {"method": method, "seed": seed, "asked": angle}
+                rows.append(valued(label, file, angle))
     return rows
 
 
-def _by_angle(policies: Sequence[Row]) -> list[Row]:
-    """Return mean, least and largest J(α) of each method at each angle, and mean outcomes."""
-    pooled: list[Row] = []
-    for (method, angle), rows in groups(policies, "method", "asked").items():
-        value = spread(rows, "value")
-        outcomes = {
-            name: float(np.mean([row[name] for row in rows]))
-            for name in ("r_env", "r_social", "arrival", "collision", "timeout")
-        }
-        label = {"method": method, "asked": angle, "seeds": len(rows)}
-        pooled.append(label | {"value": value["mean"]} | {k: value[k] for k in ("low", "high")})
-        pooled[-1] |= outcomes
-    return pooled
+def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the tests between methods that the table of policies allows, paired over seeds.
 
-
-def _differences(config: Config, policies: Sequence[Row]) -> list[Row]:
-    """Test the dial against the best demonstrator at each angle and against every method.
-
-    Paired over training seeds; a demonstrator is the same for all. p is adjusted by Holm, over the
-    demonstrators of all angles, and over the methods of all angles.
+    The dial against the best demonstrator at each angle, which is the same for all seeds, and
+    against every method; and each form of IQ-Learn against each weighted clone. p is adjusted by
+    Holm over the demonstrators of all angles, over the methods of all angles, and over the forms.
     """
-    shown_best: list[Row] = []
-    tests: list[Row] = []
+    beside_best: list[Row] = []
+    methods: list[Row] = []
+    forms: list[Row] = []
     for angle in config.angles if len(config.seeds) > 1 else ():
-        here = matching(policies, asked=angle)
-        own_values = [row["value"] for row in matching(here, method=OWN)]
-        demonstrators = [row for row in here if row["method"].startswith(DEMONSTRATOR)]
-        best = max(demonstrators, key=lambda row: row["value"])
-        label = {"asked": angle, "other": best["method"]}
-        shown_best.append(paired_row(label, own_values, [best["value"]] * len(own_values)))
+        rows = matching(policies, asked=angle)
+        values = {
+            method: [row["value"] for row in group]
+            for (method,), group in groups(rows, "method").items()
+        }
+        demonstrators = {
+            name: max(values[name]) for name in values if name.startswith(DEMONSTRATOR)
+        }
+        best = max(demonstrators, key=lambda name: demonstrators[name])
+        label = {"asked": angle, "other": best}
+        beside_best.append(paired_row(label, values[OWN], values[best] * len(config.seeds)))
         for method in config.methods if angle in config.method_angles else ():
-            values = [row["value"] for row in matching(here, method=method)]
-            tests.append(paired_row({"asked": angle, "other": method}, own_values, values))
-    return with_holm(shown_best) + with_holm(tests)
-
-
-def _forms(config: Config, policies: Sequence[Row]) -> list[Row]:
-    """Test each form of IQ-Learn against each weighted clone, paired over training seeds."""
-    forms = [method for method in config.methods if method.startswith("IQ-Learn")]
-    clones = [method for method in config.methods if method.startswith("clone weighted")]
-    tests: list[Row] = []
-    for angle in config.method_angles if len(config.seeds) > 1 else ():
-        here = matching(policies, asked=angle)
-        for form in forms:
-            form_values = [row["value"] for row in matching(here, method=form)]
-            for clone in clones:
-                values = [row["value"] for row in matching(here, method=clone)]
-                tests.append(
-                    paired_row({"asked": angle, "form": form, "other": clone}, form_values, values)
-                )
-    return with_holm(tests)
+            label = {"asked": angle, "other": method}
+            methods.append(paired_row(label, values[OWN], values[method]))
+            if method.startswith("IQ-Learn"):
+                label = {"asked": angle, "form": method}
+                forms += [
+                    paired_row(label | {"other": clone}, values[method], values[clone])
+                    for clone in config.methods
+                    if clone.startswith("clone weighted")
+                ]
+    return {"differences": with_holm(beside_best) + with_holm(methods), "forms": with_holm(forms)}
 
 
 def summarised(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
@@ -145,15 +259,15 @@ def summarised(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     The dial beside the best demonstrator at each angle, and each form of IQ-Learn beside each
     weighted clone.
     """
+    forms: dict[str, dict[str, dict[str, str]]] = {}
+    for row in tables["forms"]:
+        beside = forms.setdefault(row["form"], {}).setdefault(row["other"], {})
+        beside[f"{row['asked']:g}"] = verdict(row)
     dial = {
         f"{row['asked']:g}": verdict(row)
         for row in tables["differences"]
         if row["other"].startswith(DEMONSTRATOR)
     }
-    forms: dict[str, dict[str, dict[str, str]]] = {}
-    for row in tables["forms"]:
-        beside = forms.setdefault(row["form"], {}).setdefault(row["other"], {})
-        beside[f"{row['asked']:g}"] = verdict(row)
     return {"against_best_demonstrator": dial, "iq_learn_against_clones": forms}
 
 
@@ -168,54 +282,11 @@ def verdict(row: Row) -> str:
     return "below" if row["p"] < 0.05 else "level"
 
 
-_COLORS = (
-    "#c23b22",
-    "#6e6e6e",
-    "#a6a6a6",
-    "#1b7837",
-    "#7fbf7b",
-    "#2166ac",
-    "#92c5de",
-    "#762a83",
-    "#c2a5cf",
-)
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw J(α) of every method, above that of the best demonstrator."""
-    picture = figure(7.5, 4.4)
-    axes = picture.subplots()
+def above_best(results: Results) -> list[Row]:
+    """Return the policies with J(α) above that of the best demonstrator."""
     rows = results.tables["policies"]
     best = {
         angle: max(r["value"] for r in group if r["method"].startswith(DEMONSTRATOR))
         for (angle,), group in groups(rows, "asked").items()
     }
-    above = [row | {"above": row["value"] - best[row["asked"]]} for row in rows]
-    names = dict.fromkeys(row["method"] for row in above if row["seed"] != "")
-    for color, name in zip(_COLORS, names, strict=False):
-        style = {"color": color, "marker": "o", "label": name}
-        band(axes, matching(above, method=name), "asked", "above", **style)
-    axes.axhline(0.0, color="black", linewidth=0.8)
-    labels = {"xlabel": "angle asked for, degrees", "ylabel": "J(α) above the best demonstrator"}
-    finish(axes, "Mean over seeds, band from least to largest", 9, **labels)
-    return {"values": picture}
-
-
-STUDY = Study(
-    name="intersection-offline",
-    Config=Config,
-    jobs=plan,
-    tables=compute_tables,
-    figures=draw,
-    view=view_of(
-        "angles",
-        "method",
-        "asked",
-        "value",
-        "low",
-        "high",
-        "arrival",
-        "collision",
-        title="J(α) at the angle asked for, mean and range over training seeds",
-    ),
-)
+    return [row | {"above": row["value"] - best[row["asked"]]} for row in rows if row["seed"] != ""]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import outcome_row, reward_row
-from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of, outcome_row, reward_row
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.highway.render import episode_scenes, filmstrip
@@ -19,7 +17,7 @@ from socialiq.worlds.highway.sheet import picture
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import BackEnd, Intersection
-from socialiq_lab.study import Context, Findings, StageCallback, counter
+from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import nested
 
 BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
@@ -49,70 +47,41 @@ EPISODE_SEED = 3
 """Seed of the drawn episode."""
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results."""
-
-    seeds: tuple[int, ...] = (1_000_000,)
-    """Seed of the first episode; the others follow. Also the random driver's."""
-    episodes: int = 50_000
-    """For the outcome rates, of each driver and population."""
-    reading_episodes: int = 5_000
-    """For each interpretation of the reward and driver."""
-    threads: int = 1
-    """Threads that share the episodes; nothing depends on it, and beside other work one is best."""
-    back_end: BackEnd = "core"
-    """core, or highway_env for the real one, which takes hundreds of times as long."""
-
-
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Drive all drivers, and compute outcomes and rewards."""
-    populations = [
-        (name, {"population": name}, driver) for name in POPULATIONS for driver in DRIVERS
-    ]
-    variants = [
-        (_name(variant), variant, driver) for variant in VARIANTS for driver in REWARD_DRIVERS
-    ]
+    first, how = config.seeds[0], (config.threads, config.back_end)
+
+    def driven(stage: str, cells: Any, episodes: int) -> Iterator[tuple[str, str, Episodes]]:
+        """Drive each cell of a table, which is a name, its options and a driver."""
+        seeds = range(first, first + episodes)
+        for name, options, driver in tracked(list(cells), context.on_stage, stage, "drivers"):
+            yield name, driver, drive(options, driver, seeds, *how)
+
+    populations = ((name, {"population": name}, d) for name in POPULATIONS for d in DRIVERS)
+    variants = ((_name(variant), variant, d) for variant in VARIANTS for d in REWARD_DRIVERS)
+    fewer = min(config.reading_episodes, config.episodes)
     outcomes = [
         {"population": name, "driver": driver} | outcome_row(episodes)
-        for name, driver, episodes in _driven(
-            populations, config.episodes, config, context.on_stage, "outcomes"
-        )
+        for name, driver, episodes in driven("outcomes", populations, config.episodes)
     ]
-    fewer = min(config.reading_episodes, config.episodes)
     readings = [
         {"reading": name, "driver": driver} | reward_row(episodes)
-        for name, driver, episodes in _driven(variants, fewer, config, context.on_stage, "readings")
+        for name, driver, episodes in driven("readings", variants, fewer)
     ]
+    world = Intersection(Options())
     summary = {
         "outcomes": nested(outcomes, "population", "driver"),
         "default_reading": nested(readings, "reading", "driver")["default"],
         "options": dataclasses.asdict(Options()),
-        "features": Intersection(Options()).n_features,
-        "actions": Intersection(Options()).n_actions,
-        "start": start_row(config),
+        "features": world.n_features,
+        "actions": world.n_actions,
+        "start": start_row(first, config.reading_episodes, config.threads),
     }
     return Findings({"outcomes": outcomes, "readings": readings}, summary)
 
 
 def _name(variant: Mapping[str, Any]) -> str:
     return ", ".join(f"{name}={value}" for name, value in variant.items()) or "default"
-
-
-def _driven(
-    cells: Sequence[tuple[str, Mapping[str, Any], str]],
-    episodes: int,
-    config: Config,
-    on_stage: StageCallback,
-    stage: str,
-) -> Iterator[tuple[str, str, Episodes]]:
-    """Drive each cell of a table, which is a name, its options and a driver; show progress."""
-    count = counter(on_stage, stage, len(cells) * episodes, "episodes")
-    first = config.seeds[0]
-    for number, (name, options, driver) in enumerate(cells, start=1):
-        seeds = range(first, first + episodes)
-        yield name, driver, drive(options, driver, seeds, config.threads, config.back_end)
-        count(number * episodes)
 
 
 def drive(
@@ -122,24 +91,18 @@ def drive(
     threads: int = 1,
     back_end: BackEnd = "core",
 ) -> Episodes:
-    """Run one episode of a reference driver for each seed.
+    """Run one episode of a reference driver for each seed; the random one draws from the first.
 
-    Args:
-        options: Fields of the intersection's `Options`.
-        driver: Its name; the random one draws from the first seed.
-        seeds: Seed of each episode.
-        threads: Threads that share them.
-        back_end: "core" or "highway_env".
+    `options` are fields of the intersection's `Options`, and `threads` share the episodes.
     """
     size = min(BATCH[back_end], len(seeds))
     batch = Intersection(Options(**options)).batch(size, threads, back_end)
     return episodes_of(batch, policy(driver, seeds[0]), seeds)
 
 
-def start_row(config: Config) -> Row:
+def start_row(first: int, count: int, threads: int = 1) -> Row:
     """Return the number of vehicles at the start, the ego included, and the ego's progress."""
-    count, first = config.reading_episodes, config.seeds[0]
-    batch = Intersection(Options()).batch(count, config.threads)
+    batch = Intersection(Options()).batch(count, threads)
     batch.reset(np.arange(first, first + count))
     present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
     return {

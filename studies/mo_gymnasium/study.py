@@ -10,32 +10,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.evaluation.front import expected_utility, hypervolume, utilities, utility_losses
-from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.comparisons import holm, mean_contrast, permutation_p
 from socialiq.storage import packaged_results
 from socialiq.types import Row
+from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job
-from socialiq_lab.study import Context, Findings, Study, View
-from socialiq_lab.tables import column, groups, matching, nested, spread, with_holm
-from studies.mo_gymnasium.tasks import (
-    ANGLES,
-    FOLDER,
-    TASKS,
-    Piece,
-    exact_set,
-    known_front,
-    read,
-    within,
-)
+from socialiq_lab.study import Context, Findings, View
+from socialiq_lab.tables import column, groups, nested, spread, with_holm
+from studies.mo_gymnasium import tasks
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece
 from studies.mo_gymnasium.training import (
     DIAL,
     METHODS,
@@ -66,12 +56,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown names and empty sizes."""
-        for what, names, choices in (
-            ("task", self.tasks, tuple(TASKS)),
-            ("method", self.methods, METHODS),
-        ):
-            for name in names:
-                one_of(what, name, choices)
+        check_names(self, tasks=TASKS, methods=METHODS)
         if not self.tasks or not self.seeds:
             raise UserError("name at least one task and one training seed")
         if self.steps < 0:
@@ -95,7 +80,7 @@ class Config:
             UserError: If a file of the folder is no piece.
         """
         folder = Path(self.pieces or packaged_results() / "mo-gymnasium" / FOLDER)
-        pieces = within(read(folder), {task: self.budget(task) for task in self.tasks})
+        pieces = tasks.within(tasks.read(folder), {task: self.budget(task) for task in self.tasks})
         ours = () if self.again else self.methods
         return [
             piece
@@ -117,54 +102,56 @@ MEASURES = (
 )
 COMPARED = MEASURES[:2]
 
-COLUMNS = 3
-"""Panels in a row of the figure."""
 
-
-def plan(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return a job for each task and method of ours whose pieces are not all there."""
     if not config.train:
         return []
     there = {(piece.task, piece.method, piece.seed) for piece in config.kept()}
-    jobs = []
+    planned = []
     for task in config.tasks:
         for method in config.methods_of(task):
             seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
             if seeds:
-                name = "".join(letter if letter.isalnum() else "_" for letter in method)
                 run = Training(task, method, seeds, config.budget(task))
-                jobs.append(Job(f"{task}/{name}", train_and_evaluate, run, cost=float(len(seeds))))
-    return jobs
+                name = f"{task}/{as_file_name(method)}"
+                planned.append(Job(name, train_and_evaluate, run, cost=float(len(seeds))))
+    return planned
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Measure every piece, and add the references of tasks whose front is known."""
-    new_pieces = [piece for job in context.jobs for piece in read(context.work / job.name / FOLDER)]
-    pieces = sorted([*config.kept(), *new_pieces], key=_place)
+    pieces = config.kept()
+    for job in context.jobs:
+        pieces += tasks.read(context.work / job.name / FOLDER)
+    order = {method: number for number, method in enumerate(METHODS)}  # ours stand first
+    ours = len(METHODS)
+    pieces.sort(key=lambda p: (p.task, order.get(p.method, ours), p.method, p.seed))
     rows = [measured(piece) for piece in pieces]
-    references = [row for task in config.tasks if TASKS[task].exact for row in reference_rows(task)]
+    exact = [task for task in config.tasks if TASKS[task].exact]
+    references = [row for task in exact for row in reference_rows(task)]
     tables = {
         "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
         "comparisons": comparison_rows(rows),
         "coverage": coverage(config, pieces),
         "runs": rows,
-        "points": [row for piece in pieces for row in point_rows(piece)],
+        "points": [
+            {"task": piece.task, "method": piece.method, "seed": piece.seed}
+            | {"angle": angle, "first": first, "second": second}
+            for piece in pieces
+            for angle, (first, second) in zip(
+                piece.angles or [""] * len(piece.totals), piece.totals, strict=True
+            )
+        ],
         "fronts": [
             {"task": task, "first": first, "second": second}
-            for task in config.tasks
-            if TASKS[task].exact
-            for first, second in known_front(task).tolist()
+            for task in exact
+            for first, second in tasks.known_front(task).tolist()
         ],
     }
     summary = nested(tables["pooled"], "task", "method", keep=MEASURES)
     files = {f"{FOLDER}/{piece.file}": piece.content() for piece in pieces}
     return Findings(tables, summary, files)
-
-
-def _place(piece: Piece) -> tuple[str, int, str, int]:
-    """Return where a piece stands in the tables: ours first."""
-    ours = METHODS.index(piece.method) if piece.method in METHODS else len(METHODS)
-    return piece.task, ours, piece.method, piece.seed
 
 
 def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
@@ -183,54 +170,39 @@ def measured(piece: Piece) -> Row:
     `asked_utility` and `asked_loss` are those of the policy of the asked angle, without a choice
     among the others; `second_rises` is the second reward at 90 degrees less that at 0.
     """
-    task, points = TASKS[piece.task], piece.points
-    row: Row = {
-        "task": piece.task,
-        "method": piece.method,
-        "seed": piece.seed,
-        "steps": piece.steps,
-        "hypervolume": hypervolume(points, np.array(task.reference)),
-        "expected_utility": expected_utility(points, ANGLES),
-        "asked_utility": "",
-        "mean_loss": "",
-        "largest_loss": "",
-        "asked_loss": "",
-        "second_rises": "",
-    }
+    row: Row = {name: getattr(piece, name) for name in ("task", "method", "seed", "steps")}
+    row |= dict.fromkeys((*MEASURES, "second_rises"), "") | _measures(piece.task, piece.points)
     if piece.angles is not None:
-        row["asked_utility"] = float(asked(piece).mean())
-        row["second_rises"] = float(points[-1, 1] - points[0, 1])
-    if task.exact:
-        best = exact_set(piece.task).vertices
-        losses = utility_losses(points, best, ANGLES)
-        row |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
-        if piece.angles is not None:
-            row["asked_loss"] = float((utilities(best, ANGLES) - asked(piece)).mean())
+        directions = np.array([exact_weights(angle) for angle in piece.angles])
+        utility = (piece.points * directions).sum(axis=1)
+        row["asked_utility"] = float(utility.mean())
+        row["second_rises"] = float(piece.points[-1, 1] - piece.points[0, 1])
+        if TASKS[piece.task].exact:
+            best = utilities(tasks.exact_set(piece.task).vertices, ANGLES)
+            row["asked_loss"] = float((best - utility).mean())
     return row
 
 
-def asked(piece: Piece) -> np.ndarray:
-    """Return J(α) of the policy of each angle of a piece that can be turned."""
-    assert piece.angles is not None
-    directions = np.array([exact_weights(angle) for angle in piece.angles])
-    return (piece.points * directions).sum(axis=1)
+def _measures(name: str, points: np.ndarray) -> Row:
+    """Return the measures of a set of mean totals on a task."""
+    task = TASKS[name]
+    area = hypervolume(points, np.array(task.reference))
+    measures = {"hypervolume": area, "expected_utility": expected_utility(points, ANGLES)}
+    if task.exact:
+        losses = utility_losses(points, tasks.exact_set(name).vertices, ANGLES)
+        measures |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
+    return measures
 
 
 def reference_rows(name: str) -> list[Row]:
     """Return the measures of the exact optimum of each angle, and of the known front."""
-    best, reference = exact_set(name), np.array(TASKS[name].reference)
+    best = tasks.exact_set(name)
     linear = np.array([best.optimum(angle).point for angle in ANGLES])
-    rows = []
-    for method, points in ((LINEAR, linear), (FRONT, known_front(name))):
-        losses = utility_losses(points, best.vertices, ANGLES)
-        measures = {
-            "hypervolume": hypervolume(points, reference),
-            "expected_utility": expected_utility(points, ANGLES),
-            "mean_loss": float(losses.mean()),
-            "largest_loss": float(losses.max()),
-        }
-        rows.append(_row({"task": name, "method": method, "runs": 0, "steps": 0}, measures))
-    return rows
+    label = {"task": name, "runs": 0, "steps": 0}
+    return [
+        _row(label | {"method": method}, _measures(name, points))
+        for method, points in ((LINEAR, linear), (FRONT, tasks.known_front(name)))
+    ]
 
 
 def pooled(rows: Sequence[Row]) -> list[Row]:
@@ -280,70 +252,12 @@ def comparison_rows(rows: Sequence[Row]) -> list[Row]:
 
 def _row(label: Row, measures: Row) -> Row:
     """Return a row with every column, empty where a measure isn't defined."""
-    names = ["hypervolume", "hypervolume_least", "hypervolume_largest"]
-    names += ["expected_utility", "expected_utility_least", "expected_utility_largest"]
+    names = [name + end for name in COMPARED for end in ("", "_least", "_largest")]
+    label = {name: label[name] for name in ("task", "method", "runs", "steps")}
     return label | {name: measures.get(name, "") for name in (*names, *MEASURES[2:])}
 
 
-def point_rows(piece: Piece) -> list[Row]:
-    """Return a row for each policy of a piece."""
-    label = {"task": piece.task, "method": piece.method, "seed": piece.seed}
-    angles: Sequence[Any] = piece.angles or [""] * len(piece.totals)
-    return [
-        label | {"angle": angle, "first": first, "second": second}
-        for angle, (first, second) in zip(angles, piece.totals, strict=True)
-    ]
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw the hypervolume of each run, a line of points for each method, beside what is exact."""
-    by_task = groups(results.tables.get("runs", []), "task")
-    if not by_task:
-        return {}
-    columns = min(COLUMNS, len(by_task))
-    lines = -(-len(by_task) // columns)
-    picture = figure(4.8 * columns, 2.6 * lines)
-    panels = np.atleast_1d(picture.subplots(lines, columns)).ravel()
-    for unused in panels[len(by_task) :]:
-        unused.set_axis_off()
-    for axes, ((task,), rows) in zip(panels, by_task.items(), strict=False):
-        _panel(axes, task, rows, matching(results.tables["pooled"], task=task))
-    return {"hypervolumes": picture}
-
-
-def _panel(axes: Any, task: str, rows: Sequence[Row], pooled_rows: Sequence[Row]) -> None:
-    thousands = max(column(rows, "hypervolume")) >= 1e5
-    unit = 1000.0 if thousands else 1.0
-    for method, line in ((LINEAR, "--"), (FRONT, "-")):
-        for row in matching(pooled_rows, method=method):
-            axes.axvline(row["hypervolume"] / unit, linestyle=line, color="#6e6e6e", label=method)
-    for (method,), runs in reversed(groups(rows, "method").items()):
-        ink = COLORS["prosocial" if method in METHODS else "egoistic"]
-        areas = np.array(column(runs, "hypervolume")) / unit
-        axes.plot(areas, [method] * len(runs), "o", color=ink, alpha=0.6)
-    label = "hypervolume of a run" + ", thousands" * thousands
-    finish(axes, task, 7 if TASKS[task].exact else None, xlabel=label)
-    axes.locator_params(axis="x", nbins=6)
-    axes.set_xlim(0.0, axes.get_xlim()[1])
-
-
-def view(results: Results) -> Sequence[View]:
-    """Return the tables to print."""
-    columns = ("task", "method", "runs", "steps", *MEASURES)
-    rows = [{name: row[name] for name in columns} for row in results.tables["pooled"]]
-    title = "Means over seeds; losses against the exact optimum of each angle"
+def missing(results: Results) -> Sequence[View]:
+    """Return the methods whose runs are not all there."""
     partial = [row for row in results.tables["coverage"] if row["runs"] < row["of"]]
-    tests = results.tables.get("comparisons", [])
-    compared = [View(tests, "First minus second, permutation test of the means")] if tests else []
-    missing = [View(partial, "Not all there yet")] if partial else []
-    return [View(rows, title), *compared, *missing]
-
-
-STUDY = Study(
-    name="mo-gymnasium",
-    Config=Config,
-    jobs=plan,
-    tables=compute_tables,
-    figures=draw,
-    view=view,
-)
+    return [View(partial, "Not all there yet")] if partial else []

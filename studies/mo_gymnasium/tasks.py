@@ -21,6 +21,7 @@ from socialiq.mdp.tabular import TabularMDP
 from socialiq.storage import read_json
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.environment import make_environment
+from socialiq_lab.comparison import as_file_name
 
 ANGLES = tuple(float(angle) for angle in range(0, 91, 5))
 """Angles at which every policy is evaluated, in degrees."""
@@ -86,28 +87,19 @@ class Task:
         return spec.max_episode_steps
 
 
-def _tasks() -> dict[str, Task]:
-    content = Path(__file__).with_name("tasks.toml").read_text()
-    tasks = {}
-    for name, row in tomllib.loads(content).items():
-        values: Any = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in row.items()
-        }
-        tasks[name] = Task(**values)
-    return tasks
-
-
-TASKS = _tasks()
+TASKS: dict[str, Task] = {}
 """Tasks by name."""
+
+for _name, _row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_text()).items():
+    _fields: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in _row.items()}
+    TASKS[_name] = Task(**_fields)
 
 
 def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
     """Return the finite MDP of deep-sea-treasure: its states are `current_state`.
 
-    From the first state on, every action is tried in every state that is found, breadth first.
-
-    Args:
-        env: With a reward pair, discrete actions and deterministic steps.
+    From the first state on, every action is tried in every state that is found, breadth first. The
+    environment has a reward pair, discrete actions and deterministic steps.
     """
     inner: Any = env.unwrapped
     env.reset(seed=0)
@@ -185,8 +177,7 @@ class Piece:
     @property
     def file(self) -> str:
         """Name of its file."""
-        short = "".join(letter if letter.isalnum() else "_" for letter in self.method)
-        return f"{self.task}-{short}-{self.seed}.json"
+        return f"{self.task}-{as_file_name(self.method)}-{self.seed}.json"
 
     @property
     def points(self) -> Float[np.ndarray, "policy 2"]:
@@ -204,21 +195,21 @@ def read(folder: Path) -> list[Piece]:
     Raises:
         UserError: If a file is no piece.
     """
-    return [_read(path) for path in sorted(folder.glob("*.json"))]
-
-
-def _read(path: Path) -> Piece:
-    try:
-        piece = Piece(**read_json(path))
-        shape = np.array(piece.totals, np.float64).shape
-        listed = piece.angles is None or len(piece.angles) == len(piece.totals)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{path} is no piece of mo-gymnasium: restore or remove it") from error
-    if piece.task not in TASKS or shape != (len(piece.totals), 2) or not (listed and shape[0]):
-        raise UserError(f"{path} is no piece of mo-gymnasium: restore or remove it")
-    if not np.isfinite(piece.points).all() or path.name != piece.file:
-        raise UserError(f"{path} is damaged or has another's name: restore or remove it")
-    return piece
+    pieces = []
+    for path in sorted(folder.glob("*.json")):
+        refused = f"{path} is no piece of mo-gymnasium: restore or remove it"
+        try:
+            piece = Piece(**read_json(path))
+            shape = np.array(piece.totals, np.float64).shape
+            listed = piece.angles is None or len(piece.angles) == len(piece.totals)
+        except (TypeError, ValueError) as error:
+            raise UserError(refused) from error
+        if piece.task not in TASKS or shape != (len(piece.totals), 2) or not (listed and shape[0]):
+            raise UserError(refused)
+        if not np.isfinite(piece.points).all() or path.name != piece.file:
+            raise UserError(f"{path} is damaged or has another's name: restore or remove it")
+        pieces.append(piece)
+    return pieces
 
 
 def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
@@ -227,10 +218,12 @@ def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
     Pieces of ours say so as `allowed_steps` of their settings: where episodes of experts end early,
     fewer are taken. Of the others it is told by the steps taken: at most, and nearly, these.
     """
-    return [piece for piece in pieces if piece.task in steps and _allowed(piece, steps[piece.task])]
-
-
-def _allowed(piece: Piece, steps: int) -> bool:
-    if "allowed_steps" in piece.settings:
-        return piece.settings["allowed_steps"] == steps and piece.steps <= steps
-    return 0.9 * steps <= piece.steps <= steps
+    chosen = []
+    for piece in pieces:
+        if piece.task not in steps:
+            continue
+        budget, told = steps[piece.task], piece.settings.get("allowed_steps")
+        allowed = told == budget if told is not None else 0.9 * budget <= piece.steps
+        if allowed and piece.steps <= budget:
+            chosen.append(piece)
+    return chosen

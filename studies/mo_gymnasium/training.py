@@ -1,4 +1,8 @@
-"""Jobs of the study: train one of our methods on a task with several seeds, and evaluate."""
+"""Our methods, and the job that trains one of them on a task with several seeds and evaluates it.
+
+Dials and IQ-Learn act in a Gymnasium environment: with a network of values where actions are
+discrete, else with actor and critics.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +13,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.learners.continuous.standardise import EXPLORED
+from socialiq.learners.acting import Driver, drawing
+from socialiq.learners.collect import Collector, from_env
+from socialiq.learners.continuous import config
+from socialiq.learners.continuous import train as actors
+from socialiq.learners.continuous.standardise import EXPLORED, Standardisation, explored
+from socialiq.learners.dial import train as dials
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn import train as iq_learn
+from socialiq.learners.kernel import Trained
 from socialiq.provenance import versions
 from socialiq.storage import write_atomically
+from socialiq.types import Act
+from socialiq.worlds.environment import action_size, sizes
 from socialiq_lab.jobs import ProgressCallback
-from studies.mo_gymnasium import continuous, discrete
 from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task
 
 DIAL, EXPERTS = "dial", "experts"
@@ -35,6 +50,144 @@ SHOWN_EPISODES = 2
 
 LIBRARIES = ("socialiq", "mo-gymnasium", "gymnasium", "jax", "numpy")
 
+ROUND, ACTOR_ROUND = 100, 50
+"""Steps, and as many updates, before a learner of values, or an actor, acts with newer weights."""
+
+NUMBERS = DialHyperparameters(temperature=0.01)
+"""Numbers of the dials; chosen on training seeds 100 and 101."""
+
+LAST_EXPLORATION = 0.2
+"""Share of random actions in the second half of a training; it falls from 1 in the first half."""
+
+TRIO_NUMBERS = iq.IQLearnHyperparameters(learning_rate=1e-3, temperature=0.1, prior_weight=5.0)
+"""Numbers of IQ-Learn; tried on training seed 100, not tuned."""
+
+
+def value_dials(
+    task: Task,
+    steps: int,
+    seeds: Sequence[int],
+    datasets: Sequence[Demonstrations] = (),
+    only: float | None = None,
+) -> list[Any]:
+    """Train a dial for each seed, online, with a gradient step for each step in the environment.
+
+    Without demonstrations it learns from its rewards alone. `only` is the one angle to train for,
+    in degrees; by default all from 0 to 90.
+    """
+    env, demonstrated = task.make(), bool(datasets)
+    space = env.observation_space
+    assert isinstance(space, spaces.Box)  # of others no environment is made
+    static = DialConfig(
+        demonstrations=demonstrated,
+        backup="double",
+        hidden=task.hidden,
+        one_hot=one_hot(space.low, space.high) if task.exact else (),
+        expert_batch=task.batch_size // 2,
+        replay_batch=task.batch_size // 2 if demonstrated else task.batch_size,
+        updates=steps,
+        replay_capacity=steps,
+        environments=1,
+        endings=iq.Endings(timeout="bootstrap"),
+    )
+    if only is not None:
+        static = dataclasses.replace(static, low=only, high=only, margin=0.0)
+    base = dataclasses.replace(NUMBERS, discount=task.discount)
+    numbers = [
+        dataclasses.replace(base, seed=seed, dataset=number * demonstrated)
+        for number, seed in enumerate(seeds)
+    ]
+
+    def exploring(networks: Any, run: int, done: int, rng: np.random.Generator) -> Act:
+        share = max(LAST_EXPLORATION, 1.0 - 2.0 * done / steps)
+        explores = dataclasses.replace(numbers[run], exploration=share)
+        return Driver(static, explores, networks.values, rng)
+
+    sources = [from_env(task.make(), ROUND, goes_on=True) for _ in seeds]
+    collect = Collector(sources, list(seeds), exploring)
+    data, shape = list(datasets), sizes(env)
+    options: dict[str, Any] = {"chunk": ROUND, "before_chunk": collect}
+    return _policies(dials.train(static, numbers, data, None, shape, **options))
+
+
+def one_hot(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, int], ...]:
+    """Return the smallest value and the number of values of each whole number observed."""
+    return tuple((int(least), int(most - least) + 1) for least, most in zip(low, high, strict=True))
+
+
+def _policies(trained: Trained) -> list[Any]:
+    return [trained.policy(run) for run in range(len(trained.hyperparameters))]
+
+
+ACTOR_NUMBERS = config.SACHyperparameters(learning_rate=1e-3, temperature=0.1, polyak=0.005)
+"""Numbers of soft actor-critic, and its dial; not tuned."""
+
+DEMONSTRATED = config.ActorIQLearnHyperparameters(
+    learning_rate=1e-3, temperature=0.1, polyak=0.005, prior_weight=30.0
+)
+"""Numbers of IQ-Learn, and its dial; not tuned."""
+
+
+def actor_dials(
+    task: Task, steps: int, seeds: Sequence[int], datasets: Sequence[Demonstrations] = ()
+) -> list[Any]:
+    """Train a dial for each seed, online; the arguments are those of `value_dials`."""
+    if not datasets:
+        return soft_actors(task, steps, [(seed, 0.0) for seed in seeds], dial=True)
+    static = _demonstrated(task, steps, dial=True)
+    base = dataclasses.replace(DEMONSTRATED, discount=task.discount)
+    numbers = [
+        dataclasses.replace(base, seed=seed, dataset=number) for number, seed in enumerate(seeds)
+    ]
+    return _collected(task, static, numbers, datasets)
+
+
+def soft_actors(
+    task: Task,
+    steps: int,
+    runs: Sequence[tuple[int, float]],
+    dial: bool = False,
+    changes: Sequence[Standardisation] = (),
+) -> list[Any]:
+    """Train soft actor-critic, or its dial, for each run: a seed, and an angle in degrees.
+
+    `changes` standardise each run's observations; without them they are as they are.
+    """
+    static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
+    base = dataclasses.replace(ACTOR_NUMBERS, discount=task.discount)
+    numbers = [dataclasses.replace(base, seed=seed, angle=angle) for seed, angle in runs]
+    return _collected(task, static, numbers, changes=changes)
+
+
+def _shared(task: Task, updates: int) -> dict[str, Any]:
+    names = ("updates", "replay_capacity")
+    shared: dict[str, Any] = dict.fromkeys(names, updates)
+    return shared | {"hidden": task.hidden, "updates_per_round": ACTOR_ROUND}
+
+
+def _demonstrated(task: Task, updates: int, **changes: Any) -> config.ActorIQLearnConfig:
+    options: dict[str, Any] = {"prior": "shifted_chi2", "chi2_on": "mixture"} | changes
+    batch_size = task.batch_size // 2
+    return config.ActorIQLearnConfig(**_shared(task, updates), batch_size=batch_size, **options)
+
+
+def _collected(
+    task: Task,
+    static: Any,
+    numbers: Sequence[Any],
+    datasets: Sequence[Demonstrations] = (),
+    changes: Sequence[Standardisation] = (),
+) -> list[Any]:
+    """Train with experience of the task, which goes on from round to round."""
+    makers = [change.maker(task.make) for change in changes] or [task.make] * len(numbers)
+    sources = [from_env(make(), ACTOR_ROUND, continuous=True, goes_on=True) for make in makers]
+    acts = drawing(static, static.env_steps_per_update)
+    collect = Collector(sources, [run.seed for run in numbers], acts)
+    env = task.make()
+    shape = sizes(env)[0], action_size(env)
+    options: dict[str, Any] = {"chunk": ACTOR_ROUND, "before_chunk": collect}
+    return _policies(actors.train(static, numbers, datasets, None, shape, **options))
+
 
 @dataclass(frozen=True)
 class Training:
@@ -46,46 +199,31 @@ class Training:
     steps: int
 
 
-@dataclass(frozen=True)
-class Made:
-    """Trained policies of one seed.
-
-    Attributes:
-        policies: Dials with `at`, or a list of policies.
-        steps: Taken in the environment.
-        settings: Of the method.
-    """
-
-    policies: Any
-    steps: int
-    settings: dict[str, Any]
-
-
 def train_and_evaluate(
-    config: Training, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
+    run: Training, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
     """Write one piece for each seed."""
-    task = dataclasses.replace(TASKS[config.task], steps=config.steps)
+    task = dataclasses.replace(TASKS[run.task], steps=run.steps)
     began = time.perf_counter()
-    outcomes = trained(task, config.method, config.seeds)
+    outcomes, steps, settings = trained(task, run.method, run.seeds)
     seconds = (time.perf_counter() - began) / len(outcomes)
     progress(0.8)
-    for seed, outcome in zip(config.seeds, outcomes, strict=True):
-        turned = not isinstance(outcome.policies, list)
-        policies = [outcome.policies.at(angle) for angle in ANGLES] if turned else outcome.policies
+    (folder / FOLDER).mkdir(exist_ok=True)
+    for seed, outcome in zip(run.seeds, outcomes, strict=True):
+        turned = not isinstance(outcome, list)
+        policies = [outcome.at(angle) for angle in ANGLES] if turned else outcome
         piece = Piece(
-            task=config.task,
-            method=config.method,
+            task=run.task,
+            method=run.method,
             seed=seed,
-            steps=outcome.steps,
+            steps=steps,
             evaluation_steps_while_training=0,
             angles=list(ANGLES) if turned else None,
             totals=[totals(task, policy) for policy in policies],
-            settings=outcome.settings | {"allowed_steps": config.steps},
+            settings=settings | {"allowed_steps": run.steps},
             seconds=round(seconds, 1),
             versions=versions(LIBRARIES),
         )
-        (folder / FOLDER).mkdir(exist_ok=True)
         write_atomically(folder / FOLDER / piece.file, piece.content())
 
 
@@ -95,69 +233,100 @@ def totals(task: Task, policy: Any) -> list[float]:
     return [round(float(total.mean()), 6) for total in rolled.transitions.totals()]
 
 
-def trained(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
+def trained(task: Task, method: str, seeds: Sequence[int]) -> tuple[list[Any], int, dict[str, Any]]:
     """Train a method within the task's steps.
+
+    Returns:
+        For each seed a dial with `at` or a list of policies; the steps taken in the environment;
+        the settings.
 
     Raises:
         UserError: If the steps don't suffice for experts, their episodes and the dial, or for
             steps at random.
     """
+    train_dials = actor_dials if task.continuous else value_dials
+    size, count = ACTOR_ROUND if task.continuous else ROUND, len(EXPERT_ANGLES)
+    names = ("learning_rate", "temperature", "polyak", "strength")
+    numbers = dataclasses.asdict(ACTOR_NUMBERS if task.continuous else NUMBERS)
+    settings = {name: value for name, value in numbers.items() if name in names}
+    settings |= {"hidden": list(task.hidden), "batch_size": task.batch_size}
+    settings["discount"] = task.discount
     if method == DIAL:
-        steps = _whole(task, task.steps)
-        dials = _kind(task).train_dials(task, steps, seeds)
-        return [Made(dial, steps, _settings(task)) for dial in dials]
+        steps = task.steps // size * size  # whole rounds
+        return train_dials(task, steps, seeds), steps, settings
     if method == STANDARDISED:
-        own_steps = _whole(task, task.steps - EXPLORED)
-        if own_steps <= 0:
+        steps = (task.steps - EXPLORED) // size * size
+        if steps <= 0:
             raise UserError(f"{task.steps} steps are too few: {EXPLORED} are taken at random")
-        dials = continuous.train_standardised(task, own_steps, seeds)
-        return [Made(dial, EXPLORED + own_steps, _settings(task)) for dial in dials]
-    count = len(EXPERT_ANGLES)
+        changes = [Standardisation.of(explored(task.make(), seed)) for seed in seeds]
+        policies = soft_actors(task, steps, [(seed, 0.0) for seed in seeds], True, changes)
+        dials_of = [change.policy(dial) for change, dial in zip(changes, policies, strict=True)]
+        return dials_of, EXPLORED + steps, settings
     if method == EXPERTS:
-        values = _whole(task, task.steps // count)
-        trained_experts = experts(task, values, seeds)
-        return [Made(trio, count * values, _settings(task)) for trio in trained_experts]
-    return _from_demonstrations(task, method, seeds)
-
-
-def _from_demonstrations(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
-    """Train experts, let each show its episodes, and train the method on these.
-
-    Of a trio the experts have all steps, of a dial half of them; a dial takes the rest itself.
-    """
-    count = len(EXPERT_ANGLES)
+        steps = task.steps // count // size * size
+        return experts(task, steps, seeds), count * steps, settings
+    # Experts show episodes. Of a trio they have all steps; a dial takes half of them itself.
     reserved = count * SHOWN_EPISODES * task.time_limit()
-    expert_steps = _whole(task, (task.steps - reserved) // (count if method == TRIO else 2 * count))
-    if expert_steps <= 0:
+    share = count if method == TRIO else 2 * count
+    steps = (task.steps - reserved) // share // size * size
+    if steps <= 0:
         raise UserError(
             f"{task.steps} steps are too few for {method}: episodes of its experts take {reserved}"
         )
-    result = experts(task, expert_steps, seeds)
-    datasets = [
-        demonstrations(task, *trio_and_seed) for trio_and_seed in zip(result, seeds, strict=True)
-    ]
-    taken = count * expert_steps + max(dataset.n_transitions for dataset in datasets)
-    settings = _settings(task) | {
-        "steps_of_an_expert": expert_steps,
-        "episodes_shown": SHOWN_EPISODES,
-    }
+    trios = zip(experts(task, steps, seeds), seeds, strict=True)
+    datasets = [demonstrations(task, *trio_and_seed) for trio_and_seed in trios]
+    taken = count * steps + max(dataset.n_transitions for dataset in datasets)
+    settings |= {"steps_of_an_expert": steps, "episodes_shown": SHOWN_EPISODES}
     if method == TRIO:
-        trios = _kind(task).train_trio(task, datasets, seeds, EXPERT_ANGLES)
-        return [Made(trio, taken, settings) for trio in trios]
-    own_steps = _whole(task, task.steps - taken)
-    dials = _kind(task).train_dials(task, own_steps, seeds, datasets)
-    return [Made(dial, taken + own_steps, settings | {"own_steps": own_steps}) for dial in dials]
+        return train_trio(task, datasets, seeds), taken, settings
+    own_steps = (task.steps - taken) // size * size
+    policies = train_dials(task, own_steps, seeds, datasets)
+    return policies, taken + own_steps, settings | {"own_steps": own_steps}
 
 
 def experts(task: Task, steps: int, seeds: Sequence[int]) -> list[list[Any]]:
     """Return for each seed a policy of each angle, trained on R(α) alone."""
-    if _kind(task) is continuous:
-        return list(continuous.train_experts(task, steps, seeds, EXPERT_ANGLES))
+    if task.continuous:
+        return _by_seed(soft_actors(task, steps, [(s, a) for s in seeds for a in EXPERT_ANGLES]))
     by_angle = [
-        [dial.at(angle) for dial in discrete.train_dials(task, steps, seeds, only=angle)]
+        [dial.at(angle) for dial in value_dials(task, steps, seeds, only=angle)]
         for angle in EXPERT_ANGLES
     ]
     return [list(policies) for policies in zip(*by_angle, strict=True)]
+
+
+def _by_seed(policies: Sequence[Any]) -> list[list[Any]]:
+    size = len(EXPERT_ANGLES)
+    return [list(policies[first : first + size]) for first in range(0, len(policies), size)]
+
+
+def train_trio(
+    task: Task, datasets: Sequence[Demonstrations], seeds: Sequence[int]
+) -> list[list[Any]]:
+    """Return for each seed a policy of each expert's angle: IQ-Learn offline on its data set."""
+    base = dataclasses.replace(
+        DEMONSTRATED if task.continuous else TRIO_NUMBERS, discount=task.discount
+    )
+    numbers = [
+        dataclasses.replace(base, seed=seed, angle=angle, dataset=number)
+        for number, seed in enumerate(seeds)
+        for angle in EXPERT_ANGLES
+    ]
+    if task.continuous:
+        offline = {"online": False, "value_term": "value_expert", "chi2_on": "expert"}
+        actor = _demonstrated(task, 3000, **offline)
+        return _by_seed(_policies(actors.train(actor, numbers, datasets)))
+    static = iq.IQLearnConfig(
+        prior="shifted_chi2",
+        target_kind="instantaneous",
+        value_term="value_expert",
+        online=False,
+        hidden=task.hidden,
+        batch_size=task.batch_size,
+        updates=5000,
+        endings=iq.Endings(timeout="bootstrap"),
+    )
+    return _by_seed(_policies(iq_learn.train(static, numbers, list(datasets))))
 
 
 def demonstrations(task: Task, policies: Sequence[Any], seed: int) -> Demonstrations:
@@ -169,29 +338,3 @@ def demonstrations(task: Task, policies: Sequence[Any], seed: int) -> Demonstrat
         driven = rollout_env(task.make(), policy, SHOWN_EPISODES, first, False, mode)
         episodes.append(driven.transitions)
     return concatenate(episodes)
-
-
-def _kind(task: Task) -> Any:
-    """Return the module of the task's kind of actions."""
-    return discrete if isinstance(task.make().action_space, spaces.Discrete) else continuous
-
-
-def _whole(task: Task, steps: int) -> int:
-    """Return as many steps as whole rounds have."""
-    size = _kind(task).ROUND
-    return steps // size * size
-
-
-def _settings(task: Task) -> dict[str, Any]:
-    """Return the settings that tasks have in common, as those of peers are written."""
-    module = _kind(task)
-    numbers = {
-        name: value
-        for name, value in dataclasses.asdict(module.NUMBERS).items()
-        if name in ("learning_rate", "temperature", "polyak", "strength")
-    }
-    return numbers | {
-        "hidden": list(task.hidden),
-        "batch_size": task.batch_size,
-        "discount": task.discount,
-    }

@@ -1,30 +1,23 @@
-"""Jobs of the study: what is missing of the plan."""
+"""Configuration of the study, the pieces that are there, and the jobs of what is missing."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from socialiq.errors import UserError, one_of
+from socialiq.demonstrations import files
+from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.learners.settings import check_counts
-from socialiq.storage import read_json, shipped, write_atomically
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.storage import read_json, shipped
+from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job, ProgressCallback
-from studies.mujoco_imitation.methods import METHODS, VARIANTS, method_of
-from studies.mujoco_imitation.runs import (
-    POLICY,
-    RECORD,
-    Expert,
-    Imitation,
-    Showing,
-    imitate,
-    show,
-    train_expert,
-)
-from studies.mujoco_imitation.tasks import TASKS, make_env
+from studies.mujoco_imitation import runs
+from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
+from studies.mujoco_imitation.tasks import TASKS, make_env, played
 
 COUNTS = (1, 5, 25)
 """Trajectories of a set of demonstrations, as in the tables."""
@@ -81,52 +74,24 @@ class Config:
         for count in self.trajectories:
             if not 1 <= count <= max(COUNTS):
                 raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")
-        for what, names, choices in (
-            ("task", self.tasks, TASKS),
-            ("method", self.methods, METHODS),
-            ("variant", self.variants, VARIANTS),
-        ):
-            for name in names:
-                one_of(what, name, tuple(choices))
+        check_names(self, tasks=TASKS, methods=METHODS, variants=VARIANTS)
 
 
 FOLDER = "pieces"
 
-Key = tuple[str, str, int, int]
-"""Task, method, trajectories, seed."""
+Pieces = dict[str, bytes]
+"""Content of the files of pieces by name: the record of each run, and two files of each expert."""
 
 
-@dataclass(frozen=True)
-class Pieces:
-    """Content of pieces.
-
-    Attributes:
-        experts: By task, the files of an expert by name.
-        runs: Of each run, its record.
-    """
-
-    experts: dict[str, dict[str, bytes]] = field(default_factory=dict)
-    runs: dict[Key, bytes] = field(default_factory=dict)
-
-    def files(self) -> dict[str, bytes]:
-        """Return the content of all files by path in a results folder."""
-        result = {
-            f"{FOLDER}/{task}_{name}": content
-            for task, files in self.experts.items()
-            for name, content in files.items()
-        }
-        return result | {f"{FOLDER}/{name_of(key)}": content for key, content in self.runs.items()}
-
-
-def name_of(key: Key) -> str:
+def name_of(task: str, method: str, trajectories: int, seed: int) -> str:
     """Return the name of a run's file."""
-    words = "".join(letter if letter.isalnum() else "_" for letter in key[1])
-    return f"{key[0]}-{words}-{key[2]}-{key[3]}.json"
+    return f"{task}-{as_file_name(method)}-{trajectories}-{seed}.json"
 
 
-def key_of(record: Mapping[str, Any]) -> Key:
-    """Return the key of a run's record."""
-    return record["task"], record["method"], record["trajectories"], record["seed"]
+def expert_of(pieces: Pieces, task: str) -> Pieces:
+    """Return the files of a task's expert by their name in its job; none without one."""
+    names = {name: f"{task}_{name}" for name in (RECORD, POLICY)}
+    return {name: pieces[file] for name, file in names.items() if file in pieces}
 
 
 def committed(folder: str) -> Pieces:
@@ -136,24 +101,23 @@ def committed(folder: str) -> Pieces:
         UserError: If it is not there, a file is damaged, or of an unknown task or method.
     """
     if not folder:
-        return Pieces()
+        return {}
     source = shipped(Path(folder)) / FOLDER
     if not source.is_dir():
         raise UserError(f"{folder} holds no pieces: name a results folder of this study")
-    pieces = Pieces()
+    pieces: Pieces = {}
     for path in sorted(source.glob("*.json")):
         record = read_json(path)
-        task, _, name = path.name.partition("_")
-        if name == RECORD:
-            policy = source / f"{task}_{POLICY}"
+        if path.name.endswith(f"_{RECORD}"):
+            policy = path.with_name(path.name.replace(RECORD, POLICY))
             if not policy.is_file():
                 raise UserError(f"{policy} is missing: restore it, or leave out {path.name}")
-            pieces.experts[task] = {RECORD: path.read_bytes(), POLICY: policy.read_bytes()}
+            pieces |= {path.name: path.read_bytes(), policy.name: policy.read_bytes()}
             continue
         try:
-            key = key_of(record)
-            is_known = key[0] in TASKS and key[1] in (*METHODS, *VARIANTS)
-            pieces.runs[key] = path.read_bytes()
+            key = [record[name] for name in ("task", "method", "trajectories", "seed")]
+            is_known = key[0] in TASKS and key[1] in runs.RECIPES
+            pieces[name_of(*key)] = path.read_bytes()
         except (KeyError, TypeError) as error:
             raise UserError(f"{path} is damaged: restore it or make it again") from error
         if not is_known:
@@ -169,41 +133,44 @@ ABLATED = ("Hopper", 5)
 
 
 @dataclass(frozen=True)
-class Kept:
-    """An expert that is there already.
+class Showing:
+    """Trajectories of an expert from a seed on: the set of one imitation seed.
 
-    Attributes:
-        task: Name in `TASKS`.
-        folder: Results folder with its pieces.
-        sha256: Of its files, one after the other.
+    Of an expert that is there already, `pieces` is its results folder, `sha256` that of its files.
     """
 
     task: str
-    folder: str
-    sha256: str
+    trajectories: int
+    seed: int
+    pieces: str = ""
+    sha256: str = ""
 
 
-def keep(
-    expert: Kept, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+def show(
+    showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Copy an expert's files.
+    """Write whole trajectories of the expert's mean actions.
 
     Raises:
-        UserError: If they have changed since the plan was made.
+        UserError: If the expert has changed since the plan was made.
     """
-    del inputs
-    files = committed(expert.folder).experts.get(expert.task, {})
-    if _sha256(files) != expert.sha256:
-        raise UserError(
-            f"{expert.folder} has changed since the study began: give the command again"
-        )
-    for name, content in files.items():
-        write_atomically(folder / name, content)
+    if showing.pieces:
+        if _sha256(committed(showing.pieces), showing.task) != showing.sha256:
+            raise UserError(
+                f"{showing.pieces} has changed since the study began: give the command again"
+            )
+        expert = shipped(Path(showing.pieces)) / FOLDER / f"{showing.task}_{POLICY}"
+    else:
+        expert = next(iter(inputs.values())) / POLICY
+    policy = ActorPolicy.load(expert)
+    episodes = played(TASKS[showing.task], policy, showing.trajectories, showing.seed)
+    files.save(folder / runs.SHOWN, episodes)
     progress(1.0)
 
 
-def _sha256(files: Mapping[str, bytes]) -> str:
-    return hashlib.sha256(b"".join(files[name] for name in sorted(files))).hexdigest()
+def _sha256(pieces: Pieces, task: str) -> str:
+    expert = expert_of(pieces, task)
+    return hashlib.sha256(b"".join(expert[name] for name in sorted(expert))).hexdigest()
 
 
 def cells(config: Config) -> Iterator[tuple[str, str, int]]:
@@ -219,67 +186,55 @@ def cells(config: Config) -> Iterator[tuple[str, str, int]]:
             yield task, variant, count
 
 
-def plan(config: Config) -> list[Job]:
-    """Return the jobs of what is missing, each after its inputs."""
-    there = committed(config.pieces)
-    if not config.new:
-        return []
-    return [job for task in config.tasks for job in _of_task(config, task, there)]
-
-
-def checked_plan(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return `plan`, once MuJoCo is known to be there.
 
     Raises:
         UserError: If it isn't.
     """
-    jobs = plan(config)
-    if jobs:
+    planned = plan(config)
+    if planned:
         make_env(TASKS[config.tasks[0]]).close()
-    return jobs
+    return planned
 
 
-def _of_task(config: Config, task: str, there: Pieces) -> Iterator[Job]:
-    missing = {
-        (method, count): seeds
-        for of, method, count in cells(config)
-        if of == task and (seeds := _missing(config, there, task, method, count))
-    }
-    if task in there.experts and not missing:
-        return
-    yield _expert(config, task, there)
-    for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
-        first = config.data_seed + max(COUNTS) * seed
-        showing = Showing(task, max(config.trajectories), first)
-        yield Job(f"shown/{task}-{seed}", show, showing, (f"expert/{task}",), cost=5.0)
-    for (method, count), seeds in missing.items():
-        run = Imitation(
-            task, method, count, seeds, config.updates, config.episodes, config.evaluation_seed
-        )
-        inputs = tuple(f"shown/{task}-{seed}" for seed in seeds)
-        cost = len(seeds) * (90.0 if method_of(method).online else 15.0)
-        name = name_of((task, method, count, seeds[0])).removesuffix(".json")
-        yield Job(f"runs/{name}", imitate, run, inputs, cost=cost)
+def plan(config: Config) -> list[Job]:
+    """Return the jobs of what is missing, each after its inputs."""
+    there, planned = committed(config.pieces), list[Job]()
+    for task in config.tasks if config.new else ():
+        missing: dict[tuple[str, int], tuple[int, ...]] = {}
+        for of_task, method, count in cells(config):
+            seeds = tuple(s for s in config.seeds if name_of(task, method, count, s) not in there)
+            if of_task == task and seeds:
+                missing[method, count] = seeds
+        source, inputs = (config.pieces, _sha256(there, task)), ()
+        if not expert_of(there, task):
+            settings = TASKS[task].expert
+            recipe = runs.Expert(
+                task=task,
+                seed=config.expert_seed,
+                settings=replace(settings, updates=config.expert_updates or settings.updates),
+                every=config.every,
+                judged=config.judged,
+                judging_seed=config.judging_seed,
+                episodes=config.expert_episodes,
+                evaluation_seed=config.evaluation_seed,
+            )
+            planned.append(Job(f"expert/{task}", runs.train_expert, recipe, cost=300.0))
+            source, inputs = (), (f"expert/{task}",)
+        for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
+            first = config.data_seed + max(COUNTS) * seed
+            showing = Showing(task, max(config.trajectories), first, *source)
+            planned.append(Job(_shown(task, seed), show, showing, inputs, cost=5.0))
+        for (method, count), seeds in missing.items():
+            evaluation = config.updates, config.episodes, config.evaluation_seed
+            run = runs.Imitation(task, method, count, seeds, *evaluation)
+            sets = tuple(_shown(task, seed) for seed in seeds)
+            cost = len(seeds) * (90.0 if runs.RECIPES[method].online else 15.0)
+            name = "runs/" + name_of(task, method, count, seeds[0]).removesuffix(".json")
+            planned.append(Job(name, runs.imitate, run, sets, cost=cost))
+    return planned
 
 
-def _missing(config: Config, there: Pieces, task: str, method: str, count: int) -> tuple[int, ...]:
-    return tuple(s for s in config.seeds if (task, method, count, s) not in there.runs)
-
-
-def _expert(config: Config, task: str, there: Pieces) -> Job:
-    name = f"expert/{task}"
-    if task in there.experts:
-        expert = Kept(task, config.pieces, _sha256(there.experts[task]))
-        return Job(name, keep, expert, cost=1.0)
-    settings = TASKS[task].expert
-    recipe = Expert(
-        task=task,
-        seed=config.expert_seed,
-        settings=replace(settings, updates=config.expert_updates or settings.updates),
-        every=config.every,
-        judged=config.judged,
-        judging_seed=config.judging_seed,
-        episodes=config.expert_episodes,
-        evaluation_seed=config.evaluation_seed,
-    )
-    return Job(name, train_expert, recipe, cost=300.0)
+def _shown(task: str, seed: int) -> str:
+    return f"shown/{task}-{seed}"

@@ -1,9 +1,9 @@
-"""Jobs of imitation: demonstrations of an expert, and the runs that learn from them."""
+"""Methods of the study, and its jobs: experts, their demonstrations, and what learns from them."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,41 +15,87 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.acting import acting_in, drawing
+from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Collector, from_env
-from socialiq.learners.continuous.acting import drawing
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
-from socialiq.learners.continuous.config import SACConfig, SACHyperparameters
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
+from socialiq.learners.continuous import config
 from socialiq.learners.continuous.standardise import Standardisation
-from socialiq.learners.continuous.train import acting_in, train
-from socialiq.learners.kernel import Trained
+from socialiq.learners.continuous.train import train
+from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json, write_json
-from socialiq.types import Row
 from socialiq.worlds.wrapper import AbsorbingStates
+from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.jobs import ProgressCallback
-from studies.mujoco_imitation.methods import ROUND, Method, method_of
-from studies.mujoco_imitation.tasks import TASKS, ExpertSettings, Task, make_env, played, returns
+from socialiq_lab.registry import declaration
+from studies.mujoco_imitation.tasks import TASKS, ExpertSettings, Task, make_env, returns
 
-POLICY, RECORD = "expert.safetensors", "expert.json"
+POLICY, RECORD, SHOWN = "expert.safetensors", "expert.json", "shown.safetensors"
+
+ROUND = 1000
+"""Updates, and steps in the environment, between two rounds of acting: the greatest length of an
+episode."""
+
+
+@dataclass(frozen=True)
+class Method(Recipe):
+    """A learner with its settings, a table `[method.NAME]` of STUDY.toml.
+
+    Attributes:
+        clone: Cloning that it is tested against.
+        absorbing: Whether terminal states are absorbing ones that the observation shows.
+        standardised: Whether the networks see standardised observations.
+        updates: Of online imitation; 0 for those of the task.
+        forces: Whether the networks see contact forces, of tasks that have them.
+    """
+
+    clone: str = ""
+    absorbing: bool = False
+    standardised: bool = False
+    updates: int = 0
+    forces: bool = True
+
+
+_SHAPE: dict[str, Any] = {"hidden": (64, 64), "batch_size": 128}
+_OFFLINE = config.ActorIQLearnConfig(
+    prior="none", online=False, value_term="value_expert", updates=10_000, **_SHAPE
+)
+_ONLINE = config.ActorIQLearnConfig(
+    prior="none",
+    chi2_on="mixture",
+    bounded=True,
+    endings=Endings(timeout="bootstrap", other="occupancy"),
+    replay_capacity=200_000,
+    updates_per_round=ROUND,
+    **_SHAPE,
+)
+_NUMBERS = config.ActorIQLearnHyperparameters(temperature=0.01, learning_rate=1e-3)
+_CLONING = bc.CloningConfig(updates=10_000, **_SHAPE)
+_BASES = {
+    "online": Method(_ONLINE, _NUMBERS),
+    "offline": Method(_OFFLINE, _NUMBERS),
+    "cloning": Method(_CLONING, bc.CloningHyperparameters(learning_rate=1e-3)),
+}
+_DECLARED = declaration("mujoco-imitation")
+
+METHODS: dict[str, Method] = declared_recipes(_DECLARED["method"], _BASES)
+"""Methods by name in the tables."""
+
+VARIANTS: dict[str, Method] = declared_recipes(_DECLARED["variant"], METHODS)
+"""Ablations of online imitation by name in the tables."""
+
+RECIPES = METHODS | VARIANTS
 
 
 @dataclass(frozen=True)
 class Expert:
     """Recipe of an expert.
 
-    Attributes:
-        task: Name in `TASKS`.
-        seed: Of the training.
-        settings: Of the training.
-        every: Updates between two checkpoints.
-        judged: Episodes by whose mean return the best checkpoint is chosen.
-        judging_seed: Seed of the first of them; the next checkpoint has others.
-        episodes: Episodes of the reported return.
-        evaluation_seed: Seed of the first of these.
+    There is a checkpoint `every` so many updates. The best is chosen by the mean return of `judged`
+    episodes, the first of seed `judging_seed`; the next checkpoint has others. The reported return
+    is that of `episodes` from `evaluation_seed` on.
     """
 
     task: str
@@ -63,16 +109,31 @@ class Expert:
 
 
 def train_expert(
-    recipe: Expert, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+    recipe: Expert, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
     """Train; write the best checkpoint, and the returns of all.
 
     An interrupted training goes on from its last saved state.
     """
-    del inputs
-    task, checkpoint = TASKS[recipe.task], folder / "training.safetensors"
-    settings = recipe.settings
-    static = SACConfig(
+    task, settings = TASKS[recipe.task], recipe.settings
+    checkpoint = folder / "training.safetensors"
+
+    def judge(state: Any) -> dict[str, np.ndarray]:  # keeps the best checkpoint
+        done = int(np.asarray(state.optimiser.count)[0])
+        if done % recipe.every and done != settings.updates:
+            return {}
+        record = read_json(folder / RECORD) if (folder / RECORD).is_file() else {"checkpoints": []}
+        past = [entry for entry in record["checkpoints"] if entry["updates"] < done]
+        policy = ActorPolicy.of(network_of(state.network.actor, 0), {})
+        seed = recipe.judging_seed + len(past) * recipe.judged
+        mean = float(returns(task, policy, recipe.judged, seed).mean())
+        if mean > max((entry["mean_return"] for entry in past), default=-np.inf):
+            policy.save(folder / POLICY)
+        past.append({"updates": done, "mean_return": mean})
+        write_json(folder / RECORD, {"checkpoints": past})
+        return {}
+
+    static = config.SACConfig(
         hidden=settings.hidden,
         batch_size=settings.batch_size,
         updates=settings.updates,
@@ -82,95 +143,41 @@ def train_expert(
         replay_capacity=min(settings.updates, 300_000),
         tuned=True,
     )
-    runs = [SACHyperparameters(seed=recipe.seed, learning_rate=settings.learning_rate)]
+    runs = [config.SACHyperparameters(seed=recipe.seed, learning_rate=settings.learning_rate)]
     env = make_env(task)
     assert env.observation_space.shape and env.action_space.shape
     train(
-        SoftActorCritic,
         static,
         runs,
         sizes=(env.observation_space.shape[0], env.action_space.shape[0]),
-        callbacks=Callbacks(
-            on_report=lambda report: progress(report.done / report.total),
-            monitor=_judge(task, recipe, folder),
-            checkpoint=checkpoint,
-            resume=checkpoint.is_file(),
-        ),
+        callbacks=_resumable(checkpoint, progress, judge),
         chunk=static.updates_per_round,
-        before_chunk=acting_in(lambda: make_env(task), static, runs),
+        before_chunk=acting_in(lambda: make_env(task), static, runs, static.updates_per_round),
     )
     checkpoint.unlink(missing_ok=True)
-    record = read_json(folder / RECORD)
     expert = ActorPolicy.load(folder / POLICY)
     episode_returns = returns(task, expert, recipe.episodes, recipe.evaluation_seed)
     described = dataclasses.asdict(recipe)
     described |= described.pop("settings")
-    write_json(folder / RECORD, record | {"recipe": described, "returns": episode_returns.tolist()})
+    entries = {"recipe": described, "returns": episode_returns.tolist()}
+    write_json(folder / RECORD, read_json(folder / RECORD) | entries)
 
 
-def _judge(task: Task, recipe: Expert, folder: Path) -> Callable[[Any], dict[str, np.ndarray]]:
-    """Return the monitor that keeps the best checkpoint and the mean return of each."""
-
-    def judge(state: Any) -> dict[str, np.ndarray]:
-        done = int(np.asarray(state.optimiser.count)[0])
-        if done % recipe.every and done != recipe.settings.updates:
-            return {}
-        record = read_json(folder / RECORD) if (folder / RECORD).is_file() else {"checkpoints": []}
-        past = [checkpoint for checkpoint in record["checkpoints"] if checkpoint["updates"] < done]
-        policy = ActorPolicy.of(network_of(state.network.actor, 0), {})
-        seed = recipe.judging_seed + len(past) * recipe.judged
-        mean = float(returns(task, policy, recipe.judged, seed).mean())
-        if mean > max((entry["mean_return"] for entry in past), default=-np.inf):
-            policy.save(folder / POLICY)
-        row = {"updates": done, "mean_return": mean}
-        write_json(folder / RECORD, {"checkpoints": [*past, row]})
-        return {}
-
-    return judge
-
-
-SHOWN = "shown.safetensors"
-
-
-@dataclass(frozen=True)
-class Showing:
-    """Trajectories of an expert: the set of one imitation seed.
-
-    Attributes:
-        task: Name in `TASKS`.
-        trajectories: How many.
-        seed: Seed of the first one.
-    """
-
-    task: str
-    trajectories: int
-    seed: int
-
-
-def show(
-    showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
-    """Write whole trajectories of the expert's mean actions."""
-    (expert,) = inputs.values()
-    policy = ActorPolicy.load(expert / POLICY)
-    files.save(
-        folder / SHOWN, played(TASKS[showing.task], policy, showing.trajectories, showing.seed)
+def _resumable(checkpoint: Path, progress: ProgressCallback, monitor: Any = None) -> Callbacks:
+    return Callbacks(
+        on_report=lambda report: progress(report.done / report.total),
+        monitor=monitor,
+        checkpoint=checkpoint,
+        resume=checkpoint.is_file(),
     )
-    progress(1.0)
 
 
 @dataclass(frozen=True)
 class Imitation:
-    """Training of one method on one number of trajectories, with some seeds in one program.
+    """Training of one method on sets of so many trajectories, with some seeds in one program.
 
-    Attributes:
-        task: Name in `TASKS`.
-        method: Name in `METHODS` or `VARIANTS`.
-        trajectories: Of a set of demonstrations.
-        seeds: Of the training; each has a set of its own, the inputs in this order.
-        updates: Of each run; 0 for those of the method.
-        episodes: Evaluation episodes of each policy.
-        evaluation_seed: Seed of the first one.
+    Each seed has a set of its own, the inputs in this order. `updates` are 0 for the method's own;
+    each policy is evaluated in `episodes` from `evaluation_seed` on.
     """
 
     task: str
@@ -186,54 +193,43 @@ def imitate(
     run: Imitation, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
     """Train and write the piece of each seed; an interrupted training goes on."""
-    task = TASKS[run.task]
+    task, method = TASKS[run.task], settled(run)
     datasets = [
         files.load(path / SHOWN, continuous=True).select(np.arange(run.trajectories))
         for path in inputs.values()
     ]
     checkpoint = folder / "training.safetensors"
-    callbacks = Callbacks(
-        on_report=lambda report: progress(report.done / report.total),
-        checkpoint=checkpoint,
-        resume=checkpoint.is_file(),
-    )
-    method = settled(run, task)
-    policies = learn(task, method, datasets, run.seeds, callbacks)
+    policies = learn(task, method, datasets, run.seeds, _resumable(checkpoint, progress))
     for number, (seed, policy) in enumerate(zip(run.seeds, policies, strict=True)):
-        policy = _without_mark(policy) if method.absorbing else policy
-        episode_returns = returns(task, policy, run.episodes, run.evaluation_seed)
-        write_json(
-            folder / f"{seed}.json",
-            {
-                "task": run.task,
-                "method": run.method,
-                "trajectories": run.trajectories,
-                "seed": seed,
-                "updates": method.static.updates,
-                "evaluation_seed": run.evaluation_seed,
-                "demonstrated_return": float(datasets[number].totals().env.mean()),
-                "returns": episode_returns.tolist(),
-                "record": _record(policy),
-            },
-        )
+        if method.absorbing:  # the mark of absorbing states, the last feature, is 0
+            first, *later = policy.weights
+            policy = dataclasses.replace(policy, weights=(first[:, :-1], *later))
+        record = policy.provenance
+        if "standardised" in record:  # only that it is there
+            record = {**record, "standardised": True}
+        piece = {
+            "task": run.task,
+            "method": run.method,
+            "trajectories": run.trajectories,
+            "seed": seed,
+            "updates": method.static.updates,
+            "evaluation_seed": run.evaluation_seed,
+            "demonstrated_return": float(datasets[number].totals().env.mean()),
+            "returns": returns(task, policy, run.episodes, run.evaluation_seed).tolist(),
+            "record": record,
+        }
+        write_json(folder / f"{seed}.json", piece)
     checkpoint.unlink(missing_ok=True)
 
 
-def _record(policy: ActorPolicy) -> dict[str, Any]:
-    """Return a policy's provenance; of a standardisation only that it is there."""
-    changed = {"standardised": True} if "standardised" in policy.provenance else {}
-    return {**policy.provenance, **changed}
-
-
-def settled(run: Imitation, task: Task) -> Method:
+def settled(run: Imitation) -> Method:
     """Return a run's method with its updates: the given ones, its own, or online the task's."""
-    method = method_of(run.method)
-    default = (method.updates or task.online_updates) if method.online else method.static.updates
-    updates = run.updates or default
-    changes: dict[str, Any] = {"updates": updates}
+    method, changes = RECIPES[run.method], {}
+    updates = method.static.updates
     if method.online:
-        changes["updates_per_round"] = min(ROUND, updates)
-    return dataclasses.replace(method, static=dataclasses.replace(method.static, **changes))
+        updates = method.updates or TASKS[run.task].online_updates
+        changes["updates_per_round"] = min(ROUND, run.updates or updates)
+    return method.changed(static=changes | {"updates": run.updates or updates})
 
 
 def learn(
@@ -244,75 +240,35 @@ def learn(
     callbacks: Callbacks,
 ) -> list[ActorPolicy]:
     """Train a run for each seed, each on its own set, all in one program; return the policies."""
-    if method.absorbing:
-        datasets = [with_absorbing_states(dataset) for dataset in datasets]
-    if not method.standardised:
-        return _policies(_train(task, method, datasets, seeds, callbacks))
-    unseen = () if method.forces else task.forces
-    changes = [Standardisation.of(dataset.observation, unseen) for dataset in datasets]
-    standardised = [
-        change.transitions(entry) for change, entry in zip(changes, datasets, strict=True)
-    ]
-    trained = _train(task, method, standardised, seeds, callbacks, changes)
-    return [
-        change.actor(policy) for change, policy in zip(changes, _policies(trained), strict=True)
-    ]
-
-
-def _policies(trained: Trained) -> list[ActorPolicy]:
-    return [trained.policy(run) for run in range(len(trained.hyperparameters))]
-
-
-def _train(
-    task: Task,
-    method: Method,
-    datasets: Sequence[Demonstrations],
-    seeds: Sequence[int],
-    callbacks: Callbacks,
-    changes: Sequence[Standardisation] = (),
-) -> Trained:
-    """Train on demonstrations as the networks see them."""
-    runs = [
-        dataclasses.replace(method.numbers, seed=seed, dataset=number)
-        for number, seed in enumerate(seeds)
-    ]
-    if isinstance(method.static, bc.CloningConfig):
-        return BehaviourCloning.train_on(method.static, runs, datasets, callbacks)
 
     def environment() -> gymnasium.Env[Any, Any]:
         env = make_env(task)
         return AbsorbingStates(env) if method.absorbing else env
 
-    if not method.online:
-        return train(ContinuousIQLearn, method.static, runs, datasets, callbacks=callbacks)
-    chunk = method.static.updates_per_round
-    makers = [change.maker(environment) for change in changes] or [environment] * len(seeds)
-    sources = [from_env(make(), chunk, continuous=True) for make in makers]
-    collector = Collector(sources, seeds, drawing(method.static, 1))
-    return train(
-        ContinuousIQLearn,
-        method.static,
-        runs,
-        datasets,
-        callbacks=callbacks,
-        chunk=chunk,
-        before_chunk=collector,
-    )
-
-
-def _without_mark(policy: ActorPolicy) -> ActorPolicy:
-    """Return the policy of observations without the mark of absorbing states, which is 0."""
-    first, *later = policy.weights
-    return dataclasses.replace(policy, weights=(first[:, :-1], *later))
-
-
-def row_of(piece: Mapping[str, Any]) -> Row:
-    """Return the row of a piece in the table of runs."""
-    episode_returns = np.array(piece["returns"])
-    names = ("task", "trajectories", "method", "seed", "updates")
-    return {name: piece[name] for name in names} | {
-        "mean_return": float(episode_returns.mean()),
-        "least_return": float(episode_returns.min()),
-        "greatest_return": float(episode_returns.max()),
-        "demonstrated_return": piece["demonstrated_return"],
-    }
+    if method.absorbing:
+        datasets = [with_absorbing_states(dataset) for dataset in datasets]
+    changes, makers = [], [environment] * len(seeds)
+    if method.standardised:
+        unseen = () if method.forces else task.forces
+        changes = [Standardisation.of(dataset.observation, unseen) for dataset in datasets]
+        pairs = zip(changes, datasets, strict=True)
+        datasets = [change.transitions(dataset) for change, dataset in pairs]
+        makers = [change.maker(environment) for change in changes]
+    runs = [
+        dataclasses.replace(method.numbers, seed=seed, dataset=number)
+        for number, seed in enumerate(seeds)
+    ]
+    if isinstance(method.static, bc.CloningConfig):
+        trained = GaussianCloning.train_on(method.static, runs, datasets, callbacks)
+    else:
+        options: dict[str, Any] = {"callbacks": callbacks}
+        if method.online:
+            chunk = method.static.updates_per_round
+            sources = [from_env(make(), chunk, continuous=True) for make in makers]
+            options |= {"chunk": chunk}
+            options["before_chunk"] = Collector(sources, seeds, drawing(method.static, 1))
+        trained = train(method.static, runs, datasets, **options)
+    policies = [trained.policy(run) for run in range(len(runs))]
+    if not changes:
+        return policies
+    return [change.policy(policy) for change, policy in zip(changes, policies, strict=True)]

@@ -17,15 +17,7 @@ from socialiq.worlds.environment import make_environment
 
 @dataclass(frozen=True)
 class ExpertSettings:
-    """Settings of an expert's training.
-
-    Attributes:
-        updates: With a step in the environment for each.
-        hidden: Widths of the hidden layers.
-        batch_size: Transitions of an update.
-        learning_rate: Adam's.
-        schedule: Of the learning rate.
-    """
+    """Settings of an expert's training, with a step in the environment for each update."""
 
     updates: int
     hidden: tuple[int, ...] = (64, 64)

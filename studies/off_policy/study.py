@@ -7,8 +7,8 @@ evaluated, which drive in the same way. The truth is exact, so only the episodes
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,49 +16,22 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.logged import Chances, Logged
-from socialiq.evaluation.off_policy import Estimate, Evaluator, OffPolicy
-from socialiq.evaluation.rollout import rollout_table
+from socialiq.evaluation.off_policy import Chances, Evaluator, Logged, OffPolicy
+from socialiq.evaluation.rollout import MODES, rollout_table
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import score, weights
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.study import Context, Findings, counter
+from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import groups, matching, mean, nested
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results."""
-
-    worlds: tuple[str, ...] = ("crossing5", "crossing7")
-    """Gridworlds."""
-    seeds: tuple[int, ...] = tuple(range(540, 580))
-    """Seeds of the episodes. 100 to 119 and 500 to 539 were used in development."""
-    episodes_each: int = 60
-    """Episodes of each demonstrator."""
-    explored: tuple[float, ...] = (0.0, 0.1, 0.3)
-    """Shares of random actions among the demonstrators'; 0: they show one action in each state."""
-    random: float = 0.05
-    """Share of random actions among those of the evaluated policies, where the data have any."""
-    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    """Angles of the evaluated policies, in degrees."""
-    resamples: int = 200
-    """Bootstrap resamples."""
-
-
 class Scene(NamedTuple):
-    """A gridworld, and how its policies act.
+    """A gridworld, and how its policies act."""
 
-    Attributes:
-        part: Reachable states.
-        places: Row of each state, by its bytes.
-    """
-
-    part: Table
-    places: dict[bytes, int]
+    part: Table  # reachable states
+    places: dict[bytes, int]  # row of each state, by its bytes
 
     @staticmethod
     def of(world: str) -> Scene:
@@ -73,19 +46,19 @@ class Scene(NamedTuple):
         best = horizon_optimum(mdp, reward, self.part.world.horizon).actions[0]
         return (1.0 - random) * np.eye(mdp.n_actions)[best] + random / mdp.n_actions
 
-    def data(self, config: Config, explored: float, seed: int) -> Demonstrations:
+    def data(self, episodes: int, explored: float, seed: int) -> Demonstrations:
         """Return equal numbers of episodes of each demonstrator."""
         demonstrations = {
             mode: rollout_table(
                 self.part,
                 self.policy(angle, explored),
-                config.episodes_each,
+                episodes,
                 seed=len(MODES) * seed + number,
                 mode=mode,
             ).transitions
             for number, (mode, angle) in enumerate(MODES.items())
         }
-        return equal_trajectories(demonstrations, config.episodes_each, seed)
+        return equal_trajectories(demonstrations, episodes, seed)
 
     def chances(self, policy: np.ndarray) -> Chances:
         """Return a policy as a function of observations; an end's observation has no action."""
@@ -99,20 +72,23 @@ class Scene(NamedTuple):
         return of
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Evaluate every policy from every set of episodes, and exactly."""
-    sets = [
-        (world, explored, seed)
-        for world in config.worlds
-        for explored in config.explored
-        for seed in config.seeds
-    ]
-    count = counter(context.on_stage, "off-policy evaluation", len(sets), "data sets")
+    sets = list(itertools.product(config.worlds, config.explored, config.seeds))
     scenes = {world: Scene.of(world) for world in config.worlds}
     rows: list[Row] = []
-    for number, (world, explored, seed) in enumerate(sets, start=1):
-        rows += _set_rows(config, scenes[world], {"world": world}, explored, seed)
-        count(number)
+    for world, explored, seed in tracked(
+        sets, context.on_stage, "off-policy evaluation", "data sets"
+    ):
+        scene = scenes[world]
+        logged = Logged.of(scene.data(config.episodes_each, explored, seed))
+        evaluator = Evaluator(logged, config.resamples, seed)
+        for angle in config.angles:
+            policy = scene.policy(angle, config.random if explored else 0.0)
+            truth = evaluate_exactly(scene.part, policy).value(angle)
+            evaluation = evaluator.evaluate(scene.chances(policy))
+            label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
+            rows += _estimates(label, evaluation, truth)
     pooled = [_pooled(values, group) for values, group in groups(rows, *_KEYS).items()]
     return Findings(
         {"estimates": rows, "pooled": pooled},
@@ -120,38 +96,25 @@ def compute_tables(config: Config, context: Context) -> Findings:
     )
 
 
-def _set_rows(
-    config: Config, scene: Scene, label: Row, explored: float, seed: int
-) -> Iterator[Row]:
-    """Yield the estimates of each policy from one set of episodes."""
-    logged = Logged.of(scene.data(config, explored, seed))
-    evaluator = Evaluator(logged, config.resamples, seed)
-    for angle in config.angles:
-        policy = scene.policy(angle, config.random if explored else 0.0)
-        truth = evaluate_exactly(scene.part, policy).value(angle)
-        evaluation = evaluator.evaluate(scene.chances(policy))
-        for name, estimate, supported in _estimators(evaluation):
-            value, low, high = estimate.value(angle)
-            yield label | {
-                "explored": explored,
-                "seed": seed,
-                "angle": angle,
-                "estimator": name,
-                "exact": truth,
-                "value": value if np.isfinite(value) else "",
-                "low": low if np.isfinite(low) else "",
-                "high": high if np.isfinite(high) else "",
-                "covers": int(low - 1e-9 <= truth <= high + 1e-9),
-                "supported": int(supported),
-                "effective": evaluation.effective,
-                "left": evaluation.left,
-            }
-
-
-def _estimators(found: OffPolicy) -> Iterator[tuple[str, Estimate, bool]]:
-    yield "fitted Q", found.fitted, found.fitted_supported
-    yield "importance, step by step", found.weighted, found.weighted_supported
-    yield "importance, whole episodes", found.whole, found.weighted_supported
+def _estimates(label: Row, evaluation: OffPolicy, truth: float) -> Iterator[Row]:
+    """Yield the row of each estimator: value and interval, empty where there is none."""
+    for name, estimate, supported in (
+        ("fitted Q", evaluation.fitted, evaluation.fitted_supported),
+        ("importance, step by step", evaluation.weighted, evaluation.weighted_supported),
+        ("importance, whole episodes", evaluation.whole, evaluation.weighted_supported),
+    ):
+        value, low, high = estimate.value(label["angle"])
+        yield label | {
+            "estimator": name,
+            "exact": truth,
+            "value": value if np.isfinite(value) else "",
+            "low": low if np.isfinite(low) else "",
+            "high": high if np.isfinite(high) else "",
+            "covers": int(low - 1e-9 <= truth <= high + 1e-9),
+            "supported": int(supported),
+            "effective": evaluation.effective,
+            "left": evaluation.left,
+        }
 
 
 _KEYS = ("world", "explored", "estimator")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
@@ -52,19 +52,12 @@ def blocked(
 
 @dataclass(frozen=True)
 class Rule:
-    """A planted driver.
+    """A planted driver."""
 
-    Attributes:
-        name: Its name.
-        seconds: How far it looks ahead.
-        acceleration: On a free way, m/s².
-        levels: Accelerations of the world's actions, m/s².
-    """
-
-    name: str
-    seconds: float
-    acceleration: float
-    levels: tuple[float, ...]
+    name: str  # its name
+    seconds: float  # how far it looks ahead
+    acceleration: float  # on a free way, m/s²
+    levels: tuple[float, ...]  # accelerations of the world's actions, m/s²
 
     def predict(
         self,

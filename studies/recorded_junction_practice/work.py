@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,12 @@ import numpy as np
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.objective import Critic, ensemble_values
-from socialiq.learners.offline.train import STAGES, recorded
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import STAGES, recorded
+from socialiq.learners.dial.offline_losses import Critic, ensemble_values
 from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
@@ -31,14 +30,12 @@ from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Ending, RewardPair, Row
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_recordings.readers.import_file import import_file
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import WorldConfig
-from socialiq_recordings.world.practice import Practice, train_with_practice
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.gym import JunctionBatch
+from socialiq_recordings.world.practice import Practice, train_with_practice, visit
+from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
 from socialiq_recordings.world.replay import replay
-from socialiq_recordings.world.rollouts import visit
 from studies.recorded_junction_practice.planted import rules
 
 RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
@@ -55,19 +52,16 @@ _COLUMNS = ("totals", "ending", "contact", "length")
 class Config:
     """Configuration of the study; the defaults are the committed results.
 
-    The recordings are not part of the package: `recordings` names their folder.
+    The recordings are not part of the package. Training seeds 100 to 199 and episodes from
+    50,000,000 on were used in development.
     """
 
-    recordings: str = "commonroad"
-    """Folder of the CommonRoad scenarios."""
-    files: str = "USA_Lanker*.xml"
-    """Pattern of the files: the scenarios of one junction."""
+    recordings: str = "commonroad"  # folder of the CommonRoad scenarios
+    files: str = "USA_Lanker*.xml"  # pattern of the files: the scenarios of one junction
     seeds: tuple[int, ...] = (2106, 2107, 2108)
-    """Training seeds. 100 to 199 were used in development."""
     angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """Angles at which dials are driven, in degrees."""
-    every: float = 0.2
-    """Seconds between the beginnings of a recorded vehicle's episodes."""
+    every: float = 0.2  # seconds between the beginnings of a recorded vehicle's episodes
     practice: Practice = field(default_factory=lambda: Practice(5))
     """Practice of the mixture that has it."""
     structure: OfflineDialConfig = field(
@@ -75,14 +69,11 @@ class Config:
     )
     """Static config of the dials, without the length of an episode, which is the world's."""
     numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
-    """OfflineDialHyperparameters of the dials, without the seed."""
-    episodes: int = 400
-    """Evaluation episodes of each driver, common to all."""
+    episodes: int = 400  # evaluation episodes of each driver, common to all
     checked: int = 30
     """Episodes of each mixture's first dial, at the first angle, in whose states the critics'
     values are compared with rollouts; their seeds follow those of the evaluation. 0: none."""
-    first_episode: int = 66_000_000
-    """Seed of the first evaluation episode. Those from 50,000,000 on were used in development."""
+    first_episode: int = 66_000_000  # seed of the first evaluation episode
 
     def __post_init__(self) -> None:
         """Refuse empty sizes."""
@@ -128,11 +119,6 @@ class Training:
     first_checked: int
     practice: Practice
 
-    @property
-    def stages(self) -> int:
-        """Return the number of stages of all trainings."""
-        return (1 + self.practice.rounds) * len(STAGES)
-
 
 @dataclass(frozen=True)
 class Driving:
@@ -145,26 +131,24 @@ class Driving:
     first_episode: int
 
 
-def plan(config: Config) -> list[Job]:
+def jobs(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
-    world = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
-    driving = {"episodes": config.episodes, "first_episode": config.first_episode}
-    jobs = [
-        Job("world", make_world, world, cost=30.0),
-        Job("drivers", drive_references, Driving("", (), (), **driving), ("world",), cost=10.0),
+    made = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
+    episodes = config.episodes, config.first_episode
+    planned = [
+        Job("world", make_world, made, cost=30.0),
+        Job("drivers", drive, Driving("", (), (), *episodes), ("world",), cost=10.0),
     ]
     for mixture in MIXTURES:
-        name = slug(mixture)
+        dials = f"dials/{slug(mixture)}"
         checks = config.angles[0], config.checked, config.first_episode + config.episodes
         practice = config.practice if mixture == PRACTISED else Practice(0)
         run = Training(mixture, config.seeds, config.structure, config.numbers, *checks, practice)
         cost = (1 + practice.rounds) * len(config.seeds) * config.structure.updates / 30
-        jobs.append(Job(f"dials/{name}", train, run, ("world",), cost=cost))
-        drives = Driving(mixture, config.seeds, config.angles, **driving)
-        jobs.append(
-            Job(f"driven/{name}", drive_dials, drives, ("world", f"dials/{name}"), cost=60.0)
-        )
-    return jobs
+        planned.append(Job(dials, train, run, ("world",), cost=cost))
+        run = Driving(mixture, config.seeds, config.angles, *episodes)
+        planned.append(Job(f"driven/{slug(mixture)}", drive, run, ("world", dials), cost=60.0))
+    return planned
 
 
 def slug(mixture: str) -> str:
@@ -173,10 +157,9 @@ def slug(mixture: str) -> str:
 
 
 def make_world(
-    config: Made, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: Made, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
     """Make the world and the recorded drivers' demonstrations."""
-    del inputs, on_progress
     paths = [Path(config.recordings) / name for name in sorted(config.contents)]
     recordings = [imported.recording for path in paths for imported in import_file(path)]
     built = build(recordings, WorldConfig())
@@ -190,17 +173,25 @@ def train(
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
     data = tables.load(inputs["world"] / HUMAN)
     world = RecordedWorld.load(inputs["world"] / WORLD)
-    decisions = world.config.decisions
-    static = dataclasses.replace(config.structure, whole_episode=decisions)
+    static = dataclasses.replace(config.structure, whole_episode=world.config.decisions)
     numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
+    count = (1 + config.practice.rounds) * len(STAGES)
 
     def callbacks(practised: int, stage: str) -> Callbacks:
-        before, stages = practised * len(STAGES) + STAGES.index(stage), config.stages
-        return Callbacks(lambda report: on_progress((before + report.done / report.total) / stages))
+        before = practised * len(STAGES) + STAGES.index(stage)
+        return Callbacks(lambda report: on_progress((before + report.done / report.total) / count))
 
     result = train_with_practice(world, static, numbers, data, config.practice, callbacks)
+    rounds: list[Row] = []  # what each run met in each round, all angles together
+    for seed, episodes_of_run in zip(config.seeds, result.driven, strict=True):
+        for number, episodes in enumerate(episodes_of_run, start=1):
+            totals, ends = episodes.totals(), episodes.ending[episodes.ending > 0]
+            row = {"seed": seed, "round": number, "episodes": len(totals.env)}
+            row |= {"decisions": len(episodes.action), "r_env": float(totals.env.mean())}
+            row |= {"r_social": float(totals.social.mean())}
+            rounds.append(row | {"collisions": float((ends == int(Ending.COLLISION)).mean())})
+    write_json(folder / PRACTICE, rounds)
     stages = result.stages
-    write_json(folder / PRACTICE, _driven_in_practice(result.driven, config.seeds))
     clones = stages["behaviour"].state.target_network
     for run, seed in enumerate(config.seeds):
         stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
@@ -208,28 +199,9 @@ def train(
         clone.save(folder / f"clone_{seed}.safetensors")
     if config.checked:
         critics = jax.tree.map(lambda leaf: leaf[0], stages["critics"].state.target_network)
-        _, unit = recorded(concatenate([data, *result.driven[0]]), decisions)
+        _, unit = recorded(concatenate([data, *result.driven[0]]), world.config.decisions)
         row = compared(world, stages["dial"].policy(0), critics, unit, config)
         write_json(folder / VALUES, row)
-
-
-def _driven_in_practice(driven: list[list[Demonstrations]], seeds: Sequence[int]) -> list[Row]:
-    """Return what each run met in each round, all angles together."""
-    return [
-        {
-            "seed": seed,
-            "round": number + 1,
-            "episodes": len(episodes.totals().env),
-            "decisions": len(episodes.action),
-            "r_env": float(episodes.totals().env.mean()),
-            "r_social": float(episodes.totals().social.mean()),
-            "collisions": float(
-                (episodes.ending[episodes.ending > 0] == int(Ending.COLLISION)).mean()
-            ),
-        }
-        for seed, rounds in zip(seeds, driven, strict=True)
-        for number, episodes in enumerate(rounds)
-    ]
 
 
 def compared(
@@ -246,8 +218,8 @@ def compared(
     observation, rows = jnp.asarray(visited.observation), np.arange(len(visited.time))
     direction = RewardPair(*(jnp.full(len(rows), weight) for weight in weights(config.angle)))
     values = np.asarray(ensemble_values(critics, observation, time, direction, unit).mean(axis=0))
-    believed, earned = values[..., 0], visited.branched.returns[..., 0]
-    fault = visited.branched.at_fault
+    believed, earned = values[..., 0], visited.returns[..., 0]
+    fault = visited.at_fault
     decisive = fault.any(axis=1) & ~fault.all(axis=1)
     row: Row = {"states": len(rows), "decisive": float(decisive.mean())}
     row |= {"value": float(believed[rows, visited.action].mean())}
@@ -259,33 +231,24 @@ def compared(
     return row
 
 
-def drive_references(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive calibrated drivers, constant ones and the planted ones."""
-    del on_progress
+    """Drive the dials of a mixture at every angle, and the clones; without one the references.
+
+    The references are calibrated drivers, constant ones and the planted ones.
+    """
     world = RecordedWorld.load(inputs["world"] / WORLD)
-    drivers = [Reference(name, world.driver(name)) for name in world.references]
-    drivers += [Reference(rule.name, rule) for rule in rules(world)]
-    _drive(world, drivers, config, folder)
-
-
-def drive_dials(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Drive the dials of a mixture at every angle, and the clones."""
-    del on_progress
-    trained = next(path for name, path in inputs.items() if name != "world")
-    drivers = []
-    for seed in config.seeds:
-        dial = DialPolicy.load(trained / f"dial_{seed}.safetensors")
-        drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
-        clone = QPolicy.load(trained / f"clone_{seed}.safetensors")
-        drivers.append(Reference(f"clone {seed}", clone))
-    _drive(RecordedWorld.load(inputs["world"] / WORLD), drivers, config, folder)
-
-
-def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, folder: Path) -> None:
+    drivers: list[Reference] = []
+    for trained in (path for name, path in inputs.items() if name != "world"):
+        for seed in config.seeds:
+            dial = DialPolicy.load(trained / f"dial_{seed}.safetensors")
+            drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
+            clone = QPolicy.load(trained / f"clone_{seed}.safetensors")
+            drivers.append(Reference(f"clone {seed}", clone))
+    if not drivers:
+        drivers = [Reference(name, world.driver(name)) for name in world.references]
+        drivers += [Reference(rule.name, rule) for rule in rules(world)]
     seeds = np.arange(config.episodes) + config.first_episode
     course = Course(world, seeds, min(_SIDE_BY_SIDE, len(seeds)))
     arrays = {}

@@ -24,13 +24,11 @@ _PER_OCTAVE = 4
 _TIE = 1e-9  # λ of a flip that is a tie in the data
 
 
-def minimum_q(problem: Problem, start: np.ndarray | None) -> np.ndarray:
-    """Return Q at the minimum, as a `QSolver`."""
-    return minimise(problem, start).q
-
-
-SOLVERS: dict[str, QSolver] = {"online": minimum_q, "target": semi_gradient.fixed_point}
-"""Limit of training, by `next_value`."""
+SOLVERS: dict[str, QSolver] = {
+    "online": lambda problem, start: minimise(problem, start).q,
+    "target": semi_gradient.fixed_point,
+}
+"""Q at the limit of training, by `next_value`."""
 
 
 def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]:
@@ -47,17 +45,11 @@ def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]
                 )
                 minimum = minimise(problem, q)
                 q = minimum.q
-                rows.append(
-                    case.label
-                    | {
-                        "temperature": temperature,
-                        "strength": problem.strength,
-                        "reach": reach,
-                        "mean_target": _mean(problem, minimum.occupancy),
-                        "line": _mean(problem, problem.demonstrated)
-                        + problem.strength * response.target_slope(problem) / _mass(problem),
-                    }
-                )
+                slope = response.target_slope(problem) / _mass(problem)
+                line = _mean(problem, problem.demonstrated) + problem.strength * slope
+                row = {"temperature": temperature, "strength": problem.strength, "reach": reach}
+                row |= {"mean_target": _mean(problem, minimum.occupancy), "line": line}
+                rows.append(case.label | row)
     return rows
 
 
@@ -74,9 +66,8 @@ def slope_rows(cases: Sequence[Case]) -> list[Row]:
         ]
         measured = (_mean(problem, ends[1]) - _mean(problem, ends[0])) / (0.1 * reach)
         predicted = response.target_slope(problem) / _mass(problem)
-        rows.append(
-            case.label | {"reach": reach, "predicted": predicted, "measured": float(measured)}
-        )
+        row = {"reach": reach, "predicted": predicted, "measured": float(measured)}
+        rows.append(case.label | row)
     return rows
 
 
@@ -132,17 +123,10 @@ def length_rows(
                 minimum = minimise(changed, q)
                 q = minimum.q
                 greedy = np.eye(q.shape[1])[q.argmax(axis=1)]
-                rows.append(
-                    {
-                        "angle": angle,
-                        "target_kind": kind,
-                        "temperature": temperature,
-                        "strength": strength,
-                        "soft_length": _length(part, minimum.policy),
-                        "greedy_length": _length(part, greedy),
-                        "optimum_length": optimum,
-                    }
-                )
+                row = {"angle": angle, "target_kind": kind, "temperature": temperature}
+                row |= {"strength": strength, "soft_length": _length(part, minimum.policy)}
+                row |= {"greedy_length": _length(part, greedy), "optimum_length": optimum}
+                rows.append(row)
     return rows
 
 

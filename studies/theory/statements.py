@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -34,19 +35,12 @@ _N_STATES, _N_ACTIONS, _N_OUTCOMES = 10, 3, 2
 
 
 class Case(NamedTuple):
-    """A problem with its name.
+    """A problem with its name."""
 
-    Attributes:
-        world: "crossing5", "crossing7" or "random 3" (with the seed).
-        angle: α in degrees.
-        target_kind: Target of the prior.
-        problem: The problem, at the default λ and τ.
-    """
-
-    world: str
-    angle: float
-    target_kind: str
-    problem: Problem
+    world: str  # "crossing5", "crossing7" or "random 3" (with the seed)
+    angle: float  # α in degrees
+    target_kind: str  # target of the prior
+    problem: Problem  # the problem, at the default λ and τ
 
     @property
     def label(self) -> dict[str, str | float]:
@@ -73,24 +67,23 @@ def grid_cases(
 
 def random_cases(seeds: Sequence[int], kinds: Sequence[str] = KINDS) -> list[Case]:
     """Return random worlds of ten states with three random demonstrators, one for each seed."""
-    return [_random_case(seed, kind) for seed in seeds for kind in kinds]
-
-
-def _random_case(seed: int, kind: str) -> Case:
-    rng = np.random.default_rng(seed)
-    shape = (_N_STATES, _N_ACTIONS, _N_OUTCOMES)
-    mdp = TabularMDP(
-        successor=rng.integers(_N_STATES, size=shape),
-        probability=rng.dirichlet(np.ones(_N_OUTCOMES), shape[:2]),
-        ending=np.where(rng.random(shape) < 0.1, Ending.ARRIVAL, Ending.NONE),
-        rewards=RewardPair(rng.normal(size=shape[:2]), rng.normal(size=shape[:2])),
-        initial=rng.dirichlet(np.ones(_N_STATES)),
-    )
-    policies = [rng.dirichlet(np.full(_N_ACTIONS, 0.5), _N_STATES) for _ in range(3)]
-    terms = occupancies(mdp, policies, [1 / 3] * 3, _DISCOUNT)
-    target = mean_target(mdp, policies, terms, mdp.rewards.env, kind, _DISCOUNT)
-    problem = Problem(mdp, terms.sum(axis=0), target, discount=_DISCOUNT)
-    return Case(f"random {seed}", 0.0, kind, problem)
+    cases = []
+    for seed, kind in itertools.product(seeds, kinds):
+        rng = np.random.default_rng(seed)
+        shape = (_N_STATES, _N_ACTIONS, _N_OUTCOMES)
+        mdp = TabularMDP(
+            successor=rng.integers(_N_STATES, size=shape),
+            probability=rng.dirichlet(np.ones(_N_OUTCOMES), shape[:2]),
+            ending=np.where(rng.random(shape) < 0.1, Ending.ARRIVAL, Ending.NONE),
+            rewards=RewardPair(rng.normal(size=shape[:2]), rng.normal(size=shape[:2])),
+            initial=rng.dirichlet(np.ones(_N_STATES)),
+        )
+        policies = [rng.dirichlet(np.full(_N_ACTIONS, 0.5), _N_STATES) for _ in range(3)]
+        terms = occupancies(mdp, policies, [1 / 3] * 3, _DISCOUNT)
+        target = mean_target(mdp, policies, terms, mdp.rewards.env, kind, _DISCOUNT)
+        problem = Problem(mdp, terms.sum(axis=0), target, discount=_DISCOUNT)
+        cases.append(Case(f"random {seed}", 0.0, kind, problem))
+    return cases
 
 
 STRENGTHS = (0.0, 0.3, 1.0)
@@ -113,30 +106,22 @@ def minimum_rows(cases: Sequence[Case]) -> list[Row]:
     addition of the data to m, at most 1 / (2κ).
     """
     rows = []
-    for case in cases:
-        for strength in STRENGTHS:
-            for temperature in TEMPERATURES:
-                problem = dataclasses.replace(
-                    case.problem, strength=strength, temperature=temperature
-                )
-                minimum, on = minimise(problem), problem.support
-                closed = closed_form(problem, minimum.occupancy)
-                primal = primal_value(problem, minimum.occupancy)
-                gap = dual_value(problem, minimum.loss) - primal
-                rows.append(
-                    case.label
-                    | {
-                        "strength": strength,
-                        "temperature": temperature,
-                        "steps": minimum.steps,
-                        "log10_closed_error": log10(np.abs(minimum.reward[on] - closed[on]).max()),
-                        "log10_duality_gap": log10(gap / (1e-3 + abs(primal))),
-                        "largest_correction": float(
-                            (minimum.reward[on] - centre(problem)[on]).max()
-                        ),
-                        "bound": 1.0 / (2.0 * problem.curvature),
-                    }
-                )
+    for case, strength, temperature in itertools.product(cases, STRENGTHS, TEMPERATURES):
+        problem = dataclasses.replace(case.problem, strength=strength, temperature=temperature)
+        minimum, on = minimise(problem), problem.support
+        closed = closed_form(problem, minimum.occupancy)
+        primal = primal_value(problem, minimum.occupancy)
+        gap = dual_value(problem, minimum.loss) - primal
+        rows.append(
+            case.label
+            | {"strength": strength, "temperature": temperature, "steps": minimum.steps}
+            | {
+                "log10_closed_error": log10(np.abs(minimum.reward[on] - closed[on]).max()),
+                "log10_duality_gap": log10(gap / (1e-3 + abs(primal))),
+                "largest_correction": float((minimum.reward[on] - centre(problem)[on]).max()),
+                "bound": 1.0 / (2.0 * problem.curvature),
+            }
+        )
     return rows
 
 
@@ -170,54 +155,45 @@ def primal_rows(cases: Sequence[Case]) -> list[Row]:
     for case in cases:
         problem = case.problem
         best = minimise(problem).occupancy
-        others = {
-            "demonstrators": problem.demonstrated,
-            "λ = 0": _occupancy(problem, strength=0.0),
-            "3 λ": _occupancy(problem, strength=3.0 * problem.strength),
-            "opposite target": _occupancy(problem, target=-problem.target),
+        changes = {
+            "λ = 0": {"strength": 0.0},
+            "3 λ": {"strength": 3.0 * problem.strength},
+            "opposite target": {"target": -problem.target},
+        }
+        others = {"demonstrators": problem.demonstrated} | {
+            name: minimise(dataclasses.replace(problem, **change)).occupancy
+            for name, change in changes.items()
         }
         value = primal_value(problem, best)
-        for name, compared in others.items():
-            for share in _MIXED:
-                mixed = (1.0 - share) * best + share * compared
+        for name, occupancy in others.items():
+            for share in _MIXED.tolist():
+                mixed = (1.0 - share) * best + share * occupancy
                 lost = (value - primal_value(problem, mixed)) / problem.demonstrated.sum()
-                rows.append(
-                    case.label
-                    | {"other": name, "share": float(share), "log10_lost": log10(lost)}
-                    | {"gained": int(lost < 0.0)}
-                )
+                label = case.label | {"other": name, "share": share}
+                rows.append(label | {"log10_lost": log10(lost), "gained": int(lost < 0.0)})
     return rows
-
-
-def _occupancy(problem: Problem, **changes: object) -> np.ndarray:
-    return minimise(dataclasses.replace(problem, **changes)).occupancy
 
 
 def shaping_rows(cases: Sequence[Case], targets: Mapping[str, Sequence[Case]]) -> list[Row]:
     """Return the largest difference of a probability from the policy of instantaneous targets.
 
-    Args:
-        cases: Cases with instantaneous targets.
-        targets: The same cases with other targets, by the target's name.
+    `targets` has the same cases with other targets, by the target's name.
     """
     rows = []
-    for state, case in enumerate(cases):
-        problem, rng = case.problem, np.random.default_rng(state)
+    for number, case in enumerate(cases):
+        problem, rng = case.problem, np.random.default_rng(number)
         base = minimise(problem).policy
+        changed = []
         for _ in range(_N_POTENTIALS):
             potential = rng.normal(scale=10.0, size=problem.mdp.n_states)
             target = shaped(problem.mdp, problem.target, potential, problem.discount)
-            compared = dataclasses.replace(problem, target=target)
-            rows.append(_difference(case, "random shaping", base, compared))
-        for name, same in targets.items():
-            rows.append(_difference(case, name, base, same[state].problem))
+            changed.append(("random shaping", dataclasses.replace(problem, target=target)))
+        changed += [(name, same[number].problem) for name, same in targets.items()]
+        for change, compared in changed:
+            gap = np.abs(minimise(compared).policy - base).max()
+            label = {"world": case.world, "angle": case.angle, "change": change}
+            rows.append(label | {"log10_difference": log10(gap)})
     return rows
-
-
-def _difference(case: Case, change: str, base: np.ndarray, other: Problem) -> Row:
-    gap = np.abs(minimise(other).policy - base).max()
-    label = {"world": case.world, "angle": case.angle}
-    return label | {"change": change, "log10_difference": log10(gap)}
 
 
 def zero_rows(cases: Sequence[Case]) -> list[Row]:
@@ -241,20 +217,15 @@ def zero_rows(cases: Sequence[Case]) -> list[Row]:
 def offline_rows(cases: Sequence[Case]) -> list[Row]:
     """Compare the objective with conservative Q-learning's plus the constant, at random Q."""
     rows = []
-    for state, case in enumerate(cases):
-        problem, rng = case.problem, np.random.default_rng(state)
+    for number, case in enumerate(cases):
+        problem, rng = case.problem, np.random.default_rng(number)
         selected = np.asarray(problem.support.any(axis=1))
         for _ in range(5):
             draw = rng.normal(scale=3.0, size=problem.support.shape)
             q, v = np.where(problem.support, draw, -np.inf), np.zeros(problem.mdp.n_states)
             v[selected] = soft_value(q[selected], problem.temperature)
             loss, compared = problem.loss(q, v), conservative_loss(problem, q, v) + offset(problem)
-            rows.append(
-                case.label
-                | {
-                    "loss": loss,
-                    "conservative": compared,
-                    "log10_error": log10(loss / compared - 1.0),
-                }
-            )
+            error = log10(loss / compared - 1.0)
+            row = {"loss": loss, "conservative": compared, "log10_error": error}
+            rows.append(case.label | row)
     return rows

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS, action_table
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.prediction import (
     NEXT_VALUES,
     NextValue,
@@ -19,7 +18,7 @@ from socialiq.evaluation.prediction import (
     problem_of,
     target_norm,
 )
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
@@ -35,22 +34,6 @@ from studies.theory.small_strength import SOLVERS
 ANGLE = 0.0
 TARGETS = ("instantaneous", "to_go", "advantage")
 """Targets of the networks' prior; the advantage is that of the pooled policy."""
-
-
-class Plan(NamedTuple):
-    """Size of the trainings.
-
-    Attributes:
-        targets: Targets of the networks' prior, of `TARGETS`.
-        units: λ ‖T_⊥‖ of the grid, the same for every target.
-        seeds: Training seeds, each with its own data set.
-        updates: Gradient steps.
-    """
-
-    targets: tuple[str, ...]
-    units: tuple[float, ...]
-    seeds: tuple[int, ...]
-    updates: int
 
 
 def rows_problem(ground: Ground, kind: str) -> Problem:
@@ -96,20 +79,40 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
 
 
 def trained_rows(
-    ground: Ground, plan: Plan, datasets: Sequence[Demonstrations], on_stage: StageCallback
+    ground: Ground, config: Any, datasets: Sequence[Demonstrations], on_stage: StageCallback
 ) -> tuple[list[Row], list[Row]]:
-    """Train every gradient and target; return a row for each run and for each seed's flip."""
+    """Train every gradient and target; return a row for each run and for each seed's flip.
+
+    `config` has `target_kinds`, of `TARGETS`, `units` (λ ‖T_⊥‖ of the grid, the same for every
+    target), `seeds`, each with its own data set, and `updates`.
+    """
     runs: list[Row] = []
     for next_value in NEXT_VALUES:
-        for kind in plan.targets:
+        for kind in config.target_kinds:
             if (next_value, kind) != ("online", "advantage"):
-                runs += _runs(ground, plan, datasets, on_stage, next_value, kind)
-    return runs, _first_flips(runs)
+                runs += _runs(ground, config, datasets, on_stage, next_value, kind)
+    flips = []
+    for (next_value, kind, seed), rows in groups(runs, "next_value", "target_kind", "seed").items():
+        baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
+        grid = sorted((r for r in rows if r["prior_weight"] > 0.0), key=lambda r: r["strength"])
+        left = [number for number, row in enumerate(grid) if row["choices"] != baseline]
+        first = left[0] if left else None
+        flips.append(  # the least λ with other choices than the baseline's
+            {
+                "next_value": next_value,
+                "target_kind": kind,
+                "seed": seed,
+                "first": "" if first is None else grid[first]["strength"],
+                "below": "" if not first else grid[first - 1]["strength"],
+                "zero_leaves": int(first == 0),
+            }
+        )
+    return runs, flips
 
 
 def _runs(
     ground: Ground,
-    plan: Plan,
+    config: Any,
     datasets: Sequence[Demonstrations],
     on_stage: StageCallback,
     next_value: NextValue,
@@ -117,41 +120,35 @@ def _runs(
 ) -> list[Row]:
     """Train the baseline, λ = 0 and the grid, for every seed."""
     problem = rows_problem(ground, kind)
-    strengths = [0.0, *(unit / target_norm(problem) for unit in plan.units)]
+    strengths = [0.0, *(unit / target_norm(problem) for unit in config.units)]
     static = dataclasses.replace(
         presets.SWEEP,
         next_value=next_value,
         target_kind=_target_kind(kind),
-        updates=plan.updates,
+        updates=config.updates,
     )
-    base = presets.TABLE_C1_NUMBERS
     numbers: list[IQLearnHyperparameters] = []
-    for dataset, seed in enumerate(plan.seeds):
+    for dataset, seed in enumerate(config.seeds):
+        base = presets.TABLE_C1_NUMBERS
         run = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
         numbers.append(dataclasses.replace(run, prior_weight=0.0))  # the baseline, exactly
         numbers += [dataclasses.replace(run, strength=strength) for strength in strengths]
-    data = [shaped_by_value(ground, problem, demonstrations) for demonstrations in datasets]
+    if kind == "advantage":
+        datasets = [shaped_by_value(ground, problem, data) for data in datasets]
     report = on_stage(f"7x7, {kind} target, V(s') {next_value}")
-    trained = train_runs(ground, static, numbers, data if kind == "advantage" else datasets, report)
+    trained = train_runs(ground, static, numbers, datasets, report)
     choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
     rows = []
     for number, run in enumerate(numbers):
         policy = trained.policy(number)
         greedy = action_table(policy, ground.part, "greedy").argmax(axis=1)[choices]
         soft = action_table(policy, ground.part, "soft")[choices]
+        row = {"next_value": next_value, "target_kind": kind, "seed": run.seed}
+        row |= {"prior_weight": run.prior_weight, "strength": run.strength}
+        row |= {"choices": "-".join(map(str, greedy))}
+        row |= {"mean_go": float(soft[:, 1:].sum(axis=1).mean())}
         lengths = {f"{r}_length": evaluate(ground, policy, r).length for r in READOUTS}
-        rows.append(
-            {
-                "next_value": next_value,
-                "target_kind": kind,
-                "seed": run.seed,
-                "prior_weight": run.prior_weight,
-                "strength": run.strength,
-                "choices": "-".join(map(str, greedy)),
-                "mean_go": float(soft[:, 1:].sum(axis=1).mean()),
-            }
-            | lengths
-        )
+        rows.append(row | lengths)
     return rows
 
 
@@ -174,27 +171,6 @@ def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> D
         v = evaluate_policy(problem.mdp, policy, reward, problem.discount).v
         shaped.append(paid + problem.discount * runs * v[after] - v[before])
     return dataclasses.replace(data, rewards=RewardPair(*shaped))
-
-
-def _first_flips(runs: list[Row]) -> list[Row]:
-    """Return the least λ with other choices than the baseline's, by gradient, target and seed."""
-    flips = []
-    for (next_value, kind, seed), rows in groups(runs, "next_value", "target_kind", "seed").items():
-        baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
-        grid = sorted((r for r in rows if r["prior_weight"] > 0.0), key=lambda r: r["strength"])
-        left = [row_of_state for row_of_state, row in enumerate(grid) if row["choices"] != baseline]
-        first = left[0] if left else None
-        flips.append(
-            {
-                "next_value": next_value,
-                "target_kind": kind,
-                "seed": seed,
-                "first": "" if first is None else grid[first]["strength"],
-                "below": "" if not first else grid[first - 1]["strength"],
-                "zero_leaves": int(first == 0),
-            }
-        )
-    return flips
 
 
 CLOSE = 0.15
@@ -273,7 +249,12 @@ def growth(rows: list[Row]) -> dict[str, Any]:
 
 
 def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Return predicted λ, and the seeds' first λ of the grid, by gradient and target."""
+    """Return predicted λ, and the seeds' first λ of the grid, by gradient and target.
+
+    `bracketed` counts the seeds for which λ is between the grid's last value with the baseline's
+    choices and the next; `zero_from_baseline` is the mean over seeds of |Δ| of the mean probability
+    of going, λ = 0 less baseline.
+    """
     summary: dict[str, Any] = {}
     for predicted in tables["predicted"]:
         key = {name: predicted[name] for name in ("next_value", "target_kind")}
@@ -283,6 +264,10 @@ def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
         firsts = sorted(row["first"] for row in seeds if row["first"] != "")
         median = firsts[len(seeds) // 2] if len(firsts) == len(seeds) else None
         runs = matching(tables["trained"], **key)
+        regularized = [row for row in runs if row["prior_weight"] > 0.0]
+        zero = column(matching(regularized, strength=0.0), "mean_go")
+        baseline = column(matching(runs, prior_weight=0.0), "mean_go")
+        strengths = sorted(set(column(regularized, "strength")))
         summary.setdefault(predicted["next_value"], {})[predicted["target_kind"]] = {
             name: predicted[name] for name in ("norm", *_PREDICTIONS)
         } | {
@@ -292,41 +277,24 @@ def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
             "median": median,
             "greatest": firsts[-1] if firsts else None,
             "bracketed": {
-                name: sum(_bracketed(row, predicted[name]) for row in seeds)
-                for name in _PREDICTIONS
+                name: sum(bracketed(row, predicted[name]) for row in seeds) for name in _PREDICTIONS
             },
             "median_over_replay": None if median is None else median / predicted["replay"],
             "median_over_solved": None if median is None else median / predicted["solved"],
             "zero_leaves": sum(column(seeds, "zero_leaves")),
-            "zero_from_baseline": _zero_gap(runs),
-            "lengths": _lengths(runs),
+            "zero_from_baseline": float(np.mean(np.abs(np.subtract(zero, baseline)))),
+            "lengths": {"strength": strengths}
+            | {
+                readout: [
+                    mean(matching(regularized, strength=strength), f"{readout}_length")
+                    for strength in strengths
+                ]
+                for readout in ("soft", "greedy")
+            },
         }
     return summary
 
 
-def _bracketed(row: Row, strength: float) -> bool:
+def bracketed(row: Row, strength: float) -> bool:
     """Whether λ is between the grid's last value with the baseline's choices and the next."""
     return row["first"] != "" and row["below"] != "" and row["below"] < strength <= row["first"]
-
-
-def _zero_gap(rows: list[Row]) -> float:
-    """Return the mean over seeds of |Δ| of the mean probability of going, λ = 0 less baseline."""
-    gaps = []
-    for seed in {row["seed"] for row in rows}:
-        runs = matching(rows, seed=seed, strength=0.0)
-        zero = next(row for row in runs if row["prior_weight"] > 0.0)
-        baseline = next(row for row in rows if (row["seed"], row["prior_weight"]) == (seed, 0.0))
-        gaps.append(abs(zero["mean_go"] - baseline["mean_go"]))
-    return float(np.mean(gaps))
-
-
-def _lengths(rows: list[Row]) -> dict[str, Any]:
-    """Return mean soft and greedy length by λ."""
-    runs = [row for row in rows if row["prior_weight"] > 0.0]
-    strengths = sorted(set(column(runs, "strength")))
-    return {"strength": strengths} | {
-        readout: [
-            mean(matching(runs, strength=strength), f"{readout}_length") for strength in strengths
-        ]
-        for readout in ("soft", "greedy")
-    }

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
-from socialiq.evaluation.rollout import rollout_table
-from socialiq.learners.iq_learn import presets
+from socialiq.evaluation.exact import Metrics, Optimum, evaluate_exactly
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode, rollout_table
+from socialiq.learners.iq_learn import config as presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.results_folder import Results
 from socialiq.social.angle import angle_of, exact_weights, score, weights
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, expert_policy, tabulate
+from socialiq.worlds.enumerate import Table, Variant, expert_policy, tabulate
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.gridworld_runs import sequence
@@ -46,17 +44,7 @@ CROSSING7_VARIANTS: tuple[dict[str, str], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results."""
-
-    seeds: tuple[int, ...] = (0,)
-    """Seed of the experts' episodes, for the separability only; the rest is exact."""
-    episodes: int = 2000
-    """Episodes of each expert, for the separability."""
-
-
-def compute_tables(config: Config, context: Context) -> Findings:  # noqa: ARG001
+def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
     """Enumerate and solve every named variant of both worlds."""
     table = tabulate(make_grid("crossing7"))
     tables = {
@@ -64,7 +52,7 @@ def compute_tables(config: Config, context: Context) -> Findings:  # noqa: ARG00
         "crossing5_ties": _tie_rows(),
         "crossing7_readings": [_crossing7_row(options) for options in CROSSING7_VARIANTS],
         "crossing7_front": _front_rows(table),
-        "crossing7_separability": _separability(table, config),
+        "crossing7_separability": _separability(table, config.episodes, config.seeds[0]),
     }
     return Findings(tables, _summary(table, tables))
 
@@ -81,10 +69,8 @@ def _tie_rows() -> list[Row]:
     rows: list[Row] = []
     for trigonometry, pair in (("cos 90 = 6e-17", weights), ("cos 90 = 0", exact_weights)):
         for prefer in ("first", "last"):
-            row: Row = {
-                "trigonometry": trigonometry,
-                "ties_to": {"first": "Wait"}.get(prefer, "Go"),
-            }
+            name = "Wait" if prefer == "first" else "Go"
+            row: Row = {"trigonometry": trigonometry, "ties_to": name}
             for mode, angle in MODES.items():
                 reward = score(pair(angle), table.mdp.rewards)
                 q = value_iteration(table.mdp, reward, 0.99).q
@@ -96,17 +82,11 @@ def _tie_rows() -> list[Row]:
 def _crossing7_row(options: dict[str, str]) -> Row:
     """Return angle, totals and collisions of the stationary optimum at the three angles."""
     table = tabulate(make_grid("crossing7", **options))
-    reachable = table.reachable_part()
-    index = table.mdp.reachable()
-    row: Row = {"reading": _name(options), "reachable": reachable.mdp.n_states}
+    row: Row = {"reading": _name(options), "reachable": table.reachable_part().mdp.n_states}
     for mode, angle in MODES.items():
-        metrics = evaluate_exactly(reachable, expert_policy(table, angle, "stochastic")[index])
-        row |= {
-            f"{mode}_angle": metrics.angle,
-            f"{mode}_r_env": metrics.r_env,
-            f"{mode}_r_social": metrics.r_social,
-            f"{mode}_collision": metrics.collision,
-        }
+        metrics = _stationary(table, angle, "stochastic")
+        columns = ("angle", "r_env", "r_social", "collision")
+        row |= {f"{mode}_{name}": getattr(metrics, name) for name in columns}
     return row
 
 
@@ -114,15 +94,19 @@ def _name(options: dict[str, str]) -> str:
     return ", ".join(f"{name}={value}" for name, value in options.items()) or "default"
 
 
+def _stationary(table: Table, angle: float, variant: Variant = "deterministic") -> Metrics:
+    """Return the exact metrics of the stationary optimum (γ 0.99) at an angle."""
+    policy = expert_policy(table, angle, variant)[table.mdp.reachable()]
+    return evaluate_exactly(table.reachable_part(), policy)
+
+
 def _front_rows(table: Table) -> list[Row]:
     """Return, by angle, the optimum with a clock, the stationary one, and the largest radius."""
-    reachable = table.reachable_part()
-    optimum = Optimum(reachable)
-    index = table.mdp.reachable()
+    attainable = Optimum(table.reachable_part()).attainable
     rows = []
     for angle in np.arange(0.0, 91.0, 5.0):
-        best = optimum.attainable.optimum(angle)
-        stationary = evaluate_exactly(reachable, expert_policy(table, angle, "stochastic")[index])
+        best = attainable.optimum(angle)
+        stationary = _stationary(table, angle, "stochastic")
         rows.append(
             {
                 "angle": angle,
@@ -132,15 +116,15 @@ def _front_rows(table: Table) -> list[Row]:
                 "value": best.value,
                 "stationary_angle": stationary.angle,
                 "stationary_value": stationary.value(angle),
-                "radius": optimum.attainable.radius(angle),
+                "radius": attainable.radius(angle),
             }
         )
     return rows
 
 
-def _separability(table: Table, config: Config) -> list[Row]:
+def _separability(table: Table, episodes: int, seed: int) -> list[Row]:
     """Return Cohen's d of the experts' episode totals, pairwise (the analysis of Table A.2)."""
-    pools = demonstrations_by_mode(table, dict.fromkeys(MODES, config.episodes), config.seeds[0])
+    pools = demonstrations_by_mode(table, dict.fromkeys(MODES, episodes), seed)
     totals = {mode: pool.totals() for mode, pool in pools.items()}
     pairs = (("egoistic", "prosocial"), ("prosocial", "altruistic"), ("egoistic", "altruistic"))
     return [
@@ -155,9 +139,35 @@ def _separability(table: Table, config: Config) -> list[Row]:
 
 
 def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
+    experts = {mode: _stationary(table, angle)._asdict() for mode, angle in MODES.items()}
+    steps = sum(metrics["length"] for metrics in experts.values())
+    variants = tables["crossing7_readings"]
     return {
-        "crossing5": _crossing5_summary(tables),
-        "crossing7": _crossing7_summary(table, tables),
+        "crossing5": _world_summary(tabulate(make_grid("crossing5")))
+        | {
+            "experts": tables["crossing5_readings"][0],
+            "exact_trigonometry": tables["crossing5_ties"][2],
+        },
+        "crossing7": _world_summary(table)
+        | {
+            "slots": 2,
+            "spawn_probability": table.world.options.spawn_probability,
+            "experts": experts,
+            "share_of_transitions": {
+                mode: metrics["length"] / steps for mode, metrics in experts.items()
+            },
+            "optimal_angles_by_reading": {
+                row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES} for row in variants
+            },
+            "optimum_angle_by_angle": {
+                f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
+            },
+            "largest_collision": max(variants[0][f"{mode}_collision"] for mode in MODES),
+            "separability": {
+                f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}
+                for row in tables["crossing7_separability"]
+            },
+        },
         "options": {
             name: dataclasses.asdict(make_grid(name).options) for name in ("crossing5", "crossing7")
         },
@@ -174,52 +184,15 @@ def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
     }
 
 
-def _size(table: Table) -> dict[str, Any]:
+def _world_summary(table: Table) -> dict[str, Any]:
+    """Return sizes and reward weights of a world."""
     return {
         "states": table.mdp.n_states,
         "reachable_states": table.reachable_part().mdp.n_states,
         "features": table.world.n_features,
         "actions": table.mdp.n_actions,
         "horizon": table.world.horizon,
-    }
-
-
-def _crossing5_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    table = tabulate(make_grid("crossing5"))
-    return _size(table) | {
         "weights": {**table.world.env_weights, **table.world.social_weights},
-        "experts": tables["crossing5_readings"][0],
-        "exact_trigonometry": tables["crossing5_ties"][2],
-    }
-
-
-def _crossing7_summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
-    reachable, index = table.reachable_part(), table.mdp.reachable()
-    experts = {
-        mode: evaluate_exactly(reachable, expert_policy(table, angle)[index])._asdict()
-        for mode, angle in MODES.items()
-    }
-    steps = sum(metrics["length"] for metrics in experts.values())
-    variants = tables["crossing7_readings"]
-    return _size(table) | {
-        "slots": 2,
-        "spawn_probability": table.world.options.spawn_probability,
-        "weights": {**table.world.env_weights, **table.world.social_weights},
-        "experts": experts,
-        "share_of_transitions": {
-            mode: metrics["length"] / steps for mode, metrics in experts.items()
-        },
-        "optimal_angles_by_reading": {
-            row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES} for row in variants
-        },
-        "optimum_angle_by_angle": {
-            f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
-        },
-        "largest_collision": max(variants[0][f"{mode}_collision"] for mode in MODES),
-        "separability": {
-            f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}
-            for row in tables["crossing7_separability"]
-        },
     }
 
 

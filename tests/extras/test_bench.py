@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from socialiq.cli.main import main
-from socialiq_lab.cli import bench
+from socialiq_lab.cli import commands as bench
 
 
 @pytest.fixture(name="smaller")

@@ -10,7 +10,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.core import traffic as ego_kernels
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, ContinuousOptions, Options

@@ -4,14 +4,17 @@ import pytest
 
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import packaged_results, read_json
+from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run, save
 from studies.mujoco_imitation import plan
-from studies.mujoco_imitation.methods import METHODS
 from studies.mujoco_imitation.plan import Config
-from studies.mujoco_imitation.study import STUDY, compute_tables
+from studies.mujoco_imitation.runs import METHODS
+from studies.mujoco_imitation.study import compute_tables
 from studies.mujoco_imitation.tasks import TASKS, returns
 
 pytest.importorskip("mujoco")
+
+STUDY = find("mujoco-imitation")
 
 TINY = {
     "tasks": ("Hopper",),
@@ -32,7 +35,7 @@ TINY = {
 
 def played(config: Config, work) -> dict:
     """Do the jobs of a plan in this process, and compute the tables."""
-    jobs = plan.checked_plan(config)
+    jobs = plan.jobs(config)
     for job in jobs:
         (work / job.name).mkdir(parents=True)
         inputs = {name: work / name for name in job.inputs}
@@ -60,7 +63,7 @@ def test_an_expert_is_imitated_and_pieces_are_taken_over(tmp_path) -> None:
     more = played(Config(**TINY, pieces=there), tmp_path / "more")
     assert [row["method"] for row in more["tables"]["ablations"]] == ["online", *TINY["variants"]]
     assert all(row in more["tables"]["runs"] for row in found["tables"]["runs"])
-    assert len(more["files"]) == len(plan.committed(there).files()) + 2
+    assert len(more["files"]) == len(plan.committed(there)) + 2
     results = run(STUDY, Config(**TINY, pieces=there, new=False))
     save(STUDY, results, tmp_path / "shown", replace=False)
     assert (tmp_path / "shown" / "shares.png").is_file()

@@ -13,10 +13,10 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.storage import packaged_results
+from socialiq.storage import packaged_results, read_json
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
@@ -24,7 +24,7 @@ from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.intersection.demonstration_sets import (
     Recording,
 )
-from socialiq_lab.intersection.driving import BATCH, Evaluation
+from socialiq_lab.intersection.driving import BATCH, Driving
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
@@ -34,10 +34,7 @@ from studies.classic_control import runs as control_runs
 from studies.classic_control import study as control
 from studies.compare_priors import study as priors
 from studies.intersection_offline import study as offline
-from studies.intersection_offline.plan import Config as OfflineConfig
 from studies.intersection_world import study as intersection_world
-from studies.off_policy import study as off_policy
-from studies.poc import study as poc
 from studies.theory import small_strength as lines
 from studies.theory import statements
 
@@ -114,7 +111,7 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
 
 @pytest.mark.slow
 def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
-    again = run(find("poc"), poc.Config(seeds=(20, 21), readings=False))
+    again = run(find("poc"), find("poc").Config(seeds=(20, 21), readings=False))
 
     def sequences(results):
         return {
@@ -131,7 +128,7 @@ def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
 
 @pytest.mark.slow
 def test_off_policy_estimates_are_equal(committed):
-    again = run(find("off-policy"), off_policy.Config(seeds=(540,), explored=(0.0, 0.1)))
+    again = run(find("off-policy"), find("off-policy").Config(seeds=(540,), explored=(0.0, 0.1)))
     stored = committed["off-policy"].tables["estimates"]
     wanted = [row for row in stored if row["seed"] == 540 and row["explored"] in (0.0, 0.1)]
     assert len(again.tables["estimates"]) == len(wanted) == 2 * 2 * 7 * 3
@@ -164,7 +161,7 @@ def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
     """One of its methods, which all share seeds, data and budget, on one of its seeds."""
     config, theirs = priors.Config(angles=(0.0, 45.0, 90.0)), committed["compare-priors"]
     config = dataclasses.replace(config, methods=("clone_of_mode",), seeds=config.seeds[:1])
-    (job,) = (job for job in priors.chosen_jobs(config, tmp_path) if "crossing7" in job.name)
+    (job,) = (job for job in priors.more_jobs(config, tmp_path) if "crossing7" in job.name)
     job.work(job.config, tmp_path, {}, lambda _: None)
     wanted = {
         (row["method"], row["target_angle"], row["readout"], row["seed"]): row
@@ -205,7 +202,7 @@ def test_the_intersection_pays_and_ends_as_before(committed, driver):
 
 def test_the_intersection_begins_as_before(committed):
     results = committed["intersection-world"]
-    again = intersection_world.start_row(intersection_world.Config())
+    again = intersection_world.start_row(1_000_000, 5_000)
     assert rounded(again) == results.summary["start"]
 
 
@@ -216,7 +213,7 @@ def batch():
 
 @pytest.mark.parametrize("name", ["expert_prosocial", "prosocial"])
 def test_the_atlas_drives_as_before(committed, batch, name):
-    first, episodes = Evaluation().first_seed, committed["intersection"].config["episodes"]
+    first, episodes = Driving().first_seed, committed["intersection"].config["episodes"]
     again = episodes_of(batch, atlas.load(name), np.arange(first, first + episodes))
     found, theirs = intersection_world.outcome_row(again), atlas.manifest()[name]["greedy"]
     assert episodes == theirs["episodes"] == found["episodes"]
@@ -294,7 +291,7 @@ def test_the_offline_tests_follow_from_the_values(committed):
     """Every difference and verdict, from the values of the policies."""
     results = committed["intersection-offline"]
     names = ("seeds", "angles", "methods", "method_angles")
-    config = OfflineConfig(**{name: tuple(results.config[name]) for name in names})
+    config = offline.Config(**{name: tuple(results.config[name]) for name in names})
     again = offline.compared(config, results.tables["policies"])
     for name in ("differences", "forms"):
         for ours, theirs in zip(again[name], results.tables[name], strict=True):
@@ -312,7 +309,7 @@ def test_audits_come_out_as_before(committed, tmp_path):
     found = [one for one in audited.of_gridworld(tmp_path, ()) if "exact" in one.name]
     found += [one for one in audited.at_intersection(tmp_path) if one.name == "never moves"]
     names = ("verdict", "decided_by", "regret_decision", "best", "explained", "policy_sha256")
-    for ours in audits.audit_rows(found, audits.Config(), tmp_path):
+    for ours in audits.audit_rows(found, 500, 2026, tmp_path):
         their = theirs[ours["policy"], ours["declared"]]
         assert {name: ours[name] for name in names} == {name: their[name] for name in names}
         for name in ("regret", "regret_low", "regret_high"):
@@ -336,7 +333,7 @@ def test_the_ceiling_of_the_demonstrations_is_the_same(committed, support):
         if (row["support"], row["seed"]) == (support, 30)
     ]
     angles = [angle for angle, _ in theirs]
-    ground = with_clock(Ground.of("crossing7"), True)
+    ground = Ground.of("crossing7").with_clock(True)
     (data,) = trajectory_datasets(ground.table, [30], committed["dial"].config["episodes_each"])
     ceiling = support_ceiling(data, ground.part, timed=support == "timed")
     again = ceiling_regrets(ceiling, ground.optimum, angles)
@@ -353,7 +350,7 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
     angles = [row["angle"] for row in theirs]
     swept = sweep(
         DialPolicy.load(folder / "dial.safetensors"),
-        with_clock(Ground.of("crossing7"), clock=True).part,
+        Ground.of("crossing7").with_clock(clock=True).part,
         "greedy",
         angles,
     )
@@ -363,7 +360,7 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
         assert metrics.r_social == pytest.approx(their["r_social"], abs=2e-6)
 
 
-def test_the_sets_of_classic_control_are_the_committed_ones():
+def test_the_sets_of_classic_control_are_the_committed_ones(tmp_path):
     """Two sets of each protocol: what is kept, its spread, and the linear fit that identifies."""
     committed = store.load(packaged_results() / "classic-control")
     one = (1,)
@@ -373,7 +370,8 @@ def test_the_sets_of_classic_control_are_the_committed_ones():
     jobs = [job for job in control.plan(wanted) if job.stage == "data"]
     compared = 0
     for job in jobs:
-        for place, row in enumerate(control_runs.inspected(job.config)):
+        job.work(job.config, tmp_path, {}, lambda _share: None)
+        for place, row in enumerate(read_json(tmp_path / control_runs.ROWS)):
             theirs = next(
                 one
                 for one in committed.tables["data"]
@@ -387,12 +385,13 @@ def test_the_sets_of_classic_control_are_the_committed_ones():
 
 
 @pytest.mark.slow
-def test_five_trajectories_are_enough_for_both_learners():
+def test_five_trajectories_are_enough_for_both_learners(tmp_path):
     """Of five trajectories every committed policy balances: two sets, one seed, made again."""
     committed = store.load(packaged_results() / "classic-control").summary["CartPole"]["rows"]["5"]
     wanted = control.Config(tasks=("CartPole",), trajectories=(5,), sets=2, seeds=(10,), episodes=5)
     for job in control.plan(wanted):
         if job.name in ("runs/CartPole-rows-5/iq_learn", "runs/CartPole-rows-5/cloning"):
-            rows = control_runs.scored(job.config, lambda _share: None)
+            job.work(job.config, tmp_path, {}, lambda _share: None)
+            rows = read_json(tmp_path / control_runs.ROWS)
             assert committed[job.config.method]["worst"] == 500
             assert {row["mean_return"] for row in rows} == {500.0}

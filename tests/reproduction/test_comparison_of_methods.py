@@ -1,20 +1,16 @@
 """The committed comparison of methods: its tables again from its rows, and one method again."""
 
-import dataclasses
-
 import pytest
 
 from socialiq import results_folder as store
-from socialiq.learners.iq_learn import presets
 from socialiq.results_folder import from_csv
 from socialiq.storage import packaged_results
-from socialiq_lab.comparison import EPISODES_EACH, means
-from socialiq_lab.comparison_runs import GridRuns
+from socialiq_lab.comparison import FRESH
+from socialiq_lab.comparison_tables import ROWS, GridRuns, means
 from socialiq_lab.tables import matching
-from studies.compare_methods.methods import BY_NAME
+from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.study import (
     KEYS,
-    ROWS,
     Config,
     choose,
     overall,
@@ -70,20 +66,11 @@ def test_every_method_has_every_seed_and_angle(committed) -> None:
 
 def test_one_method_trained_again_is_equal(committed, tmp_path) -> None:
     """Clones of the episodes that score best, in the 5x5 world: the ends, on one of the seeds."""
-    config, method = Config(), BY_NAME["clone_by_return"]
+    method, config = METHODS["clone_by_return"], Config(angles=(0.0, 90.0), seeds=(300,))
     theirs = matching(committed.tables["policies"], world="crossing5", method=method.name)
-    rates = {"learning_rate": config.learning_rate, "polyak": config.polyak}
-    run = GridRuns(
-        "crossing5",
-        method.name,
-        presets.TABLE_C1,
-        dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
-        updates_of(method, config.updates),
-        (0.0, 90.0),
-        (method.setting_of(theirs[0]["setting"]),),
-        config.seeds[:1],
-        EPISODES_EACH["crossing5"],
-    )
+    settings = (method.setting_of(theirs[0]["setting"]),)
+    updates = updates_of(method, config.updates)
+    run = GridRuns.of(config, FRESH, "crossing5", method, settings, updates)
     run_method(run, tmp_path, {}, lambda _: None)
     keys = ("target_angle", "readout", "seed")
     wanted = {tuple(row[key] for key in keys): row for row in theirs}

@@ -6,9 +6,12 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
+from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
 from studies.angle_trait import study
-from studies.angle_trait.driving import DIAL, Config, Population, drive
+from studies.angle_trait.study import DIAL, Population, drive
+
+Config = find("angle-trait").Config
 
 FULL_COMPILER = True
 
@@ -39,9 +42,9 @@ def test_a_population_is_inferred_as_before(committed, kind, source, cell):
     drawn = np.random.default_rng(first).standard_normal(config.drivers)
     dial = DialPolicy.load(DIAL)
     angle = (config.mean + config.spreads[1] * drawn).clip(dial.low, dial.high)
-    strength = study._strength(config) if kind == "planner" else 0.0
+    strength = study.strength_of(config) if kind == "planner" else 0.0
     decided = drive(Population(kind, angle, strength), dial, max(config.lengths), first)
-    models = study._inferred(config, decided, source, config.lengths[0], first)
+    models = study.inferred(config, decided, source, config.lengths[0], first)
     (theirs,) = matching(
         committed.tables["populations"],
         kind=kind,
@@ -50,7 +53,7 @@ def test_a_population_is_inferred_as_before(committed, kind, source, cell):
         episodes=config.lengths[0],
         repeat=0,
     )
-    for name, value in study._row(models, angle, first).items():
+    for name, value in study.population_row(models, angle, first).items():
         assert value == pytest.approx(theirs[name], rel=1e-3, abs=1e-4), name
 
 

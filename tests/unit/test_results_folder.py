@@ -5,7 +5,9 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.to_json import rounded
-from studies.poc.study import Config
+from socialiq_lab.registry import find
+
+Config = find("poc").Config
 
 
 def results(value=1.0):

@@ -22,17 +22,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import settings
-from socialiq.learners.expert_table import Batch, draw_between
+from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Learner, Terms
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.state import TrainState
 from socialiq.nn.q_network import QNetwork
-from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from studies.compare_methods.baselines.shared import (
+    Baseline,
+    Carry,
     EpisodeLearner,
-    learned_sums,
+    Loss,
+    Pairs,
     log_likelihood,
     of_taken,
     preference_loss,
@@ -40,11 +41,11 @@ from studies.compare_methods.baselines.shared import (
 )
 
 LARGEST_WEIGHT = 100.0
-"""Bound of exp(β (Q - V)), as in the paper."""
+"""Bound of IQL's exp(β (Q - V)), as in the paper."""
 
 
 @dataclass(frozen=True)
-class IQLConfig(settings.LearnerConfig):
+class ValueConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
     endings: Endings = field(default_factory=Endings)
@@ -69,86 +70,55 @@ class IQLNetworks(NamedTuple):
     policy: QNetwork
 
 
-class ImplicitQLearning(Learner):
+class ImplicitQLearning(Baseline):
     """Implicit Q-learning of demonstrations; the policy is a network of its own."""
 
-    StaticConfig: ClassVar[type] = IQLConfig
+    StaticConfig: ClassVar[type] = ValueConfig
     Hyperparameters: ClassVar[type] = IQLHyperparameters
     name: ClassVar[str] = "implicit_q_learning"
 
     def network(self, key: PRNGKeyArray) -> IQLNetworks:
         """Draw three networks of the same hidden layers."""
         static, (n_features, n_actions) = self.static, self.sizes
-        return IQLNetworks(
-            *(
-                QNetwork.initialise(
-                    of_part,
-                    n_features,
-                    static.hidden,
-                    outputs,
-                    static.activation,
-                    static.view,
-                    scale=static.input_scale,
-                )
-                for of_part, outputs in zip(
-                    jax.random.split(key, 3), (n_actions, 1, n_actions), strict=True
-                )
-            )
-        )
+        keys, networks = jax.random.split(key, 3), []
+        for number, outputs in enumerate((n_actions, 1, n_actions)):
+            shape = (n_features, static.hidden, outputs, static.activation, static.view)
+            networks.append(QNetwork.initialise(keys[number], *shape, scale=static.input_scale))
+        return IQLNetworks(*networks)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
-        """Sum of the three losses; none has a gradient in another's network."""
-        return implicit_loss(network, target_network, batch, hyperparameters, self.static)
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
+        """Losses of V, Q and the policy (Eq 5 to 7); none has another's gradient.
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> QPolicy:  # noqa: ARG002
-        """Return the cloned policy."""
-        return QPolicy.of(state.network.policy, 1.0, self.record(hyperparameters))
-
-
-def expectile_loss(
-    difference: Float[Array, " batch"], expectile: Float[Array, ""] | float
-) -> Float[Array, ""]:
-    """``E[|τ - 1(u < 0)| u²]`` of differences u (their Eq 5)."""
-    return jnp.mean(jnp.abs(expectile - (difference < 0)) * jnp.square(difference))
-
-
-def implicit_loss(
-    network: IQLNetworks,
-    target_network: IQLNetworks,
-    batch: Batch,
-    hyperparameters: HyperparameterArrays,
-    static: IQLConfig,
-) -> tuple[Float[Array, ""], Terms]:
-    """Losses of V (Eq 5), of Q (Eq 6) and of the policy (Eq 7), each with its own batch mean."""
-    observation, action = batch.observation, batch.action
-    steady = of_taken(jax.vmap(target_network.values)(observation), action)
-    value = jax.vmap(network.state_value)(observation)[:, 0]
-    next_value = jax.vmap(network.state_value)(batch.next_observation)[:, 0]
-    follows = losses.continuation(next_value, batch.ending, static.endings.by_kind(), 0.0)
-    reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
-    target = jax.lax.stop_gradient(reward + hyperparameters.discount * follows)
-    q = of_taken(jax.vmap(network.values)(observation), action)
-    advantage = jax.lax.stop_gradient(steady - value)
-    weight = jnp.minimum(jnp.exp(hyperparameters.inverse_temperature * advantage), LARGEST_WEIGHT)
-    cloned = log_likelihood(jax.vmap(network.policy)(observation), action)
-    terms = {
-        "state_value": expectile_loss(
-            jax.lax.stop_gradient(steady) - value, hyperparameters.expectile
-        ),
-        "values": jnp.mean(jnp.square(target - q)),
-        "policy": -jnp.mean(weight * cloned),
-    }
-    return sum(terms.values(), jnp.zeros(())), terms | {"loss": sum(terms.values(), jnp.zeros(()))}
+        That of V is ``E[|τ - 1(u < 0)| u²]`` of the differences u = Q - V.
+        """
+        observation, action = batch.observation, batch.action
+        steady = of_taken(jax.vmap(target_network.values)(observation), action)
+        value = jax.vmap(network.state_value)(observation)[:, 0]
+        next_value = jax.vmap(network.state_value)(batch.next_observation)[:, 0]
+        endings = self.static.endings.by_kind()
+        follows = losses.continuation(next_value, batch.ending, endings, 0.0)
+        reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
+        target = jax.lax.stop_gradient(reward + hyperparameters.discount * follows)
+        q = of_taken(jax.vmap(network.values)(observation), action)
+        advantage = jax.lax.stop_gradient(steady - value)
+        sharpness = hyperparameters.inverse_temperature
+        weight = jnp.minimum(jnp.exp(sharpness * advantage), LARGEST_WEIGHT)
+        cloned = log_likelihood(jax.vmap(network.policy)(observation), action)
+        difference = jax.lax.stop_gradient(steady) - value
+        asymmetry = jnp.abs(hyperparameters.expectile - (difference < 0))
+        terms = {
+            "state_value": jnp.mean(asymmetry * jnp.square(difference)),
+            "values": jnp.mean(jnp.square(target - q)),
+            "policy": -jnp.mean(weight * cloned),
+        }
+        total = sum(terms.values(), jnp.zeros(()))
+        return total, terms | {"loss": total}
 
 
 @dataclass(frozen=True)
-class SPRINQLConfig(settings.LearnerConfig):
+class SPRINQLConfig(ValueConfig):
     """Choices that shape the program."""
 
-    endings: Endings = field(default_factory=Endings)
-    """Value of V(s') after each kind of ending."""
     levels: settings.Count = 3
     """Levels of expertise, of equal numbers of episodes."""
     pairs: settings.Count = 8
@@ -172,113 +142,72 @@ class SPRINQLNetworks(NamedTuple):
     reference: QNetwork
 
 
-class SPRINQLCarry(NamedTuple):
-    """A random key, and the level of each episode."""
-
-    key: Array
-    levels: Array
-
-
 class Graded(NamedTuple):
-    """Rows of one update.
-
-    Attributes:
-        batch: Demonstrations of all levels alike.
-        level: Level of each row, 0 the best.
-        pairs: Rows of both episodes of each pair.
-        inside: Whether such a place is a row.
-        better: Level of the second episode less that of the first.
-    """
+    """Demonstrations of all levels alike, the level of each row (0 the best), pairs of episodes."""
 
     batch: Batch
     level: Array
-    pairs: Batch
-    inside: Array
-    better: Array
+    pairs: Pairs
 
 
 class SPRINQL(EpisodeLearner):
-    """IQ-Learn of graded demonstrations with a learned reference reward."""
+    """IQ-Learn of graded demonstrations with a learned reference reward; carries the levels."""
 
     StaticConfig: ClassVar[type] = SPRINQLConfig
     Hyperparameters: ClassVar[type] = SPRINQLHyperparameters
     name: ClassVar[str] = "sprinql"
+    acting: ClassVar[str] = "values"
 
     def network(self, key: PRNGKeyArray) -> SPRINQLNetworks:
         """Draw both networks."""
         return SPRINQLNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
-    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, SPRINQLCarry]:
+    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
         """Draw the networks, and grade the episodes."""
-        assert self.episodes is not None
         state, key = super().initialise(hyperparameters)
-        levels = self.episodes.levels(
-            hyperparameters.weights, hyperparameters.dataset, self.static.levels
-        )
-        return state, SPRINQLCarry(key, levels)
+        run = hyperparameters.weights, hyperparameters.dataset
+        return state, Carry(key, self.episodes.levels(*run, self.static.levels))
 
-    def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: SPRINQLCarry,
-    ) -> tuple[Graded, SPRINQLCarry]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
         """Draw demonstrations with their levels, and pairs of episodes."""
-        table, episodes = self.table, self.episodes
-        assert table is not None and episodes is not None
         key, for_rows, for_pairs = jax.random.split(carry.key, 3)
-        dataset = hyperparameters.dataset
-        bounds = table.row_bounds[dataset], table.row_bounds[dataset + 1]
-        rows = draw_between(for_rows, self.static.batch_size, *bounds)
-        pairs = jnp.stack(episodes.pairs(for_pairs, dataset, self.static.pairs))
-        graded = carry.levels[pairs]
-        return Graded(
-            table.rows(rows),
-            carry.levels[episodes.of_row[rows]],
-            episodes.rows_of(table, pairs),
-            episodes.inside[pairs],
-            (graded[1] - graded[0]).astype(jnp.float32),
-        ), carry._replace(key=key)
+        dataset, scores = hyperparameters.dataset, -carry.known.astype(jnp.float32)
+        rows = self.rows(for_rows, dataset)
+        level = carry.known[self.episodes.of_row[rows]]
+        options = self.table, for_pairs, dataset, self.static.pairs, scores
+        graded = Graded(self.table.rows(rows), level, self.episodes.pairs(*options))
+        return graded, carry._replace(key=key)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
-        """Loss of the reference reward, and that of Q."""
-        return sprinql_loss(network, target_network, batch, hyperparameters, self.static)
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
+        """Loss of Q, and that of the reference reward: alike within a level, ranked between.
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> QPolicy:  # noqa: ARG002
-        """Return the policy of Q."""
-        record = self.record(hyperparameters)
-        return QPolicy.of(state.network.values, hyperparameters.temperature, record)
+        The term `reference` is the reference reward's, the others are Q's.
+        """
+        rows, level, pairs = batch
+        run = hyperparameters
 
+        def reference_reward(observation: Array) -> Array:
+            return jax.nn.sigmoid(network.reference(observation))
 
-def sprinql_loss(
-    network: SPRINQLNetworks,
-    target_network: SPRINQLNetworks,
-    graded: Graded,
-    hyperparameters: HyperparameterArrays,
-    static: SPRINQLConfig,
-) -> tuple[Float[Array, ""], Terms]:
-    """Return the loss and its terms: `reference` is the learned reward's, the others are Q's."""
-    batch = graded.batch
-    learned = jax.nn.sigmoid(jax.vmap(network.reference)(batch.observation))
-    reference = of_taken(learned, batch.action)
-    row = jax.lax.stop_gradient(row_weights(reference, graded.level, static.levels))
-    q = jax.vmap(network.values)(batch.observation)
-    value = losses.soft_value(q, hyperparameters.temperature)
-    follows = soft_continuation(target_network.values, batch, hyperparameters, static.endings)
-    taken = of_taken(q, batch.action)
-    reward = losses.implicit_reward(taken, follows, hyperparameters.discount)
-    centre = hyperparameters.strength * jax.lax.stop_gradient(reference)
-    terms = {
-        "expert": -jnp.sum(row * reward),
-        "value": jnp.sum(row * (value - hyperparameters.discount * follows)),
-        "distance": hyperparameters.reference_weight * jnp.sum(row * jnp.square(reward - centre)),
-        "conservative": hyperparameters.conservatism * jnp.sum(row * (value - taken)),
-        "reference": reference_loss(network.reference, reference, graded),
-    }
-    total = jnp.sum(jnp.stack(list(terms.values())))
-    return total, terms | {"loss": total}
+        reference = of_taken(jax.vmap(reference_reward)(rows.observation), rows.action)
+        row = jax.lax.stop_gradient(row_weights(reference, level, self.static.levels))
+        q = jax.vmap(network.values)(rows.observation)
+        value, taken = losses.soft_value(q, run.temperature), of_taken(q, rows.action)
+        follows = soft_continuation(target_network.values, rows, run, self.static.endings)
+        reward = losses.implicit_reward(taken, follows, run.discount)
+        centre = run.strength * jax.lax.stop_gradient(reference)
+        alike = level == jnp.roll(level, 1)
+        gap = jnp.square(reference - jnp.roll(reference, 1))
+        terms = {
+            "expert": -jnp.sum(row * reward),
+            "value": jnp.sum(row * (value - run.discount * follows)),
+            "distance": run.reference_weight * jnp.sum(row * jnp.square(reward - centre)),
+            "conservative": run.conservatism * jnp.sum(row * (value - taken)),
+            "reference": jnp.mean(jnp.where(alike, gap, 0.0))
+            + preference_loss(reference_reward, pairs),
+        }
+        total = jnp.sum(jnp.stack(list(terms.values())))
+        return total, terms | {"loss": total}
 
 
 def row_weights(
@@ -293,17 +222,3 @@ def row_weights(
     count = jnp.maximum(jnp.sum(member, axis=0), 1)
     means = jnp.sum(jnp.where(member, reference[:, None], 0.0), axis=0) / count
     return (means / jnp.sum(means) / count)[level]
-
-
-def reference_loss(
-    network: QNetwork, reference: Float[Array, " batch"], graded: Graded
-) -> Float[Array, ""]:
-    """Equal rewards within a level, and sums that rank the levels."""
-
-    def learned(observation: Array) -> Array:
-        return jax.nn.sigmoid(network(observation))
-
-    first, second = learned_sums(learned, graded)
-    alike = graded.level == jnp.roll(graded.level, 1)
-    gap = jnp.square(reference - jnp.roll(reference, 1))
-    return jnp.mean(jnp.where(alike, gap, 0.0)) + preference_loss(first, second, graded.better)

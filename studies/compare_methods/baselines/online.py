@@ -26,22 +26,21 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from socialiq.learners import settings
-from socialiq.learners.collect import Act, Source
-from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.collect import Source
+from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import config, losses
-from socialiq.learners.iq_learn.train import Carry, IQLearn
-from socialiq.learners.kernel import Terms
-from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
-from socialiq.types import Ending, RewardPair, Simulator, Transitions
+from socialiq.types import Act, Ending, RewardPair, Transitions
 from studies.compare_methods.baselines.shared import (
     Episodes,
-    learned_sums,
+    Loss,
+    Pairs,
     of_taken,
     preference_loss,
     soft_continuation,
@@ -71,64 +70,33 @@ class LSIQ(IQLearn):
     Hyperparameters: ClassVar[type] = LSIQHyperparameters
     name: ClassVar[str] = "ls_iq"
 
-    @classmethod
-    def of(
-        cls, static: Any, datasets: Sequence[Transitions], simulator: Simulator | None = None
-    ) -> LSIQ:
-        """Make the learner of sets of demonstrations and the world to act in."""
-        table = ExpertTable.of(datasets, "instantaneous", 1.0)
-        sizes = (int(datasets[0].observation.shape[1]), datasets[0].n_actions)
-        return cls(static, sizes, table, simulator=simulator)
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
+        """Half the squared distances of demonstrations and of own transitions to their targets.
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
-        """Half the squared distances of demonstrations and of own transitions to their targets."""
-        largest = 1.0 / hyperparameters.regularisation
-        absorbing = absorbing_reward(batch.expert.ending, batch.replay.ending, largest)
+        V(s') lies within ±1/(c (1 - γ)). After the end it is that of the absorbing state, whose
+        reward is 1/c and -1/c by their shares of those that end.
+        """
+        largest, discount = 1.0 / hyperparameters.regularisation, hyperparameters.discount
+        bound = largest / (1.0 - discount)
+        sides = (batch.expert.ending, batch.replay.ending)
+        ends = [jnp.sum(ending != int(Ending.NONE)) for ending in sides]
+        absorbing = largest * (ends[0] - ends[1]) / jnp.maximum(ends[0] + ends[1], 1)
         terms = {}
         for name, rows, reward in (
             ("expert", batch.expert, largest),
             ("own", batch.replay, -largest),
         ):
-            target = reward + hyperparameters.discount * bounded_value(
-                target_network, rows, hyperparameters, largest, absorbing
-            )
+            q_next = jax.vmap(target_network)(rows.next_observation)
+            value = losses.soft_value(q_next, hyperparameters.temperature)
+            ended = rows.ending != int(Ending.NONE)
+            follows = jnp.where(ended, absorbing / (1.0 - discount), jnp.clip(value, -bound, bound))
+            target = reward + discount * follows
             if name == "expert" and self.static.fixed_target:
-                target = jnp.full_like(target, largest / (1.0 - hyperparameters.discount))
+                target = jnp.full_like(target, largest / (1.0 - discount))
             q = of_taken(jax.vmap(network)(rows.observation), rows.action)
             terms[name] = jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2
         total = terms["expert"] + terms["own"]
         return total, terms | {"loss": total}
-
-
-def absorbing_reward(
-    expert: Array, own: Array, largest: Float[Array, ""] | float
-) -> Float[Array, ""]:
-    """Return the least-squares reward of the state after the end: 1/c and -1/c by their shares.
-
-    Args:
-        expert: Endings of demonstrations, values of `types.Ending`.
-        own: Endings of the learner's own transitions.
-        largest: 1/c.
-    """
-    ended = [jnp.sum(ending != int(Ending.NONE)) for ending in (expert, own)]
-    return largest * (ended[0] - ended[1]) / jnp.maximum(ended[0] + ended[1], 1)
-
-
-def bounded_value(
-    network: Any,
-    rows: Batch,
-    hyperparameters: HyperparameterArrays,
-    largest: Float[Array, ""],
-    absorbing: Float[Array, ""],
-) -> Float[Array, " batch"]:
-    """Return V(s') within ±1/(c (1 - γ)); after the end that of the absorbing state."""
-    bound = largest / (1.0 - hyperparameters.discount)
-    value = losses.soft_value(jax.vmap(network)(rows.next_observation), hyperparameters.temperature)
-    value = jnp.clip(value, -bound, bound)
-    ended = rows.ending != int(Ending.NONE)
-    return jnp.where(ended, absorbing / (1.0 - hyperparameters.discount), value)
 
 
 @dataclass(frozen=True)
@@ -151,135 +119,89 @@ class TREXNetworks(eqx.Module):
 
 
 class TREXRows(NamedTuple):
-    """Rows of one update.
-
-    Attributes:
-        replay: The learner's own transitions.
-        pairs: Rows of both episodes of each pair, (2, pair, step) leading.
-        inside: Whether such a place is a row.
-        better: R(α) of the first episode less that of the second.
-    """
+    """The learner's own transitions, and pairs of demonstrated episodes."""
 
     replay: Batch
-    pairs: Batch
-    inside: Array
-    better: Array
+    pairs: Pairs
 
 
 class TREX(IQLearn):
     """Reward from ranks, and soft Q-learning on it.
 
     Attributes:
-        episodes: Episodes of the table.
+        episodes: `Episodes` of the table.
     """
 
-    episodes: Episodes | None = None
+    episodes: Any = None
 
     StaticConfig: ClassVar[type] = TREXConfig
-    Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
     name: ClassVar[str] = "trex"
+    Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
 
     @classmethod
-    def of(
-        cls, static: Any, datasets: Sequence[Transitions], simulator: Simulator | None = None
-    ) -> TREX:
-        """Make the learner of sets of demonstrations and the world to act in."""
-        table = ExpertTable.of(datasets, "instantaneous", 1.0)
-        sizes = (int(datasets[0].observation.shape[1]), datasets[0].n_actions)
-        episodes = Episodes.of(datasets, table)
-        return cls(static, sizes, table, simulator=simulator, episodes=episodes)
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> TREX:
+        """Make the learner of sets of demonstrations and their episodes."""
+        learner: Any = super().of(static, datasets)
+        episodes = Episodes.of(datasets, learner.table)
+        return cls(static, learner.sizes, learner.table, episodes=episodes)
 
-    def network(self, key: PRNGKeyArray) -> TREXNetworks:
+    def network(self, key: Any) -> TREXNetworks:
         """Draw both networks."""
-        for_reward = jax.random.fold_in(key, 1)
-        return TREXNetworks(super().network(key), super().network(for_reward))
+        return TREXNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
-    def draw(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
-    ) -> tuple[TREXRows, Carry]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Act, sample the replay, and draw pairs of episodes."""
-        assert self.table is not None and self.episodes is not None
         batches, carry = super().draw(hyperparameters, state, carry)
         assert batches.replay is not None
         key, for_pairs = jax.random.split(carry.key)
-        pairs = self.episodes.pairs(for_pairs, hyperparameters.dataset, self.static.pairs)
-        sides = jnp.stack(pairs)
-        totals = score(hyperparameters.weights, self.episodes.totals)[sides]
-        return TREXRows(
-            batches.replay,
-            self.episodes.rows_of(self.table, sides),
-            self.episodes.inside[sides],
-            totals[0] - totals[1],
-        ), carry._replace(key=key)
+        scores = score(hyperparameters.weights, self.episodes.totals)
+        options = self.table, for_pairs, hyperparameters.dataset, self.static.pairs, scores
+        return TREXRows(batches.replay, self.episodes.pairs(*options)), carry._replace(key=key)
 
-    def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
-    ) -> tuple[Float[Array, ""], Terms]:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Ranks of pairs, and half the squared Bellman error of Q on the learned reward."""
-        first, second = learned_sums(network.reward, batch)
-        replay = batch.replay
-        follows = soft_continuation(
-            target_network.values, replay, hyperparameters, self.static.endings
-        )
-        reward = of_taken(jax.vmap(network.reward)(replay.observation), replay.action)
-        target = hyperparameters.strength * reward + hyperparameters.discount * follows
-        q = of_taken(jax.vmap(network.values)(replay.observation), replay.action)
+        rows, run = batch.replay, hyperparameters
+        follows = soft_continuation(target_network.values, rows, run, self.static.endings)
+        reward = of_taken(jax.vmap(network.reward)(rows.observation), rows.action)
+        target = run.strength * reward + run.discount * follows
+        q = of_taken(jax.vmap(network.values)(rows.observation), rows.action)
         terms = {
-            "ranks": preference_loss(first, second, batch.better),
+            "ranks": preference_loss(network.reward, batch.pairs),
             "bellman": jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2,
         }
-        return terms["ranks"] + terms["bellman"], terms | {
-            "loss": terms["ranks"] + terms["bellman"]
-        }
+        total = terms["ranks"] + terms["bellman"]
+        return total, terms | {"loss": total}
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> QPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
         """Return the policy of Q."""
         record = self.record(hyperparameters)
         return QPolicy.of(state.network.values, hyperparameters.temperature, record)
 
 
-class InferredReward(eqx.Module):
-    """Reward that a trained IQ-Learn implies, r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6).
-
-    Attributes:
-        network: Its Q.
-        temperature: τ of V.
-        discount: γ.
-    """
+class Inferred(NamedTuple):
+    """Reward that a trained IQ-Learn implies, by its Q, the temperature τ of V, and γ."""
 
     network: QNetwork
     temperature: float
     discount: float
 
-    def __call__(
-        self,
-        observation: Float[Array, " feature"],
-        action: Int[Array, ""],
-        following: Float[Array, " feature"],
-        ending: Int[Array, ""],
-    ) -> Float[Array, ""]:
-        """Return r̂ of one transition; after any ending nothing follows."""
-        value = losses.soft_value(self.network(following), self.temperature)
-        follows = jnp.where(ending == int(Ending.NONE), value, 0.0)
-        return self.network(observation)[action] - self.discount * follows
-
-
-Rewards = tuple[InferredReward, InferredReward]
-"""The egoists' and the altruists' rewards."""
-
 
 @eqx.filter_jit
-def inferred_pair(rewards: Rewards, batch: Batch) -> RewardPair:
-    """Return the pair of inferred rewards of transitions, in the place of (r_env, r_social)."""
-    columns = (batch.observation, batch.action, batch.next_observation, batch.ending)
-    return RewardPair(*(jax.vmap(reward)(*columns) for reward in rewards))
+def inferred_reward(
+    network: QNetwork, temperature: float, discount: float, batch: Batch
+) -> Float[Array, " batch"]:
+    """Return r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6) of rows; nothing follows any ending."""
+    value = losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
+    follows = jnp.where(batch.ending == int(Ending.NONE), value, 0.0)
+    return of_taken(jax.vmap(network)(batch.observation), batch.action) - discount * follows
 
 
-def inferring(source: Source, rewards: Rewards) -> Source:
-    """Return a source outside JAX whose pair of rewards is inferred."""
+def inferring(source: Source, rewards: Sequence[Inferred]) -> Source:
+    """Return a source outside JAX whose (r_env, r_social) are the two inferred rewards."""
 
     def relabelled(act: Act, rng: Any) -> Batch:
         batch = source(act, rng)
-        return batch._replace(target=inferred_pair(rewards, batch))
+        pair = RewardPair(*(inferred_reward(*reward, batch) for reward in rewards))
+        return batch._replace(target=pair)
 
     return relabelled

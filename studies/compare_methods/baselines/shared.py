@@ -1,9 +1,13 @@
-"""Parts that baselines share: values of taken actions, episodes ranked by R(α), losses of ranks."""
+"""Methods that others have published, each a loss with its source; here is what they share.
+
+`socialiq.learners.kernel` trains them all. Demonstrations lie in an `ExpertTable`, of which
+`Episodes` knows the episodes and ranks them by R(α).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +17,15 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Learner
+from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from socialiq.types import RewardPair, Transitions
+
+Loss = tuple[Float[Array, ""], Terms]
+"""A loss and its terms by name."""
 
 
 def of_taken(
@@ -26,21 +35,6 @@ def of_taken(
     return jnp.take_along_axis(values, action[:, None], axis=1)[:, 0]
 
 
-def soft_continuation(
-    network: Any, batch: Batch, hyperparameters: HyperparameterArrays, endings: Endings
-) -> Float[Array, " batch"]:
-    """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
-    q_next = jax.vmap(network)(batch.next_observation)
-    return losses.continuation(
-        losses.soft_value(q_next, hyperparameters.temperature),
-        batch.ending,
-        endings.by_kind(),
-        losses.absorbing_value(
-            q_next.shape[-1], hyperparameters.temperature, hyperparameters.discount
-        ),
-    )
-
-
 def log_likelihood(
     logits: Float[Array, "batch action"], action: Int[Array, " batch"]
 ) -> Float[Array, " batch"]:
@@ -48,12 +42,59 @@ def log_likelihood(
     return of_taken(jax.nn.log_softmax(logits), action)
 
 
+def soft_continuation(
+    network: Any, batch: Batch, hyperparameters: HyperparameterArrays, endings: Endings
+) -> Float[Array, " batch"]:
+    """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
+    q_next = jax.vmap(network)(batch.next_observation)
+    temperature, discount = hyperparameters.temperature, hyperparameters.discount
+    return losses.continuation(
+        losses.soft_value(q_next, temperature),
+        batch.ending,
+        endings.by_kind(),
+        losses.absorbing_value(q_next.shape[-1], temperature, discount),
+    )
+
+
+def totals_of(data: Transitions) -> Float[np.ndarray, "episode 2"]:
+    """Return the undiscounted totals (G_env, G_social) of each episode."""
+    returns = data.returns("trajectory", 1.0)
+    return np.stack([total[data.episode_starts] for total in returns], axis=1)
+
+
+class Pairs(NamedTuple):
+    """Pairs of episodes whose ranks are known.
+
+    Attributes:
+        rows: Rows of both episodes of each pair, (2, pair, step) leading.
+        inside: Whether an element is a row of the episode.
+        better: By how much the first episode is better than the second; 0 leaves the pair out.
+    """
+
+    rows: Batch
+    inside: Array
+    better: Array
+
+
+def preference_loss(reward: Callable[[Array], Array], pairs: Pairs) -> Float[Array, ""]:
+    """-log P of the ranks under Bradley and Terry (T-REX, Brown et al. 2019, their Eq 1).
+
+    P(first) = σ(Σ r of the first episode - Σ r of the second). `reward` goes from one observation
+    to the learned reward r of each action.
+    """
+    over_rows = jax.vmap(jax.vmap(jax.vmap(reward)))(pairs.rows.observation)
+    taken = jnp.take_along_axis(over_rows, pairs.rows.action[..., None], axis=-1)
+    first, second = jnp.sum(jnp.where(pairs.inside, taken[..., 0], 0.0), axis=-1)
+    side = jnp.sign(pairs.better)
+    return jnp.mean(jnp.abs(side) * jax.nn.softplus(-side * (first - second)))
+
+
 class Episodes(NamedTuple):
     """Episodes of one or more sets of demonstrations, in the order of an `ExpertTable`.
 
     Attributes:
         rows: Rows of each episode in the table, filled up with 0.
-        inside: Whether such a place is a row of the episode.
+        inside: Whether an element of `rows` is a row of the episode.
         of_row: Episode of each row of the table; of its empty rows one beyond the last.
         totals: Undiscounted totals of each episode.
         bounds: First episode of each set, and the end.
@@ -71,8 +112,7 @@ class Episodes(NamedTuple):
         lengths = np.concatenate(
             [np.diff(data.episode_starts, append=len(data.action)) for data in datasets]
         )
-        starts = np.cumsum(lengths) - lengths
-        steps = np.arange(lengths.max())
+        starts, steps = np.cumsum(lengths) - lengths, np.arange(lengths.max())
         inside = steps < lengths[:, None]
         of_row = np.full(table.columns.action.shape[0], len(lengths))
         of_row[: lengths.sum()] = np.repeat(np.arange(len(lengths)), lengths)
@@ -85,11 +125,6 @@ class Episodes(NamedTuple):
             table.start_bounds,
         )
 
-    def rows_of(self, table: ExpertTable, episodes: Int[Array, "*shape"]) -> Batch:
-        """Return the rows of episodes, in columns of the shape ``(*shape, step)``."""
-        places = self.rows[episodes]
-        return jax.tree.map(lambda column: column[places], table.columns)
-
     def levels(
         self, weights: RewardPair, dataset: Int[Array, ""], count: int
     ) -> Int[Array, " episode"]:
@@ -97,78 +132,72 @@ class Episodes(NamedTuple):
 
         Episodes of equal scores share the better level, so that the best level is never empty.
         """
-        places = jnp.arange(self.inside.shape[0])
-        in_set = (places >= self.bounds[dataset]) & (places < self.bounds[dataset + 1])
+        numbers = jnp.arange(self.inside.shape[0])
+        in_set = (numbers >= self.bounds[dataset]) & (numbers < self.bounds[dataset + 1])
         scores = jnp.where(in_set, score(weights, self.totals), -jnp.inf)
         above = len(scores) - jnp.searchsorted(jnp.sort(scores), scores, side="right")
         return jnp.where(in_set, count * above // jnp.sum(in_set), count)
 
     def pairs(
-        self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
-    ) -> tuple[Int[Array, " pair"], Int[Array, " pair"]]:
-        """Draw pairs of episodes of one set, with replacement."""
-        episodes = draw_between(key, 2 * size, self.bounds[dataset], self.bounds[dataset + 1])
-        return episodes[:size], episodes[size:]
+        self,
+        table: ExpertTable,
+        key: PRNGKeyArray,
+        dataset: Int[Array, ""],
+        size: int,
+        scores: Float[Array, " episode"],
+    ) -> Pairs:
+        """Draw pairs of episodes of one set with replacement, ranked by the episodes' scores."""
+        bounds = self.bounds[dataset], self.bounds[dataset + 1]
+        sides = draw_between(key, 2 * size, *bounds).reshape(2, size)
+        rows = jax.tree.map(lambda column: column[self.rows[sides]], table.columns)
+        first, second = scores[sides]
+        return Pairs(rows, self.inside[sides], first - second)
 
 
-class EpisodeLearner(Learner):
-    """Base class of learners that see demonstrations by episodes.
+class Carry(NamedTuple):
+    """A random key, and what a learner knows of its demonstrations or their episodes."""
+
+    key: Array
+    known: Array
+
+
+class Baseline(Learner):
+    """Base class of learners whose network has several parts, of which one is the policy.
 
     Attributes:
-        episodes: Episodes of the table.
+        table: An `ExpertTable`.
+        episodes: `Episodes` of the table, where a subclass has them.
     """
 
-    episodes: Episodes | None = None
+    table: Any = None
+    episodes: Any = None
+
+    acting: ClassVar[str] = "policy"
+    """Part of the network that acts: logits "policy", or "values" by softmax(Q/τ)."""
+
+    def conditioned_network(self, key: PRNGKeyArray) -> DialNetwork:
+        """Draw a network with two inputs beside the observation."""
+        static, (n_features, n_actions) = self.static, self.sizes
+        shape = (static.hidden, n_actions, static.activation, static.view)
+        return DialNetwork.initialise(key, n_features, *shape)
+
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> Any:  # noqa: ARG002
+        """Return the policy of the acting part."""
+        temperature = 1.0 if self.acting == "policy" else hyperparameters.temperature
+        network = getattr(state.network, self.acting)
+        return QPolicy.of(network, temperature, self.record(hyperparameters))
+
+
+class EpisodeLearner(Baseline):
+    """Base class of learners that see demonstrations by episodes."""
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> Any:
-        """Make the learner of sets of demonstrations."""
-        table = ExpertTable.of(datasets, "instantaneous", 1.0)
-        sizes = (int(datasets[0].observation.shape[1]), datasets[0].n_actions)
-        return cls(static, sizes, table, Episodes.of(datasets, table))
+        """Make the learner of sets of demonstrations and their episodes."""
+        learner: Any = super().of(static, datasets)
+        return cls(static, learner.sizes, learner.table, Episodes.of(datasets, learner.table))
 
-
-def best_rows(
-    episodes: Episodes, weights: RewardPair, dataset: Int[Array, ""], parts: int
-) -> Float[Array, " transition"]:
-    """Return the cumulative weights by which `ExpertTable.sample_weighted` draws the best episodes.
-
-    Args:
-        episodes: Episodes of the table.
-        weights: (cos α, sin α).
-        dataset: The set.
-        parts: One part in so many is drawn from.
-    """
-    levels = jnp.append(episodes.levels(weights, dataset, parts), parts)
-    best = levels[episodes.of_row] == 0
-    return jnp.cumsum(best / jnp.sum(best))
-
-
-def preference_loss(
-    first: Float[Array, " pair"],
-    second: Float[Array, " pair"],
-    better: Float[Array, " pair"],
-) -> Float[Array, ""]:
-    """-log P of the ranks under Bradley and Terry, P(first) = σ(first - second) (T-REX, Eq 1).
-
-    Args:
-        first: Learned sums of the first episodes.
-        second: Of the second ones.
-        better: True sums' difference, first minus second; where it is 0 the pair is left out.
-    """
-    side = jnp.sign(better)
-    return jnp.mean(jnp.abs(side) * jax.nn.softplus(-side * (first - second)))
-
-
-def totals_of(data: Transitions) -> Float[np.ndarray, "episode 2"]:
-    """Return the undiscounted totals (G_env, G_social) of each episode."""
-    returns = data.returns("trajectory", 1.0)
-    return np.stack([total[data.episode_starts] for total in returns], axis=1)
-
-
-def learned_sums(reward: Callable[[Array], Array], drawn: Any) -> Float[Array, "2 pair"]:
-    """Return the learned reward's sums over both episodes of each pair."""
-    rows = drawn.pairs
-    over_rows = jax.vmap(jax.vmap(jax.vmap(reward)))
-    taken = jnp.take_along_axis(over_rows(rows.observation), rows.action[..., None], axis=-1)
-    return jnp.sum(jnp.where(drawn.inside, taken[..., 0], 0.0), axis=-1)
+    def rows(self, key: PRNGKeyArray, dataset: Int[Array, ""]) -> Int[Array, " batch"]:
+        """Draw the numbers of demonstrated rows of one set."""
+        bounds = self.table.row_bounds[dataset], self.table.row_bounds[dataset + 1]
+        return draw_between(key, self.static.batch_size, *bounds)

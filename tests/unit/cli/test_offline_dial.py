@@ -9,8 +9,7 @@ from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.callbacks import Stopped
-from socialiq.learners.offline import train as offline_training
-from socialiq.learners.offline.config import PRESETS
+from socialiq.learners.dial import offline
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
 
@@ -66,7 +65,7 @@ def test_a_training_that_is_stopped_leaves_nothing(crossing, tmp_path, monkeypat
     def interrupted(*_given):
         raise Stopped("stopped after 10 of 20 updates; nothing was saved")
 
-    monkeypatch.setattr(offline_training, "train", interrupted)
+    monkeypatch.setattr(offline, "train", interrupted)
     out = tmp_path / "run"
     if made_before:
         out.mkdir()
@@ -97,7 +96,3 @@ def test_demonstrations_of_another_world_are_refused(crossing, tmp_path, capsys)
     arguments = ["train", "offline-dial", str(crossing), "--world", "intersection"]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
     assert "they belong to another world" in capsys.readouterr().err
-
-
-def test_the_presets_are_known() -> None:
-    assert set(PRESETS) == {"offline-regularised"}

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from socialiq.cli.main import main
+from socialiq_lab.cli.sweep import array_script, ranges
 from socialiq_lab.jobs import do, fingerprints
-from socialiq_lab.slurm import array_script, ranges
 from socialiq_lab.sweep.plan import read_plan
 from socialiq_lab.sweep.runs import results_of
 

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from socialiq.errors import UserError
-from socialiq_lab.claim_numbers import Ours, Printed, printed, tolerance, verdict
+from socialiq_lab.claims import Ours, Printed, printed, tolerance, verdict
 
 
 def of(thesis, value, statement="", **more):

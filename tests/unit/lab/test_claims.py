@@ -18,7 +18,7 @@ def rows():
 def test_places_are_filled_from_the_results(tmp_path):
     (tmp_path / "grid").mkdir()
     (tmp_path / "grid" / "summary.json").write_text(json.dumps({"a": {"0.7": [1.26, 2]}}))
-    summaries = claims._Summaries(tmp_path)
+    summaries = claims.Summaries(tmp_path)
     text = claims.resolve("angle {grid:a.0,7.0:.1f} of {grid:a.0,7.1}", summaries)
     assert text == "angle 1.3 of 2"
     with pytest.raises(UserError, match="points at grid:b"):
@@ -60,14 +60,14 @@ def test_what_holds_under_a_choice_of_ours_names_it(rows):
 
 
 def test_a_tolerance_that_cannot_fail_is_refused():
-    summaries = claims._Summaries(packaged_results())
+    summaries = claims.Summaries(packaged_results())
     claim = _of_table_a_1()
     claim["tolerance"] = claim.pop("spread")
     with pytest.raises(UserError, match=r"tolerance 3.45 for a number printed to 0.01"):
-        claims._compared(claim, summaries)
+        claims.compared(claim, summaries)
     claim["spread"] = 3.45
     with pytest.raises(UserError, match="a spread of episodes is no tolerance"):
-        claims._compared(claim, summaries)
+        claims.compared(claim, summaries)
 
 
 def test_the_spread_of_episodes_reproduces_no_other_mean(rows):

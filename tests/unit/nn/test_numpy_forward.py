@@ -25,7 +25,7 @@ ONE_HOT = ((0, 3),) * FEATURES
 
 LIGHT = (
     *("policies.load", "evaluation.rollout", "audit.conduct", "view.open", "page.write"),
-    *("cli.main", "cli.audit", "cli.collect", "cli.data", "cli.dial", "cli.evaluate", "cli.export"),
+    *("cli.main", "cli.audit", "cli.data", "cli.dial", "cli.evaluate", "cli.export"),
 )
 """Modules of acting, evaluating and exporting."""
 

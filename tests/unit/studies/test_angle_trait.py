@@ -5,10 +5,13 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_recordings.trait.models import fit_models
-from studies.angle_trait.driving import DIAL, Config, Population, choices_of, drive
-from studies.angle_trait.study import STUDY, fit_family, recovery
+from studies.angle_trait.study import DIAL, Population, choices_of, drive, fit_family, recovery
+
+STUDY = find("angle-trait")
+Config = STUDY.Config
 
 
 @pytest.fixture(scope="module")
@@ -68,4 +71,4 @@ def test_the_study_makes_its_tables():
 )
 def test_bad_options_are_refused(wrong):
     with pytest.raises(UserError):
-        Config(**wrong)
+        run(STUDY, Config(**wrong))

@@ -10,26 +10,30 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground, evaluate_exactly
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.collect import from_env
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
 from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
-from socialiq_lab.comparison_runs import Arena, Run, chances, product, rows_of, setting_name
+from socialiq_lab.comparison import product, setting_name
+from socialiq_lab.comparison_runs import Arena, Run, trained
+from socialiq_lab.comparison_tables import chances, rows_of
 from socialiq_lab.intersection.demonstration_sets import (
     RECORDED_EPISODES,
     atlas_demonstrations,
 )
 from socialiq_lab.intersection.driving import EpisodesRun
 from socialiq_lab.jobs import fingerprints
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.compare_methods import intersection, peers, study
-from studies.compare_methods.methods import BY_NAME, METHODS, PEERS, SETTINGS_EACH, TOLD
-from studies.compare_methods.study import ANGLES, STUDY, Config, updates_of
-from studies.compare_methods.training import LEARNERS
+from studies.compare_methods.intersection import METHODS
+from studies.compare_methods.learners import LEARNERS
+from studies.compare_methods.study import ANGLES, SETTINGS_EACH, TOLD, Config, updates_of
+
+STUDY = find("compare-methods")
 
 TINY = Config(
     worlds=("crossing5",),
@@ -62,18 +66,18 @@ QUICK = ("clone", "cql", "outcome_conditioned")
     "name",
     [
         pytest.param(method.name, marks=[] if method.name in QUICK else pytest.mark.slow)
-        for method in METHODS
-        if method.learner not in PEERS
+        for method in METHODS.values()
+        if not method.peer
     ],
 )
 def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
-    method, ground = BY_NAME[name], Ground.of("crossing5")
+    method, ground = METHODS[name], Ground.of("crossing5")
     before = len(arena.rates)
     runs = [
         Run(angle, seed, seed, setting)
         for angle, seed, setting in ((0.0, 0, method.settings[0]), (90.0, 1, method.settings[-1]))
     ]
-    policies = LEARNERS[method.learner](arena, method, runs)
+    policies = trained(LEARNERS[method.learner], arena, method, runs)
     assert len(policies) == 2 and len(arena.rates) > before
     for policy, given in zip(policies, runs, strict=True):
         table = chances(ground, policy, given.angle, "soft")
@@ -81,16 +85,16 @@ def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> 
 
 
 def test_every_method_has_as_many_settings_and_a_learner() -> None:
-    assert len(BY_NAME) == len(METHODS)
-    assert {method.learner for method in METHODS} == {*LEARNERS, *PEERS}
-    for method in METHODS:
+    ours = [method for method in METHODS.values() if not method.peer]
+    assert {method.learner for method in ours} == {*LEARNERS}
+    for method in METHODS.values():
         assert len({setting_name(one) for one in method.settings}) == SETTINGS_EACH
         assert {*method.told} <= {*TOLD}
         assert method.setting_of(setting_name(method.settings[2])) == method.settings[2]
 
 
 def test_seven_angles_have_the_same_updates_for_every_method() -> None:
-    for method in METHODS:
+    for method in METHODS.values():
         networks = len(method.served(ANGLES))
         whole = updates_of(method, 2_100) * networks
         assert whole == 7 * 2_100
@@ -99,7 +103,8 @@ def test_seven_angles_have_the_same_updates_for_every_method() -> None:
 
 
 def test_of_a_mode_a_network_sees_only_its_episodes(arena: Arena) -> None:
-    datasets, placed = arena.of_each_mode([Run(75.0, 0, 1, ()), Run(0.0, 0, 0, ())])
+    of_modes, placed = arena.of_each_mode([Run(75.0, 0, 1, ()), Run(0.0, 0, 0, ())])
+    datasets = of_modes.datasets
     assert len(datasets) == len(MODES) * 2
     for run_of, mode in zip(placed, ("altruistic", "egoistic"), strict=True):
         counts = datasets[run_of.dataset].counts()
@@ -135,7 +140,7 @@ def test_results_are_over_seeds_and_angles(results, tmp_path: Path) -> None:
         assert whole["regret"] == pytest.approx(np.mean([row["regret"] for row in own]), abs=2e-6)
         assert whole["updates_per_second"] > 0
         told = {one for one in TOLD if whole[one]}
-        assert told == {*BY_NAME[name].told}
+        assert told == {*METHODS[name].told}
     best = {row["best"] for row in results.tables["paired"]}
     assert len(best) == 1 and len(results.tables["paired"]) == len(TINY.methods) - 1
     (view,) = STUDY.view(results)
@@ -146,22 +151,20 @@ def test_results_are_over_seeds_and_angles(results, tmp_path: Path) -> None:
 
 def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     config = Config(worlds=("crossing5", "crossing7", "intersection"))
-    jobs = study.development_jobs(config)
+    jobs = study.jobs(config)
     assert len(fingerprints(jobs)) == len(jobs)
     chosen = {
         (world, method.name): setting_name(method.settings[1]) for world, method in config.rows
     }
-    fresh = study.fresh_jobs(config, chosen)
+    fresh = study.phase_jobs(config, "fresh", chosen)
     assert len(fingerprints(fresh)) == len(fresh)
     names = [job.name for job in fresh]
     assert "environments/imitation" in names and "environments/morl" in names
-    assert not any(name in job for job in names if "intersection" in job for name in PEERS)
-    method = BY_NAME["clone"]
-    made = intersection.jobs_of(
-        config, "fresh", method, 100, ANGLES, method.settings[:1], (300, 301), 20_000_000
-    )
-    trains, *drives = made
-    assert [job.inputs for job in drives] == [(trains.name,)] * 2
+    peer_names = [method.name for method in METHODS.values() if method.peer]
+    assert not any(name in job for job in names if "intersection" in job for name in peer_names)
+    method = METHODS["clone"]
+    trains, *drives = intersection.jobs_of(config, "fresh", method, 100, method.settings[:1])
+    assert [job.inputs for job in drives] == [(trains.name,)] * len(config.seeds)
 
 
 def test_environments_are_made_only_where_a_method_needs_them() -> None:
@@ -206,10 +209,10 @@ def test_the_intersection_has_values_beside_its_demonstrators(tmp_path: Path) ->
 
 def test_settings_are_chosen_on_other_episodes_than_those_of_the_table() -> None:
     config = Config(worlds=("intersection",), methods=("clone",))
-    chosen = {("intersection", "clone"): setting_name(BY_NAME["clone"].settings[0])}
+    chosen = {("intersection", "clone"): setting_name(METHODS["clone"].settings[0])}
     seeds = [
         {seed for job in jobs if isinstance(job.config, EpisodesRun) for seed in job.config.seeds}
-        for jobs in (study.development_jobs(config), study.fresh_jobs(config, chosen))
+        for jobs in (study.jobs(config), study.phase_jobs(config, "fresh", chosen))
     ]
     recorded = atlas_demonstrations(RECORDED_EPISODES).config
     demonstrated = {*range(recorded.first_seed, recorded.first_seed + 3 * recorded.episodes)}
@@ -236,7 +239,7 @@ def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypat
     (tmp_path / "imitation_peer.py").write_text(SCRIPT)
     monkeypatch.setattr(peers, "scripts", lambda: tmp_path)
     monkeypatch.setattr(peers, "PYTHON", Path(sys.executable))
-    ground, method = Ground.of("crossing5"), BY_NAME["gail"]
+    ground, method = Ground.of("crossing5"), METHODS["gail"]
     runs = [Run(0.0, 5, 0, method.settings[0]), Run(0.0, 6, 1, method.settings[0])]
     served = {0.0: (0.0, 15.0)}
     policies = peers.train_tabular(
@@ -256,7 +259,7 @@ def test_a_peer_that_fails_is_told_in_one_line(arena, tmp_path, monkeypatch) -> 
     (tmp_path / "imitation_peer.py").write_text("raise ValueError('no such thing')")
     monkeypatch.setattr(peers, "scripts", lambda: tmp_path)
     monkeypatch.setattr(peers, "PYTHON", Path(sys.executable))
-    method = BY_NAME["gail"]
+    method = METHODS["gail"]
     given = (arena, Ground.of("crossing5"), method, [Run(0.0, 5, 0, method.settings[0])])
     with pytest.raises(UserError, match="no such thing") as caught:
         peers.train_tabular(*given, {0.0: (0.0,)}, tmp_path, tmp_path)
@@ -297,7 +300,7 @@ def test_the_environment_of_a_peer_gives_the_exact_totals(angle: float, monkeypa
 
 
 def test_environments_have_pins() -> None:
-    for library in set(PEERS.values()):
+    for library in {method.peer for method in METHODS.values() if method.peer}:
         job = peers.environment_job(library)
         pins = job.config.pins.splitlines()
         assert (
@@ -325,11 +328,11 @@ def test_wrong_configurations_are_refused(change, mend) -> None:
 
 @pytest.mark.parametrize(("count", "kept"), [(1, [1]), (2, [1, 2]), (4, [0, 1, 2, 3])])
 def test_fewer_settings_are_the_middle_ones(count: int, kept: list[int]) -> None:
-    grid = BY_NAME["guidance"].settings
+    grid = METHODS["guidance"].settings
     config = Config(intersection_settings=count)
-    tried = config.settings_of("intersection", BY_NAME["guidance"])
+    tried = config.settings_of("intersection", METHODS["guidance"])
     assert [grid.index(one) for one in tried] == kept
-    assert config.settings_of("crossing7", BY_NAME["guidance"]) == grid
+    assert config.settings_of("crossing7", METHODS["guidance"]) == grid
 
 
 def test_a_grid_is_all_combinations() -> None:

@@ -7,24 +7,21 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.collect import from_env
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
 from socialiq.worlds.gym import GridWorldEnv
-from socialiq_lab.comparison import choose, nearest_mode
-from socialiq_lab.comparison_runs import Arena, Run, chances
+from socialiq_lab.comparison import nearest_mode
+from socialiq_lab.comparison_runs import Arena, Run
+from socialiq_lab.comparison_tables import chances, choose
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.compare_priors import study
-from studies.compare_priors.study import (
-    BY_NAME,
-    LEARNERS,
-    METHODS,
-    STUDY,
-    Config,
-    effective_share,
-)
+from studies.compare_priors.study import LEARNERS, METHODS, Config, effective_share
+
+STUDY = find("compare-priors")
 
 TINY = Config(
     worlds=("crossing5",),
@@ -67,9 +64,9 @@ QUICK = ("clone", "cql")
     ],
 )
 def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
-    method, ground = BY_NAME[name], Ground.of("crossing5")
+    method, ground = METHODS[name], Ground.of("crossing5")
     runs = [run_at(0.0, 1.0), run_at(90.0, 3.0, 1)]
-    policies = LEARNERS[method.learner](arena, method, runs)
+    policies = study.train(arena, method, runs)
     tables = [chances(ground, policy, 45.0, "soft") for policy in policies]
     assert len(policies) == 2 and not np.allclose(tables[0], tables[1])
     for policy, given in zip(policies, runs, strict=True):
@@ -82,8 +79,8 @@ def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> 
 
 
 def test_rows_of_a_table_have_distinct_names_and_learners() -> None:
-    assert len(BY_NAME) == len(METHODS) == len({method.label for method in METHODS})
-    assert {method.learner for method in METHODS} == set(LEARNERS)
+    assert len(METHODS) == len({method.label for method in METHODS.values()})
+    assert {method.learner for method in METHODS.values()} == set(LEARNERS)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +94,7 @@ def test_the_nearest_mode(angle: float, mode: str) -> None:
 def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
     """Of the transitions GGGG, WGGGG, WWWWGGGG of each set the egoist has 4 of 17."""
     shares = {
-        name: effective_share(arena, BY_NAME[name], run_at(0.0, 1.0))
+        name: effective_share(arena, METHODS[name], run_at(0.0, 1.0))
         for name in ("none", "clone", "clone_of_mode", "clone_weighted", "reweighting", "rl")
     }
     assert shares["none"] == shares["clone"] == 1.0
@@ -105,7 +102,7 @@ def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
     assert shares["rl"] == 0.0
     for name in ("clone_weighted", "reweighting"):
         assert 0.0 < shares[name] < 1.0
-        mild = effective_share(arena, BY_NAME[name], run_at(0.0, 1e-6))
+        mild = effective_share(arena, METHODS[name], run_at(0.0, 1e-6))
         assert mild == pytest.approx(1.0, abs=1e-4)
 
 

@@ -7,16 +7,17 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
 from socialiq_lab.intersection.thesis_values import METRICS, POLICIES
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
-from studies.intersection_continuous.config import Config
-from studies.intersection_continuous.study import STUDY, main_table
-from studies.intersection_continuous.work import CONTINUOUS, DISCRETE, KINDS
+from studies.intersection_continuous.plan import CONTINUOUS, DISCRETE, KINDS, Config
+from studies.intersection_continuous.study import main_table
 
+STUDY = find("intersection-continuous")
 SMALL: dict[str, Any] = {"hidden": (8,), "updates": 2}
 PLAIN = Config()
 TINY = Config(

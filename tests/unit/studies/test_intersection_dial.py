@@ -8,16 +8,24 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.evaluation.road_training import ITERATION
-from socialiq.learners.dial.acting import stratified
 from socialiq.learners.dial.config import INTERSECTION
+from socialiq.learners.dial.rows import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq_lab.intersection.rows import known_policies, value_at
-from socialiq_lab.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
+from socialiq_lab.intersection.rows import value_at
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
-from studies.intersection_dial.plan import ABLATIONS, FAMILIES, Config
-from studies.intersection_dial.study import STUDY
+from studies.intersection_dial.study import (
+    ABLATIONS,
+    DIAL_NUMBERS,
+    DIAL_STRUCTURE,
+    FAMILIES,
+    Config,
+    known_policies,
+)
+
+STUDY = find("intersection-dial")
 
 TINY = Config(
     seeds=(0, 1),
@@ -194,8 +202,8 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
 @pytest.mark.parametrize("family", [name for name in FAMILIES if name in ABLATIONS])
 def test_every_ablation_changes_what_it_names(family) -> None:
     full, one = TIMED.recipe_of("short"), TIMED.recipe_of(family)
-    both = {**vars(one.structure), **vars(one.numbers)}
-    before = {**vars(full.structure), **vars(full.numbers)}
+    both = {**vars(one[0]), **vars(one[1])}
+    before = {**vars(full[0]), **vars(full[1])}
     assert {name: value for name, value in both.items() if value != before[name]} == ABLATIONS[
         family
     ]

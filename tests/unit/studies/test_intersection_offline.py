@@ -7,12 +7,22 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.learners.offline.config import OfflineDialConfig
+from socialiq.learners.dial.config import OfflineDialConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
+from socialiq_lab.registry import find
 from socialiq_lab.study import run
-from studies.intersection_offline.plan import METHODS, Config, runs_of
-from studies.intersection_offline.study import DEMONSTRATOR, OWN, STUDY, verdict
+from studies.intersection_offline.study import (
+    DEMONSTRATOR,
+    METHODS,
+    OWN,
+    Config,
+    jobs,
+    runs_of,
+    verdict,
+)
+
+STUDY = find("intersection-offline")
 
 DRIVEN = (
     "clone weighted by R(α)",
@@ -120,8 +130,9 @@ def test_a_loss_is_called_one_without_adjustment() -> None:
 
 def test_seeds_may_be_trained_apart() -> None:
     alone = dataclasses.replace(TINY, together=1)
-    assert TINY.groups == [(0, 1)] and alone.groups == [(0,), (1,)]
-    names = [job.name for job in STUDY.jobs(alone)]
+    assert [TINY.program(seed) for seed in (0, 1)] == [(0, 1), (0, 1)]
+    assert [alone.program(seed) for seed in (0, 1)] == [(0,), (1,)]
+    names = [job.name for job in jobs(alone)]
     assert len(set(names)) == len(names) and "dials/1" in names
 
 

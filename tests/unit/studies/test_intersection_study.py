@@ -10,13 +10,13 @@ from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy
 from socialiq.settings import changed
 from socialiq_lab.intersection import thesis_values
-from socialiq_lab.intersection.experts import policy_file
 from socialiq_lab.jobs import fingerprints, open_jobs
 from socialiq_lab.registry import study_and_declaration
 from socialiq_lab.study import run
-from studies.intersection.plan import Config, jobs, learner_name, members
+from studies.intersection.plan import jobs, learner_name, members, policy_file
 
 STUDY, CONTENT = study_and_declaration("intersection")
+Config = STUDY.Config
 TINY = changed(Config(), CONTENT["tiny"])
 OUTCOMES = ("collision", "arrival", "timeout")
 
@@ -141,4 +141,4 @@ def test_the_whole_plan_has_jobs_of_distinct_names_after_their_inputs():
 )
 def test_a_wrong_configuration_is_refused(values, line):
     with pytest.raises(UserError, match=line):
-        Config(**values)
+        jobs(Config(**values))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +10,14 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.storage import packaged_results
+from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run
-from studies.mo_gymnasium import study
+from studies.mo_gymnasium import study, training
 from studies.mo_gymnasium.study import Config
-from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task, read, within
 from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
+STUDY = find("mo-gymnasium")
 TASK = "mo-halfcheetah"
 PIECE = Piece(
     task=TASK,
@@ -70,20 +73,20 @@ def test_a_file_that_is_no_piece_is_named(tmp_path, change):
 
 def test_what_is_there_is_not_made_again(pieces):
     config = Config(tasks=(TASK,), seeds=(200, 201, 202), pieces=str(pieces))
-    jobs = study.plan(config)
+    jobs = study.jobs(config)
     assert [job.config.seeds for job in jobs] == [(202,)] * len(METHODS)
-    assert study.plan(dataclasses.replace(config, seeds=(201,))) == []
-    again = study.plan(dataclasses.replace(config, seeds=(201,), again=True))
+    assert study.jobs(dataclasses.replace(config, seeds=(201,))) == []
+    again = study.jobs(dataclasses.replace(config, seeds=(201,), again=True))
     assert len(again) == len(METHODS)
-    assert study.plan(dataclasses.replace(config, train=False)) == []
+    assert study.jobs(dataclasses.replace(config, train=False)) == []
     # Pieces of another number of steps are those of another comparison.
-    other = study.plan(dataclasses.replace(config, seeds=(201,), steps=500))
+    other = study.jobs(dataclasses.replace(config, seeds=(201,), steps=500))
     assert [job.config.steps for job in other] == [500] * len(METHODS)
 
 
 def test_tables_and_files_come_from_the_pieces(pieces):
     config = Config(tasks=(TASK,), seeds=(200, 201), pieces=str(pieces))
-    found = run(study.STUDY, config)
+    found = run(STUDY, config)
     rows = {row["method"]: row for row in found.tables["pooled"]}
     assert list(rows) == [*METHODS, "CAPQL"]
     assert [row["runs"] for row in rows.values()] == [2] * len(METHODS) + [1]
@@ -95,7 +98,7 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     assert rows[DIAL]["mean_loss"] == ""  # no front is known
     there = {row["method"]: (row["runs"], row["of"]) for row in found.tables["coverage"]}
     assert there == dict.fromkeys(METHODS, (2, 2)) | {"CAPQL": (1, 2), "GPI-LS": (0, 2)}
-    assert [len(view.rows) for view in study.view(found)] == [
+    assert [len(view.rows) for view in STUDY.view(found)] == [
         len(METHODS) + 1,
         len(study.COMPARED),
         2,
@@ -104,7 +107,7 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     assert tested == [(STANDARDISED, DIAL)] * len(study.COMPARED)  # the peer has one run
     assert found.tables["runs"][0]["second_rises"] == ""  # a set of policies has no angles
     assert set(found.files) == {f"{FOLDER}/{path.name}" for path in pieces.iterdir()}
-    assert study.draw(found).keys() == {"hypervolumes"}
+    assert STUDY.figures(found).keys() == {"hypervolumes"}
 
 
 def test_tasks_with_discrete_actions_have_no_standardised_dial():
@@ -212,3 +215,58 @@ def study_row(piece):
     label = {"task": piece.task, "method": piece.method, "steps": piece.steps}
     empty = dict.fromkeys(study.MEASURES, "")
     return label | empty | {"hypervolume": area}
+
+
+@pytest.fixture(name="budgets")
+def stubs_of_learners(monkeypatch):
+    """Learners that note the steps that they are given, and episodes of ten steps."""
+    calls = []
+
+    def value_dials(_task, steps, seeds, datasets=(), only=None):
+        calls.append((steps, len(datasets), only))
+        return [SimpleNamespace(at=lambda angle: angle) for _ in seeds]
+
+    shown = SimpleNamespace(n_transitions=60)
+    monkeypatch.setattr(training, "value_dials", value_dials)
+    monkeypatch.setattr(training, "demonstrations", lambda *_inputs: shown)
+    monkeypatch.setattr(
+        training, "train_trio", lambda _task, _data, seeds: [[1, 2, 3]] * len(seeds)
+    )
+    monkeypatch.setattr(Task, "time_limit", lambda _task: 10)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("method", "taken", "calls"),
+    [
+        ("dial", 2000, [(2000, 0, None)]),
+        # Three experts of 2,050 / 3 steps, in whole rounds of 100.
+        ("experts", 1800, [(600, 0, angle) for angle in (0.0, 45.0, 90.0)]),
+        # 60 steps are reserved for the episodes, and 60 are taken.
+        ("IQ-Learn trio", 1860, [(600, 0, angle) for angle in (0.0, 45.0, 90.0)]),
+        (
+            "dial from demonstrations",
+            900 + 60 + 1000,
+            [*((300, 0, angle) for angle in (0.0, 45.0, 90.0)), (1000, 2, None)],
+        ),
+    ],
+)
+def test_every_method_takes_at_most_the_steps_of_the_task(budgets, method, taken, calls):
+    task = dataclasses.replace(TASKS["deep-sea-treasure"], steps=2050)
+    policies, steps, settings = training.trained(task, method, (1, 2))
+    assert steps == taken <= task.steps and budgets == calls and len(policies) == 2
+    assert settings["hidden"] == list(task.hidden) and settings["temperature"] == 0.01
+    expert = 600 if method == "IQ-Learn trio" else 300
+    assert settings.get("steps_of_an_expert", expert) == expert
+
+
+@pytest.mark.parametrize("method", ["dial from demonstrations", "dial, standardised"])
+def test_too_few_steps_are_one_line(budgets, method):
+    task = dataclasses.replace(TASKS["deep-sea-treasure"], steps=150)
+    with pytest.raises(UserError, match="150 steps are too few"):
+        training.trained(task, method, (1,))
+    assert budgets == []
+
+
+def test_whole_numbers_are_seen_one_place_each():
+    assert training.one_hot(np.array([0, -2]), np.array([3, 1])) == ((0, 4), (-2, 4))

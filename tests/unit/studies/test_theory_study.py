@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory.semi_gradient import demonstrated_policy
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.theory import training
-from studies.theory.study import Config
 
 
 def flip(predicted, found, within=1, **changes):
@@ -74,13 +73,13 @@ def test_the_earliest_is_compared_with_the_earliest_found_anywhere():
 
 def test_a_strength_is_bracketed_by_the_grid_s_step():
     row = {"below": 0.5, "first": 1.0}
-    assert [training._bracketed(row, strength) for strength in (0.5, 0.7, 1.0, 1.1)] == [
+    assert [training.bracketed(row, strength) for strength in (0.5, 0.7, 1.0, 1.1)] == [
         False,
         True,
         True,
         False,
     ]
-    assert not training._bracketed({"below": "", "first": ""}, 0.5)
+    assert not training.bracketed({"below": "", "first": ""}, 0.5)
 
 
 def test_sampled_advantages_telescope():
@@ -126,5 +125,6 @@ def test_settings_that_make_no_problem_are_refused(table7, setting, line):
 
 
 def test_a_study_of_nothing_is_refused():
+    study = find("theory")
     with pytest.raises(UserError, match="needs a seed"):
-        run(find("theory"), Config(seeds=()))
+        run(study, study.Config(seeds=()))

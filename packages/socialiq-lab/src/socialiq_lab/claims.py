@@ -3,8 +3,13 @@
 A claim's `ours` is text with places such as {grid:policies.baseline_greedy.angle:.1f}, that is
 {study:path in results/STUDY/summary.json:format}. Our numbers therefore come from results files and
 are never typed. A path that begins with `config` is one of the study's configuration. A claim with
-a `value` also names the place of `our_value`, and a test compares its verdict with the two
-(`claim_numbers`).
+a `value` also names the place of `our_value`, and a test compares its verdict with the two.
+
+A printed number without a spread is the same as ours within half a unit of its last digit, within
+one unit where the thesis says "about". A printed "mean +- standard deviation" is a mean of single
+episodes or of evaluation seeds, and the standard deviation of these is no tolerance: a difference
+of means is compared with standard errors. So a wide spread of episodes can't hide a difference,
+and a mean of ours that is known too badly to be compared is not called reproduced.
 """
 
 from __future__ import annotations
@@ -15,44 +20,26 @@ import re
 import tomllib
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialiq.errors import UserError, one_of
 from socialiq.storage import read_json
-from socialiq_lab.claim_numbers import Ours, printed, tolerance, verdict
 
 VERDICTS = ("reproduced", "partly", "not", "untested")
-STUDIES = (
-    "poc",
-    "grid",
-    "lambda-sweep",
-    "worlds",
-    "alternatives",
-    "penalties",
-    "theory",
-    "intersection-world",
-    "intersection",
-    "compare-priors",
-    "audits",
-    "none",
-)
 
-_PLACE = re.compile(r"\{([a-z-]+):([^:}]+)(?::([^}]*))?\}")
-
-_COMMANDS = {
-    "poc": "socialiq reproduce poc",
-    "grid": "socialiq reproduce grid",
-    "lambda-sweep": "socialiq reproduce lambda-sweep",
-    "worlds": "socialiq reproduce worlds",
-    "alternatives": "socialiq reproduce alternatives",
-    "penalties": "socialiq reproduce penalties",
-    "theory": "pytest tests/identities",
-    "intersection-world": "socialiq reproduce intersection-world",
+_REPRODUCE = (
+    "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",
+    "compare-priors", "audits",
+)  # fmt: skip
+_COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "intersection": "socialiq reproduce intersection --set parts=main",
-    "compare-priors": "socialiq reproduce compare-priors",
-    "audits": "socialiq reproduce audits",
+    "theory": "pytest tests/identities",
     "none": "",
 }
+STUDIES = tuple(_COMMANDS)
+"""What tests a claim: a study, the identities of the theory, or nothing."""
+
+_PLACE = re.compile(r"\{([a-z-]+):([^:}]+)(?::([^}]*))?\}")
 
 
 def ledger(results: Path) -> list[dict[str, Any]]:
@@ -72,8 +59,18 @@ def ledger(results: Path) -> list[dict[str, Any]]:
             can't fail.
     """
     text = importlib.resources.files("socialiq_lab").joinpath("claims.toml").read_text()
-    summaries = _Summaries(results)
-    return [_row(claim, summaries) for claim in tomllib.loads(text)["claim"]]
+    summaries, rows = Summaries(results), []
+    for claim in tomllib.loads(text)["claim"]:
+        one_of("verdict", claim["verdict"], VERDICTS)
+        one_of("study", claim["study"], STUDIES)
+        rows.append(
+            {name: claim[name] for name in ("id", "place", "study", "statement", "thesis")}
+            | {"ours": resolve(claim.get("ours", ""), summaries), **compared(claim, summaries)}
+            | {"command": claim.get("command", _COMMANDS[claim["study"]])}
+            | {"verdict": claim["verdict"], "conditions": claim.get("conditions", "")}
+            | {"reason": resolve(claim["reason"], summaries)}
+        )
+    return rows
 
 
 def count(rows: list[dict[str, Any]]) -> dict[str, int]:
@@ -82,7 +79,7 @@ def count(rows: list[dict[str, Any]]) -> dict[str, int]:
     return {verdict: counts[verdict] for verdict in VERDICTS}
 
 
-def resolve(text: str, summaries: _Summaries) -> str:
+def resolve(text: str, summaries: Summaries) -> str:
     """Return a text with its places filled from the results."""
 
     def fill(match: re.Match[str]) -> str:
@@ -92,7 +89,7 @@ def resolve(text: str, summaries: _Summaries) -> str:
     return _PLACE.sub(fill, text)
 
 
-class _Summaries:
+class Summaries:
     """Summaries of the studies, each read at its first use."""
 
     def __init__(self, results: Path) -> None:
@@ -101,13 +98,17 @@ class _Summaries:
 
     def at(self, study: str, path: str) -> Any:
         """Return the value at a dotted path; a dot inside a key is written as a comma."""
-        file = self.results / study / ("config.json" if _of_config(path) else "summary.json")
+        is_config = path.startswith("config.")
+        file = self.results / study / ("config.json" if is_config else "summary.json")
         if file not in self.read:
             self.read[file] = read_json(file)
         value = self.read[file]
         for key in path.split("."):
             try:
-                value = value[int(key)] if isinstance(value, list) else _item(value, key)
+                if isinstance(value, list):
+                    value = value[int(key)]
+                else:
+                    value = value[key if key in value else key.replace(",", ".")]
             except (KeyError, IndexError, ValueError, TypeError) as error:
                 raise UserError(
                     f"claims.toml points at {study}:{path}, which {file} does not have"
@@ -126,33 +127,7 @@ class _Summaries:
             raise UserError(f"{claim['id']}: {claim[name]} must be a number") from error
 
 
-def _of_config(path: str) -> bool:
-    return path.startswith("config.")
-
-
-def _item(mapping: dict[str, Any], key: str) -> Any:
-    return mapping[key] if key in mapping else mapping[key.replace(",", ".")]
-
-
-def _row(claim: dict[str, Any], summaries: _Summaries) -> dict[str, Any]:
-    one_of("verdict", claim["verdict"], VERDICTS)
-    one_of("study", claim["study"], STUDIES)
-    return {
-        "id": claim["id"],
-        "place": claim["place"],
-        "study": claim["study"],
-        "statement": claim["statement"],
-        "thesis": claim["thesis"],
-        "ours": resolve(claim.get("ours", ""), summaries),
-        **_compared(claim, summaries),
-        "command": claim.get("command", _COMMANDS[claim["study"]]),
-        "verdict": claim["verdict"],
-        "conditions": claim.get("conditions", ""),
-        "reason": resolve(claim["reason"], summaries),
-    }
-
-
-def _compared(claim: dict[str, Any], summaries: _Summaries) -> dict[str, Any]:
+def compared(claim: dict[str, Any], summaries: Summaries) -> dict[str, Any]:
     """Return the numbers of a claim of one number, and the verdict that follows from them."""
     value = claim.get("value")
     numbers = {"our_value": None, "value": value, "tolerance": None, "from_numbers": None}
@@ -172,3 +147,98 @@ def _compared(claim: dict[str, Any], summaries: _Summaries) -> dict[str, Any]:
     else:
         result = verdict(thesis, ours)
     return numbers | {"our_value": ours.value, "tolerance": allowed, "from_numbers": result}
+
+
+SPREADS = {"episodes": 0, "seeds": 5}
+"""Printed standard deviations: the number of means they are over, 0 where the thesis has none."""
+ERRORS = 2.0
+"""Standard errors that a difference of means may have: about 95 % of them have no more."""
+NEGLIGIBLE = 0.2
+"""Difference of means, in standard deviations of episodes, that appendix A.2 calls negligible."""
+NEARLY = 0.05
+"""Tolerance where the thesis says "nearly"."""
+
+_PRINTED = re.compile(r"[+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+class Printed(NamedTuple):
+    """A number as the thesis prints it."""
+
+    value: float  # the number
+    digit: float  # one unit of its last printed digit
+    spread: float | None = None  # printed standard deviation; None without
+    over: str = ""  # what the spread is over: `SPREADS`; "" without
+
+
+class Ours(NamedTuple):
+    """Our number: a mean, the standard deviation of what it is the mean of, and their number."""
+
+    value: float
+    spread: float = 0.0
+    number: float = 1.0
+
+    @property
+    def error(self) -> float:
+        """Return the standard error of the mean; infinite over less than one."""
+        return self.spread / math.sqrt(self.number) if self.number >= 1 else math.inf
+
+
+def printed(claim: dict[str, Any]) -> Printed:
+    """Return the number of a claim of the ledger, with the accuracy of its digits.
+
+    Raises:
+        UserError: If a claim names a tolerance wider than the digits allow: a spread of episodes
+            or seeds, which hardly any value of ours could fail.
+    """
+    value, spread, over = claim["value"], claim.get("spread"), claim.get("spread_of", "")
+    digit = _digit(claim["thesis"], value)
+    if spread is None:
+        allowed = digit if "about" in claim["statement"] else digit / 2
+        allowed = NEARLY if "nearly" in claim["thesis"] else allowed
+        if claim["tolerance"] > allowed * (1 + 1e-9):
+            raise UserError(
+                f"{claim['id']}: tolerance {claim['tolerance']:g} for a number printed to "
+                f"{digit:g}: give half a unit of its last digit, one after 'about'; a printed +- "
+                "is no tolerance but a `spread`"
+            )
+        return Printed(value, digit)
+    one_of(f"{claim['id']}: spread_of", over, tuple(SPREADS))
+    if "tolerance" in claim:
+        raise UserError(f"{claim['id']}: a spread of {over} is no tolerance: leave `tolerance` out")
+    return Printed(value, digit, spread, over)
+
+
+def tolerance(thesis: Printed, ours: Ours) -> float:
+    """Return the difference of two means that their standard errors and rounding explain."""
+    count = SPREADS[thesis.over]
+    error = (thesis.spread or 0.0) / math.sqrt(count) if count else 0.0
+    return thesis.digit / 2 + ERRORS * math.hypot(error, ours.error)
+
+
+def verdict(thesis: Printed, ours: Ours) -> str:
+    """Return the verdict on a printed mean with a spread.
+
+    reproduced: the means differ by no more than their standard errors explain, and ours is known at
+    least as well as the printed spread.
+    partly: ours is known less well, so that nothing is decided; or single episodes hardly show
+    the difference (`NEGLIGIBLE`), though the means do.
+    not: otherwise.
+    """
+    assert thesis.spread is not None
+    gap = abs(ours.value - thesis.value)
+    if gap <= tolerance(thesis, ours):
+        is_precise = ERRORS * ours.error <= max(thesis.spread, thesis.digit / 2)
+        return "reproduced" if is_precise else "partly"
+    negligible = thesis.over == "episodes" and gap < NEGLIGIBLE * thesis.spread
+    return "partly" if negligible else "not"
+
+
+def _digit(text: str, value: float) -> float:
+    """Return one unit of the last digit with which a text prints a value; 1 if it doesn't."""
+    for match in _PRINTED.finditer(text):
+        plain = match.group().replace(",", "")
+        digits, _, exponent = plain.partition("e")
+        if float(plain) in (value, 100 * value):
+            scale = value / float(plain) if value else 1.0
+            return 10.0 ** (int(exponent or 0) - len(digits.partition(".")[2])) * scale
+    return 1.0  # a count, of things that the thesis lists

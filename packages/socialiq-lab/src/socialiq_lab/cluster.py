@@ -43,18 +43,24 @@ def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Clien
     Args:
         cluster: Address of a scheduler or its scheduler file; None for a local cluster.
         processes: Number of processes of the local cluster.
-        work: Folder of all jobs' folders; compiled programs are kept in it.
+        work: Folder of all jobs' folders, and of compiled programs.
 
     Raises:
         UserError: If the cluster can't be reached or has no workers.
     """
-    with _quiet():
-        if cluster is not None:
-            with _remote(cluster) as client:
+    roots = ("distributed", "asyncio", "tornado")  # errors are raised as one line, not logged
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in roots]
+    levels = {name: logging.getLogger(name).level for name in {*roots, *names}}
+    for name in levels:
+        logging.getLogger(name).setLevel(_SILENT)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with _local(processes, work) if cluster is None else _remote(cluster) as client:
                 yield client
-        else:
-            with _local(processes, work) as client:
-                yield client
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _started(kind: Callable[..., Made], *arguments: Any, **options: Any) -> Made:
@@ -138,20 +144,3 @@ def _local(processes: int, work: Path) -> Iterator[Client]:
         finally:
             os.environ.clear()  # Dask leaves the variables of its workers there
             os.environ.update(before)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask's logs and warnings from standard error; errors are raised as one line."""
-    roots = ("distributed", "asyncio", "tornado")
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in roots]
-    levels = {name: logging.getLogger(name).level for name in {*roots, *names}}
-    for name in levels:
-        logging.getLogger(name).setLevel(_SILENT)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)

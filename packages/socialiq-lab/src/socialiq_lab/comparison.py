@@ -1,59 +1,145 @@
-"""Parts that comparisons of methods share: worlds and data, demonstrators as references, means."""
+"""Comparisons: methods, their settings chosen on development seeds and judged on others, tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import itertools
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics, mean_of
-from socialiq.types import Row
-from socialiq.worlds.enumerate import expert_policy
-from socialiq_lab.tables import column, groups, mean, spread
+from socialiq.evaluation.exact import READOUTS, Readout
+from socialiq.evaluation.rollout import MODES
+from socialiq.settings import changed
 
 GRIDWORLDS = ("crossing5", "crossing7")
 WORLDS = (*GRIDWORLDS, "intersection")
 
-EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
-"""Episodes of each expert, as in the worlds' own studies; the 5x5 world is deterministic."""
+DEVELOPMENT, FRESH = "development", "fresh"
+"""Phases: settings are chosen in the first, and the table is of the second."""
+
+Setting = tuple[tuple[str, float], ...]
+"""Settings by name that differ from the world's."""
 
 
-def check_choices(
-    config: Any,
-    method_names: tuple[str, ...],
-    development: Sequence[int],
-    seeds: Sequence[int],
-    worlds: tuple[str, ...] = WORLDS,
-) -> None:
-    """Refuse unknown worlds and methods, empty options, and seeds used twice.
+def product(**values: Sequence[float]) -> tuple[Setting, ...]:
+    """Return the grid of all combinations of values."""
+    combinations = itertools.product(*values.values())
+    return tuple(tuple(zip(values, combination, strict=True)) for combination in combinations)
 
-    Args:
-        config: Configuration of a comparison, with `worlds` and `methods`.
-        method_names: Names of all methods.
-        development: Seeds on which settings are chosen.
-        seeds: Seeds of the table.
-        worlds: Names of all worlds.
 
-    Raises:
-        UserError: The line names what to change.
+def setting_name(setting: Setting) -> str:
+    """Return a setting in one cell of a table."""
+    return ", ".join(f"{name} {value:g}" for name, value in setting)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of a comparison: a table `[method.NAME]` of its STUDY.toml.
+
+    Attributes:
+        name: Name of the row and of its folders.
+        label: Name in tables and figures.
+        learner: Name of its learner; by default its own name.
+        settings: Grid from which one is chosen on the development seeds; declared as `grid`.
+        told: Inputs beside observations and actions.
+        serves: What one network serves: an "angle", a "mode" (the nearest demonstrator's), or "all"
+            angles.
+        of_mode: Whether it learns from the nearest demonstrator's episodes alone.
+        worlds: Where it runs.
+        soft: Whether its stochastic policy means something.
+        peer: Library whose learner it is, run in an environment of its own.
     """
-    for world in config.worlds:
-        one_of("world", world, worlds)
-    for method in config.methods:
-        one_of("method", method, method_names)
-    for name, value in vars(config).items():
-        if isinstance(value, tuple) and not value:
-            raise UserError(f"{name} must name at least one")
-    if len({*config.worlds}) < len(config.worlds):
-        raise UserError("a world is named twice: name each once")
-    if {*development} & {*seeds}:
-        raise UserError("a seed of development can't be a seed of the table: name others")
+
+    name: str
+    label: str
+    learner: str
+    settings: tuple[Setting, ...] = ()
+    told: tuple[str, ...] = ()
+    serves: str = "angle"
+    of_mode: bool = False
+    worlds: tuple[str, ...] = WORLDS
+    soft: bool = True
+    peer: str = ""
+
+    @property
+    def readouts(self) -> tuple[Readout, ...]:
+        """Evaluated action selections."""
+        return READOUTS if self.soft else READOUTS[:1]
+
+    def setting_of(self, name: str) -> Setting:
+        """Return the setting of that name in the grid."""
+        return next(setting for setting in self.settings if setting_name(setting) == name)
+
+    def served(self, angles: tuple[float, ...]) -> dict[float, tuple[float, ...]]:
+        """Return the angle that each network is trained for, and the angles that it serves."""
+        if self.serves == "all":
+            return {0.0: angles}
+        if self.serves == "angle":
+            return {angle: (angle,) for angle in angles}
+        served = {
+            mode_angle: tuple(angle for angle in angles if nearest_mode(angle) == mode)
+            for mode, mode_angle in MODES.items()
+        }
+        return {angle: group for angle, group in served.items() if group}
+
+
+def declared_methods(content: Mapping[str, Any]) -> dict[str, Method]:
+    """Return the methods of a STUDY.toml by name, in its order."""
+    methods = {}
+    for name, declared in content["method"].items():
+        fields: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in ({"learner": name} | declared).items()
+            if key != "grid"
+        }
+        grid = product(**declared["grid"]) if "grid" in declared else ()
+        of_mode = declared.get("of_mode", declared.get("serves") == "mode")
+        methods[name] = Method(**fields | {"name": name, "settings": grid, "of_mode": of_mode})
+    return methods
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A learner with its settings, trained alike on several sets of demonstrations.
+
+    Attributes:
+        static: Its static configuration; the type says which learner it is.
+        numbers: Its hyperparameters, but for seed and data set.
+    """
+
+    static: Any
+    numbers: Any
+
+    @property
+    def online(self) -> bool:
+        """Whether it acts in the environment."""
+        return getattr(self.static, "online", False)
+
+    def changed(
+        self, static: Mapping[str, Any] | None = None, numbers: Any = None, **options: Any
+    ) -> Any:
+        """Return the recipe with other settings, as a table `[method.NAME]` declares them.
+
+        Of its static configuration, its hyperparameters, and attributes of its own (`options`).
+        """
+        settings = changed(self.static, static or {}), changed(self.numbers, numbers or {})
+        return dataclasses.replace(self, static=settings[0], numbers=settings[1], **options)
+
+
+def declared_recipes(
+    declared: Mapping[str, Mapping[str, Any]], bases: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return recipes by name, each a change `of` a base or of one that stands before it."""
+    recipes: dict[str, Any] = {}
+    for name, changes in declared.items():
+        options = {key: value for key, value in changes.items() if key != "of"}
+        recipes[name] = {**bases, **recipes}[changes.get("of", name)].changed(**options)
+    return recipes
 
 
 def nearest_mode(angle: float) -> str:
@@ -67,92 +153,33 @@ def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
     return data.select(np.flatnonzero(np.isin(data.episode_modes, numbers)))
 
 
-def references(world: str, angles: Sequence[float]) -> list[Row]:
-    """Return the regrets of each demonstrator, and of value iteration, at each angle.
+def check_names(config: Any, **choices: Collection[str]) -> None:
+    """Refuse names in fields of a study's configuration that are not among the field's choices.
 
-    A learner that only chooses among the demonstrators can't be better than the best of them.
+    Raises:
+        UserError: The line names the choices.
     """
-    ground = Ground.of(world)
-    reachable = ground.table.mdp.reachable()
-
-    def regret(of: float, at: float) -> float:
-        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, of)[reachable])
-        return ground.optimum.regret(metrics, at)
-
-    return [
-        {"world": world, "target_angle": angle, "value_iteration": regret(angle, angle)}
-        | {mode: regret(mode_angle, angle) for mode, mode_angle in MODES.items()}
-        for angle in angles
-    ]
+    for field, names in choices.items():
+        for name in getattr(config, field):
+            one_of(field.removesuffix("s"), name, tuple(names))
 
 
-def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
-    """Return, for each world and method, the setting with the greatest mean J(α).
+def check_choices(config: Any, methods: Collection[str], worlds: Sequence[str] = WORLDS) -> None:
+    """Refuse unknown worlds and methods, empty settings, and seeds used twice.
 
-    J*(α) is the same for all settings, so this is also the least mean regret. Of equal ones the
-    first is chosen.
-
-    Args:
-        rows: Rows of the development seeds, settings in the order of their grid.
-        setting: Column of the setting.
+    Raises:
+        UserError: The line names what to change.
     """
-    chosen: dict[tuple[str, str], Any] = {}
-    for (world, method), group in groups(rows, "world", "method").items():
-        values = {
-            setting_value: round(mean(of_setting, "value"), 9)
-            for (setting_value,), of_setting in groups(group, setting).items()
-        }
-        chosen[world, method] = max(values, key=values.__getitem__)
-    return chosen
+    check_names(config, worlds=worlds, methods=methods)
+    for name, value in vars(config).items():
+        if isinstance(value, tuple) and not value:
+            raise UserError(f"{name} must name at least one")
+    if len({*config.worlds}) < len(config.worlds):
+        raise UserError("a world is named twice: name each once")
+    if {*config.development_seeds} & {*config.seeds}:
+        raise UserError("a seed of development can't be a seed of the table: name others")
 
 
-def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:
-    """Return means over seeds; α̂ is that of the mean totals, low and high are of single seeds.
-
-    Args:
-        rows: Rows of single policies, with metrics, `value` and `regret`.
-        keys: Columns by which rows belong together.
-        also: Further columns to average.
-    """
-    pooled: list[Row] = []
-    for values, group in groups(rows, *keys).items():
-        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
-        pooled.append(
-            dict(zip(keys, values, strict=True))
-            | {"seeds": len(group)}
-            | metrics._asdict()
-            | _spread(group, "value")
-            | _spread(group, "regret")
-            | {name: mean_or_none(group, name) for name in also}
-        )
-    return pooled
-
-
-def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
-    """Return mean J(α), mean regret and worst regret of each method over all target angles.
-
-    Regrets are empty where the optimum is unknown.
-
-    Args:
-        pooled: Rows of `means`.
-        keys: Columns by which rows belong together, without the angle.
-    """
-    rows = []
-    for values, group in groups(pooled, *keys).items():
-        row = dict(zip(keys, values, strict=True)) | {"angles": len(group)}
-        row |= {name: mean_or_none(group, name) for name in ("value", "regret")}
-        has_regret = group[0]["regret"] != ""
-        rows.append(row | {"worst_regret": max(column(group, "regret")) if has_regret else ""})
-    return rows
-
-
-def mean_or_none(group: Sequence[Row], name: str) -> float | str:
-    """Return the mean of a column, "" where it is empty."""
-    return "" if group[0][name] == "" else mean(group, name)
-
-
-def _spread(group: Sequence[Row], name: str) -> Row:
-    if any(row[name] == "" for row in group):
-        return {name: "", f"{name}_low": "", f"{name}_high": ""}
-    ends = spread(group, name)
-    return {name: ends["mean"], f"{name}_low": ends["low"], f"{name}_high": ends["high"]}
+def as_file_name(label: Any) -> str:
+    """Return a name as that of a file or a folder."""
+    return "".join(letter if letter.isalnum() else "_" for letter in str(label))

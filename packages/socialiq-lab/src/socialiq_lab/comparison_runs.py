@@ -1,99 +1,31 @@
-"""Methods with grids of settings, all trained at one budget and evaluated exactly in gridworlds.
+"""Training of a comparison's methods: common inputs, learners, and exact rows of gridworlds.
 
-A comparison is a table of `Method`, and a learner for each: a function from the common inputs
-(`Arena`) and the runs to a policy for each run.
+A learner is a function from the common inputs (`Arena`) and the runs to a policy for each run.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
+from socialiq.learners.acting import dials, soft
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.collect import Act, Collector, Source, from_env, soft
-from socialiq.learners.dqn import train as train_dqn
+from socialiq.learners.collect import Collector, Source
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.types import Row
-from socialiq.worlds.gym import GridWorldEnv
-from socialiq_lab.comparison import nearest_mode, of_modes
-
-Setting = tuple[tuple[str, float], ...]
-"""Settings by name that differ from the world's."""
-
-
-def product(**values: Sequence[float]) -> tuple[Setting, ...]:
-    """Return the grid of all combinations of values."""
-    return tuple(
-        tuple(zip(values, combination, strict=True))
-        for combination in itertools.product(*values.values())
-    )
-
-
-def setting_name(setting: Setting) -> str:
-    """Return a setting in one cell of a table."""
-    return ", ".join(f"{name} {value:g}" for name, value in setting)
-
-
-@dataclass(frozen=True)
-class Method:
-    """A row of a comparison.
-
-    Attributes:
-        name: Name of the row and of its folders.
-        label: Name in tables and figures.
-        learner: Name of its learner.
-        settings: Grid from which one is chosen on the development seeds.
-        told: Inputs beside observations and actions.
-        serves: What one network serves: an "angle", a "mode" (the nearest demonstrator's, whose
-            episodes it learns from), or "all" angles.
-        gridworlds: Whether it runs in the gridworlds.
-        intersection: Whether it runs in the intersection.
-        soft: Whether its stochastic policy means something.
-    """
-
-    name: str
-    label: str
-    learner: str
-    settings: tuple[Setting, ...]
-    told: tuple[str, ...] = ()
-    serves: str = "angle"
-    gridworlds: bool = True
-    intersection: bool = True
-    soft: bool = True
-
-    @property
-    def readouts(self) -> tuple[Readout, ...]:
-        """Evaluated action selections."""
-        return READOUTS if self.soft else READOUTS[:1]
-
-    def setting_of(self, name: str) -> Setting:
-        """Return the setting of that name in the grid."""
-        return next(setting for setting in self.settings if setting_name(setting) == name)
-
-    def served(self, angles: tuple[float, ...]) -> dict[float, tuple[float, ...]]:
-        """Return the angle that each network is trained for, and the angles that it serves."""
-        if self.serves == "all":
-            return {0.0: angles}
-        if self.serves == "angle":
-            return {angle: (angle,) for angle in angles}
-        served = {
-            mode_angle: tuple(angle for angle in angles if nearest_mode(angle) == mode)
-            for mode, mode_angle in MODES.items()
-        }
-        return {groups: group for groups, group in served.items() if group}
+from socialiq.types import Act, Row
+from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
 
 
 class Run(NamedTuple):
@@ -180,33 +112,28 @@ class Arena:
     def settings(
         self, config: type[Any], hyperparameters: type[Any], run: Run, **fixed: Any
     ) -> tuple[Any, Any]:
-        """Return the static config and the hyperparameters of a run.
+        """Return the static config and the hyperparameters of a run, of the given classes.
 
-        Args:
-            config: Class of a learner's static config.
-            hyperparameters: Class of its hyperparameters.
-            run: The run; its settings come before the world's.
-            **fixed: What the method itself differs in.
+        The run's settings come before what makes the method (`fixed`), and that before the world's.
         """
         chosen = fixed | dict(run.setting)
-        of_run = {"angle": run.angle, "seed": run.seed, "dataset": run.dataset}
-        structural = _names(config)
+        structural, numeric = _names(config), _names(hyperparameters)
         static = shared_values(config, self.structure) | {"updates": self.updates}
         static |= {name: value for name, value in chosen.items() if name in structural}
         numbers = shared_values(hyperparameters, self.numbers)
-        numbers |= {name: of_run[name] for name in of_run if name in _names(hyperparameters)}
+        numbers |= {name: value for name, value in run._asdict().items() if name in numeric}
         numbers |= {name: value for name, value in chosen.items() if name not in structural}
         return config(**static), hyperparameters(**numbers)
 
-    def of_each_mode(self, runs: Sequence[Run]) -> tuple[list[Demonstrations], list[Run]]:
-        """Return the data sets of each mode alone, and runs that name the nearest mode's."""
+    def of_each_mode(self, runs: Sequence[Run]) -> tuple[Arena, list[Run]]:
+        """Return an arena with data sets of each mode alone, and runs on the nearest mode's."""
         pairs = list(itertools.product(MODES, range(len(self.datasets))))
         datasets = [of_modes(self.datasets[number], (mode,)) for mode, number in pairs]
-        placed = [
+        of_nearest = [
             run._replace(dataset=pairs.index((nearest_mode(run.angle), run.dataset)))
             for run in runs
         ]
-        return datasets, placed
+        return dataclasses.replace(self, datasets=datasets), of_nearest
 
     def speed_row(self, world: str, method: Method, runs: int) -> Row:
         """Return updates per second of a method, summed over the runs of a program, and on what."""
@@ -226,12 +153,13 @@ def shared_values(kind: type, source: Any) -> dict[str, Any]:
     return {name: getattr(source, name) for name in _names(kind) & _names(type(source))}
 
 
-# ----------------------------------------------------------------------------------------------
-# Learners
-# ----------------------------------------------------------------------------------------------
-
-Learner = Callable[[Arena, Method, Sequence[Run]], list[Any]]
+Learner = Callable[[Arena, Sequence[Run]], list[Any]]
 """Trains a policy for each run; one with `at` has a policy for each angle."""
+
+
+def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Train a method with its learner, on the nearest mode's episodes where it is of a mode."""
+    return learner(*arena.of_each_mode(runs)) if method.of_mode else learner(arena, runs)
 
 
 def in_programs(
@@ -240,34 +168,29 @@ def in_programs(
     """Train the runs of each static config in one program; return policies in the runs' order."""
     policies: dict[int, Any] = {}
     for static in dict.fromkeys(static for static, _ in settings):
-        places = [index for index, (own_static, _) in enumerate(settings) if own_static == static]
-        trained = train(static, [settings[place_value][1] for place_value in places])
-        policies |= {run: trained.policy(number) for number, run in enumerate(places)}
-    return [policies[index] for index in range(len(settings))]
+        same = [run for run, (of_run, _) in enumerate(settings) if of_run == static]
+        numbers = {run: settings[run][1] for run in same}
+        program = train(static, list(numbers.values()))
+        policies |= {run: program.policy(number) for number, run in enumerate(numbers)}
+    return [policies[run] for run in range(len(settings))]
 
 
-def offline(learner: Any, of_mode: bool = False, **fixed: Any) -> Learner:
-    """Return the training of a learner of demonstrations alone.
+def offline(learner: Any, **fixed: Any) -> Learner:
+    """Return the training of a class of learners of demonstrations alone.
 
-    Args:
-        learner: Its class.
-        of_mode: Whether it learns from the nearest mode alone, also where it serves one angle.
-        **fixed: Settings that make the method.
+    `fixed` are the settings that make the method; an advantage is of the arena's kind.
     """
 
-    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-        datasets = list(arena.datasets)
-        if of_mode or method.serves == "mode":
-            datasets, runs = arena.of_each_mode(runs)
+    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+        kinds = learner.StaticConfig, learner.Hyperparameters
         changes = {
-            name: arena.advantage if name in ("advantage", "weighted_by") else value
+            name: arena.advantage if value == "advantage" else value
             for name, value in fixed.items()
         }
-        kinds = learner.StaticConfig, learner.Hyperparameters
         return in_programs(
             [arena.settings(*kinds, run, **changes) for run in runs],
             lambda static, numbers: learner.train_on(
-                static, numbers, datasets, arena.callbacks(), arena.chunk
+                static, numbers, arena.datasets, arena.callbacks(), arena.chunk
             ),
         )
 
@@ -275,26 +198,21 @@ def offline(learner: Any, of_mode: bool = False, **fixed: Any) -> Learner:
 
 
 def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
-    """Return the training of IQ-Learn, or of a learner derived from it.
+    """Return the training of IQ-Learn, or of a class of learners derived from it.
 
-    Args:
-        learner: Class of the derived learner; None for IQ-Learn itself.
-        acts: Whether it acts in the world.
-        **fixed: Settings that make the method.
+    `acts`: whether it acts in the world; `fixed` are the settings that make the method.
     """
 
-    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-        datasets = list(arena.datasets)
-        if method.serves == "mode":
-            datasets, runs = arena.of_each_mode(runs)
+    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         world = arena.world if acts else None
 
         def program(static: Any, numbers: list[Any]) -> Any:
             collector = arena.collector(static, numbers) if acts else None
             options = arena.callbacks(), arena.chunk, collector
             if learner is None:
-                return train_iq(static, numbers, datasets, world, *options)
-            return learner.of(static, datasets, world).train(numbers, *options)
+                return train_iq(static, numbers, arena.datasets, world, *options)
+            derived = dataclasses.replace(learner.of(static, arena.datasets), simulator=world)
+            return derived.train(numbers, *options)
 
         kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
         if learner is not None:
@@ -304,7 +222,56 @@ def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
     return train
 
 
-def reinforcement(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+def dial_settings(
+    arena: Arena,
+    structure: dial.DialConfig,
+    numbers: dial.DialHyperparameters,
+    run: Run,
+    shared: Sequence[str],
+) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
+    """Return a dial's settings: its own, with the comparison's network, batches and budget.
+
+    Of its hyperparameters the `shared` ones are the comparison's, and a run's settings come first.
+    """
+    base, names = arena.structure, ("hidden", "activation", "view", "endings", "replay_capacity")
+    static = dataclasses.replace(
+        structure,
+        **{name: getattr(base, name) for name in names},
+        expert_batch=base.batch_size,
+        replay_batch=base.batch_size,
+        environments=base.env_steps_per_update,
+        updates=arena.updates,
+    )
+    changes = {name: getattr(arena.numbers, name) for name in shared} | dict(run.setting)
+    return static, dataclasses.replace(numbers, **changes, seed=run.seed, dataset=run.dataset)
+
+
+def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shared: str) -> Learner:
+    """Return the training of a dial (`dial_settings`): a network for all angles of a run."""
+
+    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+        def program(static: Any, runs_numbers: list[Any]) -> Any:
+            collector = None
+            if static.online and arena.world is None:
+                source = arena.source(static.updates, static.environments)
+                collector = Collector(
+                    [source] * len(runs_numbers),
+                    [run.seed for run in runs_numbers],
+                    dials(static, runs_numbers),
+                    static.driven_share > 0,
+                )
+            world = arena.world if static.online else None
+            options = {"callbacks": arena.callbacks(), "chunk": arena.chunk}
+            options["before_chunk"] = collector
+            return train_dial(static, runs_numbers, arena.datasets, world, **options)
+
+        settings = [dial_settings(arena, structure, numbers, run, shared) for run in runs]
+        return in_programs(settings, program)
+
+    return train
+
+
+def reinforcement(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     """Train deep Q-learning, without demonstrations."""
     per_update = arena.structure.env_steps_per_update
     source = arena.source(arena.updates, per_update)
@@ -317,91 +284,9 @@ def reinforcement(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[An
         numbers["final_learning_rate"] = numbers["learning_rate"]
         return dqn.DQNConfig(**static), dqn.DQNHyperparameters(**numbers)
 
-    return in_programs(
-        [settings(run) for run in runs],
-        lambda static, numbers: train_dqn(
-            static,
-            numbers,
-            [source] * len(numbers),
-            arena.sizes,
-            arena.callbacks(),
-            min(arena.chunk, arena.updates),
-        ),
-    )
+    def program(static: Any, numbers: list[Any]) -> Any:
+        chunk = min(arena.chunk, arena.updates)
+        sources = [source] * len(numbers)
+        return dqn.train(static, numbers, sources, arena.sizes, arena.callbacks(), chunk)
 
-
-# ----------------------------------------------------------------------------------------------
-# In a gridworld
-# ----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class GridRuns:
-    """Configuration of a job: runs of a method in a gridworld."""
-
-    world: str
-    method: str
-    structure: iq.IQLearnConfig
-    numbers: iq.IQLearnHyperparameters
-    updates: int
-    """Of each network."""
-    angles: tuple[float, ...]
-    settings: tuple[Setting, ...]
-    seeds: tuple[int, ...]
-    episodes_each: int
-    chunk: int = 200
-
-    def arena(self, ground: Ground, on_progress: Callable[[float], None]) -> Arena:
-        """Return the inputs of a method, with an equal mixture of trajectories for each seed."""
-        return Arena(
-            self.structure,
-            self.numbers,
-            self.updates,
-            trajectory_datasets(ground.table, self.seeds, self.episodes_each),
-            ground.table.world,
-            lambda steps: from_env(GridWorldEnv(self.world), steps),
-            lambda report: on_progress(0.9 * report.done / report.total),
-            chunk=self.chunk,
-        )
-
-
-def chances(
-    ground: Ground, policy: Any, angle: float, readout: Readout
-) -> Float[np.ndarray, "state action"]:
-    """Return action probabilities of a policy at an angle.
-
-    Args:
-        ground: The world.
-        policy: A policy, one with `at`, or a table of probabilities by angle.
-        angle: In degrees.
-        readout: Action selection.
-    """
-    if isinstance(policy, Mapping):
-        table = policy[angle]
-        greedy = np.eye(table.shape[1])[table.argmax(axis=1)]
-        return greedy if readout == "greedy" else table
-    turned = policy.at(angle) if hasattr(policy, "at") else policy
-    return action_table(turned, ground.part, readout)
-
-
-def rows_of(
-    ground: Ground, method: Method, label: Row, seed: int, policy: Any, angles: Sequence[float]
-) -> list[Row]:
-    """Return a policy's exact metrics and its regret at each angle that it serves.
-
-    Args:
-        ground: The world.
-        method: The method.
-        label: Columns of every row: world, method, setting.
-        seed: Training seed.
-        policy: As of `chances`.
-        angles: In degrees.
-    """
-    rows: list[Row] = []
-    for angle, readout in itertools.product(angles, method.readouts):
-        metrics = evaluate_exactly(ground.part, chances(ground, policy, angle, readout))
-        labels = {"target_angle": angle, "readout": readout, "seed": seed}
-        regret = ground.optimum.regret(metrics, angle)
-        values = {"value": metrics.value(angle), "regret": regret}
-        rows.append(label | labels | metrics._asdict() | values)
-    return rows
+    return in_programs([settings(run) for run in runs], program)

@@ -15,6 +15,7 @@ import dataclasses
 import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialiq.errors import UserError
@@ -31,40 +32,25 @@ if TYPE_CHECKING:
 
 
 class Learned(NamedTuple):
-    """A trained policy of a declared study.
+    """A trained policy of a declared study."""
 
-    Attributes:
-        label: Label of its rows.
-        static: Static configuration of its learner.
-        run: Hyperparameters of its run.
-        data: Demonstrations that it learned from.
-        policy: The policy.
-    """
-
-    label: Row
-    static: Any
-    run: Any
-    data: Demonstrations
+    label: Row  # of its rows
+    static: Any  # configuration of its learner
+    run: Any  # its hyperparameters
+    data: Demonstrations  # that it learned from
     policy: QPolicy
 
 
 @dataclasses.dataclass
 class State:
-    """Results of a declared study so far; argument of its functions in `study.py`.
-
-    Attributes:
-        config: Configuration of the study.
-        ground: The world; None where `study.py` computes the tables.
-        tables: Rows by table name.
-        policies: Every trained policy, in the order of the declaration.
-        data: Data sets by their declaration, as `"trajectories 60"`.
-    """
+    """Results of a declared study so far; argument of its functions in `study.py`."""
 
     config: Any
-    ground: Any
+    ground: Any  # the world; None where `study.py` computes the tables
     tables: dict[str, list[Row]] = dataclasses.field(default_factory=dict)
-    policies: list[Learned] = dataclasses.field(default_factory=list)
+    policies: list[Learned] = dataclasses.field(default_factory=list)  # in order of declaration
     data: dict[str, list[Demonstrations]] = dataclasses.field(default_factory=dict)
+    """Data sets by their declaration, as `"trajectories 60"`."""
 
 
 def declared_study(name: str, content: Mapping[str, Any], module: Any = None) -> Study:
@@ -78,19 +64,16 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
     Raises:
         UserError: If `[config]` is missing, or a value in it has no plain type.
     """
-
-    def compute_tables(config: Any, context: Context) -> Findings:
-        return _compute(content, module, config, context)
-
-    def figures(results: Results) -> dict[str, Figure]:
-        return _figures(content, module, results)
-
-    def view(results: Results) -> Sequence[View]:
-        return _views(content, module, results)
-
     config = getattr(module, "Config", None) or config_class(name, content)
-    jobs, more_jobs = getattr(module, "jobs", None), getattr(module, "more_jobs", None)
-    return Study(name, config, compute_tables, figures, view, jobs, more_jobs)
+    return Study(
+        name,
+        config,
+        lambda config, context: _compute(content, module, config, context),
+        lambda results: _figures(content, module, results),
+        lambda results: _views(content, module, results),
+        getattr(module, "jobs", None),
+        getattr(module, "more_jobs", None),
+    )
 
 
 def config_class(name: str, content: Mapping[str, Any]) -> type[Any]:
@@ -152,7 +135,7 @@ def _function(module: Any, name: str) -> Callable[..., Any]:
 
 def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Context) -> Findings:
     """Train every variant, then compute the tables and the summary in their order."""
-    from socialiq.evaluation.ground import Ground
+    from socialiq.evaluation.exact import Ground
 
     findings = Findings({}, {})
     if hasattr(module, "compute_tables"):
@@ -183,23 +166,19 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
     """Return the trainings of a declaration: defaults laid under, `each` multiplied out."""
     expanded = []
     for train in content.get("train", ()):
-        for values in _product(resolved(train.get("each", {}), config)):
-            bound = _Bound(config, values)
-            merged = _merged(content.get("defaults", {}), train)
-            variant = resolved({k: v for k, v in merged.items() if k != "each"}, bound)
-            if variant.pop("if", True):
-                expanded.append(variant)
+        variant = dict(content.get("defaults", {}))
+        for key, value in train.items():  # tables in the defaults are merged, but one of data
+            below = variant.get(key)
+            if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
+                value = {**below, **value}
+            variant[key] = value
+        each = variant.pop("each", {})
+        for values in _product(resolved(each, config)):
+            bound = SimpleNamespace(**dataclasses.asdict(config) | values)
+            result = resolved(variant, bound)
+            if result.pop("if", True):
+                expanded.append(result)
     return expanded
-
-
-class _Bound:
-    """Settings, and above them the values that `each` gives to its names."""
-
-    def __init__(self, config: Any, values: Mapping[str, Any]) -> None:
-        self.__dict__.update(
-            {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
-            | dict(values)
-        )
 
 
 def _product(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
@@ -207,15 +186,6 @@ def _product(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     return [
         dict(zip(columns, values, strict=True)) for values in itertools.product(*columns.values())
     ]
-
-
-def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay a table over another; tables in them are merged too."""
-    result = dict(below)
-    for key, value in above.items():
-        mergeable = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = {**result[key], **value} if mergeable and key != "data" else value
-    return result
 
 
 def _train(state: State, variant: Mapping[str, Any], module: Any, context: Context) -> None:
@@ -236,7 +206,13 @@ def _train(state: State, variant: Mapping[str, Any], module: Any, context: Conte
     report = context.on_stage(variant["stage"])
     chunk = variant.get("checkpoint")
     trained = gridworlds.train_variant(state.ground, static, runs, data, report, chunk, prior)
-    labels = [_label(variant["label"], run) for run in runs]
+    labels: list[Row] = [
+        {
+            name: getattr(run, value[1:]) if str(value).startswith("@") else value
+            for name, value in variant["label"].items()
+        }
+        for run in runs
+    ]
     rows = state.tables.setdefault(variant["rows"], [])
     if chunk is not None:
         rows += gridworlds.checkpoint_rows(trained.history, runs, labels)
@@ -256,7 +232,7 @@ def _train(state: State, variant: Mapping[str, Any], module: Any, context: Conte
 
 def _datasets(state: State, declared: Mapping[str, int]) -> list[Demonstrations]:
     """Return a data set for each seed, made at its first use."""
-    from socialiq.evaluation import expert_demonstrations as experts
+    from socialiq.evaluation import rollout as experts
 
     kinds = {
         "trajectories": experts.trajectory_datasets,
@@ -269,25 +245,22 @@ def _datasets(state: State, declared: Mapping[str, int]) -> list[Demonstrations]
     return state.data[name]
 
 
-def _label(declared: Mapping[str, Any], run: Any) -> Row:
-    """Return the label of a run's rows, fields of the run put in."""
-    return {
-        name: getattr(run, value[1:]) if str(value).startswith("@") else value
-        for name, value in declared.items()
-    }
-
-
 def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
     from socialiq_lab import figures
 
     pictures = {}
-    settings = settings_of(results)
+    settings = SimpleNamespace(**results.config)
     for declared in content.get("figure", ()):
         specification = resolved(declared, settings)
         if "python" in specification:
             pictures |= _function(module, specification["python"])(results)
             continue
-        picture = figures.draw(specification, results)
+        drawn = results
+        if "rows" in specification:
+            name = specification["table"] = specification["rows"]
+            tables = {**results.tables, name: _function(module, name)(results)}
+            drawn = dataclasses.replace(results, tables=tables)
+        picture = figures.draw(specification, drawn)
         if picture is not None:
             pictures[specification["name"]] = picture
     return pictures
@@ -295,21 +268,18 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
 
 def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[View]:
     views = []
-    settings = settings_of(results)
+    settings = SimpleNamespace(**results.config)
     for declared in content.get("view", ()):
         view = resolved(declared, settings)
         if "python" in view:
             views += _function(module, view["python"])(results)
             continue
+        if view["table"] not in results.tables:  # it was empty
+            continue
         rows = table_operations.where(results.tables[view["table"]], view.get("where", {}))
+        if "pivot" in view:
+            rows = table_operations.pivoted(rows, *view["pivot"])
         columns = view.get("columns")
         printed = [{name: row[name] for name in columns} for row in rows] if columns else rows
         views.append(View(printed, view.get("title", "")))
     return views
-
-
-def settings_of(results: Results) -> Any:
-    """Return the configuration of results, its fields as attributes."""
-    from types import SimpleNamespace
-
-    return SimpleNamespace(**results.config)

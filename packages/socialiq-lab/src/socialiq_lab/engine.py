@@ -1,7 +1,7 @@
 """Run the jobs of a study on Dask: on every core of this machine, or on a cluster.
 
-Finished folders are the only record of finished jobs (`experiments.jobs`). Dask chooses the process
-of a job, and another one if that process dies.
+Finished folders are the only record of finished jobs (`socialiq_lab.jobs`). Dask chooses the
+process of a job, and another one if that process dies.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def run_jobs(
     processes: int = 0,
     cluster: str | None = None,
 ) -> None:
-    """Run the jobs that are not finished, each after its inputs.
+    """Run the jobs that are not finished, each after its inputs, in folders of the work folder.
 
     Args:
         jobs: Each stands after its inputs.
@@ -134,9 +134,17 @@ class _Call:
         Raises:
             UserError: If a job fails; the others are stopped first.
         """
+        from socialiq_lab import worker
+
         try:
-            self._check_workers()
-            self._send()
+            write_atomically(self.work / ".call", self.name)
+            described = worker.describe() | worker.PORTABLE
+            try:
+                self.client.run(worker.check, described, self.work, self.name)
+            except ImportError as error:
+                line = f"a worker of the cluster can't import socialiq: {error}"
+                raise UserError(line) from None
+            self._send(described)
             while self.futures:
                 self._take(*self.messages.get())
         except (KeyboardInterrupt, UserError):
@@ -145,25 +153,14 @@ class _Call:
         finally:
             (self.work / ".call").unlink(missing_ok=True)
 
-    def _check_workers(self) -> None:
-        from socialiq_lab import worker
-
-        write_atomically(self.work / ".call", self.name)
-        self.described = worker.describe() | worker.PORTABLE
-        arguments = (self.described, self.work, self.name)
-        try:
-            self.client.run(worker.check, *arguments)
-        except ImportError as error:
-            raise UserError(f"a worker of the cluster can't import socialiq: {error}") from None
-
-    def _send(self) -> None:
+    def _send(self, described: dict[str, str]) -> None:
         from socialiq_lab import worker
 
         self.client.subscribe_topic(
             worker.topic(self.name), lambda event: self.messages.put(tuple(event[1]))
         )
         for number, job in enumerate(self.open):
-            task = worker.Task(job, self.work, self.known[job.name], self.name, self.described)
+            task = worker.Task(job, self.work, self.known[job.name], self.name, described)
             future = self.client.submit(
                 worker.perform,
                 task,

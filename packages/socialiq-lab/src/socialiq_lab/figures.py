@@ -1,8 +1,8 @@
 """Figures that a STUDY.toml declares: panels of lines, points, bars or a heat map, from tables.
 
 A `[[figure]]` is a row of panels: one for each column in `y`, times one for each value of the
-column `panels`. In a panel, `lines` gives a colour to each value of a column, and `styles` a line
-style. `layers` draw several tables into the same panels.
+column `panels`. In a panel, `lines` gives a colour to each value of a column, `styles` a line
+style, and `each` a line of its own. `layers` draw several tables into the same panels.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.errors import one_of
-from socialiq.plotting.style import COLORS, figure, finish, spread
+from socialiq.plotting import style
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq_lab.tables import where
+from socialiq_lab.tables import as_text, where
 
 KINDS = ("lines", "points", "band", "bars", "heatmap")
 PALETTE = ("#2166ac", "#c23b22", "#1b7837", "#e08214", "#762a83", "#888888", "#1f9e89", "#d6604d")
@@ -29,32 +29,40 @@ _MARKS = "osD^vP*X"
 
 
 class _Panel(NamedTuple):
-    """A panel: its column of y, and the value of the column `panels` (None without)."""
+    """A panel: its column of y, and its value of the column `panels` if there is one."""
 
     y: str
-    value: Any
+    values: dict[str, Any]
 
 
 def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
-    """Draw a `[[figure]]` of a STUDY.toml; None where its table has no rows.
+    """Draw a `[[figure]]` of a STUDY.toml; None where its tables have no rows.
 
     Args:
-        specification: `table`, `where`, `kind` (one of `KINDS`), `x`, `y` (a column, or several),
-            `lines`, `styles`, `panels`, `error` (columns of a lower and an upper end), `layers`
-            (tables of these keys, laid over the others), `titles`, `xlabel`, `ylabel`, `xscale`,
+        specification: `table`, `where`, `split` (columns of the parts of a name), `kind` (one of
+            `KINDS`), `x`, `y` (a column, or several), `lines`, `styles`, `each`, `panels`,
+            `error` (columns of a lower and an upper end), `text` (column written beside points),
+            `join` (a column of several), `layers` (tables of these keys, laid over the others),
+            `xlabel`, `ylabel`, `ylabels`, `rotation` (of the labels at x, degrees), `xscale`,
             `yscale`, `xlim`, `ylim`, `hline`, `vline`, `diagonal`, `legend` (false for none),
             `title`, `size` (of a panel, in inches), `columns` (panels side by side).
         results: Results whose tables are drawn.
     """
     layers = [{**specification, **layer} for layer in specification.get("layers", [{}])]
-    rows = _rows(layers[0], results)
-    if not rows:
+    rows = next(filter(None, (_rows(layer, results) for layer in layers)), None)
+    if rows is None:
         return None
-    panels = _panels(specification, rows)
+    names = _listed(specification.get("panels"))
+    values = dict.fromkeys(tuple(row[name] for name in names) for row in rows)
+    panels = [
+        _Panel(column, dict(zip(names, of_panel, strict=True)))
+        for column in _listed(specification["y"])
+        for of_panel in values
+    ]
     side_by_side = min(specification.get("columns", len(panels)), len(panels))
     width, height = specification.get("size", (4.4, 4.0))
     down = math.ceil(len(panels) / side_by_side)
-    picture = figure(width * side_by_side, height * down)
+    picture = style.figure(width * side_by_side, height * down)
     grid = picture.subplots(down, side_by_side, squeeze=False).ravel()
     for number, (axes, panel) in enumerate(itertools.zip_longest(grid, panels)):
         if panel is None:
@@ -70,8 +78,8 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
 
 def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
     """Return a colour for each name: the thesis' modes have theirs, many numbers a scale."""
-    if set(names) <= set(COLORS):
-        return {name: COLORS[name] for name in names}
+    if set(names) <= set(style.COLORS):
+        return {name: style.COLORS[name] for name in names}
     numbers = all(isinstance(name, int | float) for name in names)
     if len(names) > len(PALETTE) or (numbers and len(names) > 3):
         scale = matplotlib.colormaps["viridis"](np.linspace(0, 0.95, len(names)))
@@ -79,30 +87,31 @@ def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
     return dict(zip(names, PALETTE, strict=False))
 
 
+def _listed(names: str | Sequence[str] | None) -> Sequence[str]:
+    return [names] if isinstance(names, str) else names or []
+
+
 def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
-    """Return the rows of a layer's table, with the parts of a name as columns (`split`)."""
+    """Return the rows of a layer's table, with columns from parts of a name or from several."""
+
+    def number(text: str) -> float | str:
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
     rows = results.tables.get(layer["table"], [])
     for column, names in layer.get("split", {}).items():
         keys = names.split("/")
         split_rows = [(row, str(row[column]).split("/")) for row in rows]
         rows = [
-            row | dict(zip(keys, map(_number, values), strict=True))
+            row | dict(zip(keys, map(number, values), strict=True))
             for row, values in split_rows
             if len(values) == len(keys)
         ]
+    for name, columns in layer.get("join", {}).items():
+        rows = [row | {name: ", ".join(as_text(row[column]) for column in columns)} for row in rows]
     return where(rows, layer.get("where", {}))
-
-
-def _number(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _text(value: Any) -> str:
-    """Return a value of a column as a word of a legend."""
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
@@ -110,71 +119,60 @@ def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
     return list(dict.fromkeys(row[name] for row in rows)) if name else [None]
 
 
-def _panels(specification: Mapping[str, Any], rows: Sequence[Row]) -> list[_Panel]:
-    columns = specification["y"]
-    columns = [columns] if isinstance(columns, str) else columns
-    values = _values(rows, specification.get("panels"))
-    return [_Panel(column, value) for column in columns for value in values]
-
-
 def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) -> None:
     """Draw the rows of a layer that belong to a panel."""
     kind = layer.get("kind", "lines")
     one_of("kind of figure", kind, KINDS)
-    if panel.value is not None:
-        rows = [row for row in rows if row[layer["panels"]] == panel.value]
-    y = panel.y if "layers" not in layer or "y" not in layer else layer["y"]
-    y = panel.y if isinstance(y, list) else y
-    rows = [row for row in rows if row.get(y, "") != "" and row[layer["x"]] != ""]
+    y = layer["y"] if "layers" in layer and isinstance(layer["y"], str) else panel.y
+    rows = [
+        row for row in where(rows, panel.values) if row.get(y, "") != "" and row[layer["x"]] != ""
+    ]
     if kind == "heatmap":
         _heatmap(axes, layer, rows, y)
         return
     colors = colors_of(_values(rows, layer.get("lines")))
-    styles = _values(rows, layer.get("styles"))
     if kind == "bars":
         _bars(axes, layer, rows, y, colors)
         return
-    for (position, (name, color)), (number, style) in itertools.product(
-        enumerate(colors.items()), enumerate(styles)
+    for (position, (name, color)), (number, other) in itertools.product(
+        enumerate(colors.items()), enumerate(_values(rows, layer.get("styles")))
     ):
-        chosen = {layer[key]: v for key, v in (("lines", name), ("styles", style)) if v is not None}
+        chosen = {layer[key]: v for key, v in (("lines", name), ("styles", other)) if v is not None}
         series = where(rows, chosen)
-        if not series:
-            continue
-        words = [_text(word) for word in (name, style) if word is not None]
+        words = [as_text(word) for word in (name, other) if word is not None]
         label = " ".join(filter(None, (layer.get("label"), ", ".join(words))))
         look = {"color": layer.get("color", color), "label": label or None}
+        look["marker"] = _MARKS[position % 8] if kind == "points" else "."
+        look["linestyle"] = "none" if kind == "points" else STYLES[number % 4]
+        if layer.get("legend") is False:
+            look["label"] = None
         if kind == "points" and number:
             look["markerfacecolor"] = "none"
-        _series(axes, layer, series, y, kind, look, STYLES[number % 4], _MARKS[position % 8])
+        for value in _values(series, layer.get("each")) if series else ():
+            line = series if value is None else where(series, {layer["each"]: value})
+            _series(axes, layer, line, y, kind, look)
+            look["label"] = None
 
 
 def _series(
-    axes: Any,
-    layer: Mapping[str, Any],
-    rows: list[Row],
-    y: str,
-    kind: str,
-    look: dict[str, Any],
-    style: str,
-    mark: str,
+    axes: Any, layer: Mapping[str, Any], rows: list[Row], y: str, kind: str, look: dict[str, Any]
 ) -> None:
     """Draw a line, points, or means over equal x with a band from the least to the largest."""
+    if kind == "band":
+        places, mean, low, high = style.spread(rows, layer["x"], y)
+        axes.fill_between(places, low, high, color=look["color"], alpha=0.15, linewidth=0)
+        axes.plot(places, mean, **look)
+        return
     x = [row[layer["x"]] for row in rows]
     values = [row[y] for row in rows]
-    if kind == "band":
-        places, mean, low, high = spread(rows, layer["x"], y)
-        axes.fill_between(places, low, high, color=look["color"], alpha=0.15, linewidth=0)
-        axes.plot(places, mean, style, marker=".", **look)
-        return
     if "error" in layer:
         low, high = ([row[name] for row in rows] for name in layer["error"])
         ends = np.abs(np.array([low, high], float) - np.array(values, float))
         axes.errorbar(x, values, ends, fmt="none", ecolor=look["color"], alpha=0.5, capsize=2)
-    if kind == "points":
-        axes.plot(x, values, linestyle="none", marker=mark, alpha=layer.get("alpha", 0.8), **look)
-    else:
-        axes.plot(x, values, style, marker=".", alpha=layer.get("alpha", 1.0), **look)
+    axes.plot(x, values, alpha=layer.get("alpha", 0.8 if kind == "points" else 1.0), **look)
+    for place in zip(rows, x, values, strict=True) if "text" in layer else ():
+        text = as_text(place[0][layer["text"]])
+        axes.annotate(text, place[1:], (4, 4), textcoords="offset points", fontsize=7)
 
 
 def _bars(
@@ -196,7 +194,7 @@ def _bars(
             elif "error" in layer:
                 ends = [here[0][end] for end in layer["error"]]
                 axes.plot([at, at], ends, color="black", linewidth=1)
-    axes.set_xticks(range(len(places)), list(map(str, places)), rotation=layer.get("rotation", 0))
+    axes.set_xticks(range(len(places)), list(map(str, places)))
 
 
 def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -> None:
@@ -207,9 +205,8 @@ def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -
     picture = np.full((len(down), len(across)), np.nan)
     for row in rows:
         picture[down.index(row[layer["by"]]), across.index(row[layer["x"]])] = row[value]
-    limits = layer.get("limits", (None, None))
-    shape = {"origin": "lower", "aspect": "auto"}
-    image = axes.imshow(picture, **shape, vmin=limits[0], vmax=limits[1], cmap="viridis")
+    low, high = layer.get("limits", (None, None))
+    image = axes.imshow(picture, origin="lower", aspect="auto", vmin=low, vmax=high, cmap="viridis")
     axes.set_xticks(range(len(across)), [f"{position:g}" for position in across])
     axes.set_yticks(range(len(down)), [f"{position:g}" for position in down])
     axes.figure.colorbar(image, ax=axes, shrink=0.7, label=layer.get("zlabel", ""))
@@ -217,27 +214,31 @@ def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -
 
 def _finish(axes: Any, specification: Mapping[str, Any], panel: _Panel, number: int) -> None:
     """Give a panel its lines, labels, limits, title and legend."""
+    light = {"color": "#999999", "linewidth": 0.8, "linestyle": ":"}
     for name, line in (("hline", axes.axhline), ("vline", axes.axvline)):
         if name in specification:
-            line(specification[name], color="#999999", linewidth=0.8, linestyle=":")
+            line(specification[name], **light)
     if specification.get("diagonal"):
-        axes.axline((0.0, 0.0), slope=1.0, color="#999999", linewidth=0.8, linestyle=":")
-    properties = {
-        name: specification[name]
-        for name in ("xscale", "yscale", "xlim", "ylim")
-        if name in specification
-    }
-    labels = specification.get("ylabels", {})
-    title = "" if panel.value is None else str(panel.value)
-    if isinstance(panel.value, float):
-        title = f"{specification['panels'].replace('_', ' ')} {panel.value:g}"
+        axes.axline((0.0, 0.0), slope=1.0, **light)
+    if rotation := specification.get("rotation"):
+        for label in axes.get_xticklabels():
+            label.set(rotation=rotation, ha="right", rotation_mode="anchor")
+    title = ", ".join(
+        value if isinstance(value, str) else f"{name.replace('_', ' ')} {as_text(value)}"
+        for name, value in panel.values.items()
+    )
     handles, _ = axes.get_legend_handles_labels()
     wants_legend = number == 0 and specification.get("legend", True) and handles
-    finish(
+    labels = specification.get("ylabels", {})
+    style.finish(
         axes,
-        specification.get("titles", {}).get(title, title),
+        title,
         8 if wants_legend else None,
         xlabel=specification.get("xlabel", specification["x"]),
         ylabel=labels.get(panel.y, specification.get("ylabel", panel.y.replace("_", " "))),
-        **properties,
+        **{
+            name: specification[name]
+            for name in ("xscale", "yscale", "xlim", "ylim")
+            if name in specification
+        },
     )

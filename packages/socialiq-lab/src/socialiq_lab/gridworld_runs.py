@@ -13,17 +13,18 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import one_of
 from socialiq.evaluation.exact import (
     READOUTS,
+    Ground,
+    Metrics,
     Readout,
     action_table,
     evaluate_exactly,
     exact_monitor,
+    mean_of,
 )
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
@@ -85,21 +86,18 @@ def axes(declared: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
 def learner_of(variant: Mapping[str, Any]) -> tuple[Any, Any]:
     """Return static configuration and hyperparameters of a declared training.
 
-    Args:
-        variant: Its `learner` ("iq_learn" or "behaviour_cloning"), `preset`, `regularized` and
-            `static`, the last with fields of the static configuration.
+    Those of its `learner` ("iq_learn" or "behaviour_cloning") and `preset`, without the prior if
+    it is not `regularized`, with the fields of `static` changed.
     """
     learner = variant.get("learner", "iq_learn")
     one_of("learner", learner, ("iq_learn", "behaviour_cloning"))
-    if learner == "behaviour_cloning":
-        static, numbers = (
-            behaviour_cloning.CloningConfig(),
-            behaviour_cloning.CloningHyperparameters(),
-        )
-    else:
+    if learner == "iq_learn":
         one_of("preset", variant["preset"], tuple(presets.PRESETS))
         static, numbers = presets.PRESETS[variant["preset"]]
         static = static if variant.get("regularized", True) else presets.baseline(static)
+    else:
+        static = behaviour_cloning.CloningConfig()
+        numbers = behaviour_cloning.CloningHyperparameters()
     return changed(static, variant.get("static", {})), numbers
 
 
@@ -112,16 +110,10 @@ def train_variant(
     chunk: int | None = None,
     prior: Callable[..., Any] | None = None,
 ) -> Trained:
-    """Train the runs of a declared training in one program.
+    """Train the runs of a declared training, IQ-Learn or behaviour cloning, in one program.
 
-    Args:
-        ground: The world.
-        static: Static configuration of IQ-Learn or of behaviour cloning.
-        runs: Hyperparameters of each run.
-        datasets: Data sets of the runs.
-        on_report: Shows the progress.
-        chunk: Number of updates between two exact evaluations; None for no evaluation.
-        prior: Penalty of the user's own in place of the quadratic one.
+    `chunk` is the number of updates between two exact evaluations (None for none), and `prior` a
+    penalty of the user's own in place of the quadratic one.
     """
     if isinstance(static, behaviour_cloning.CloningConfig):
         callbacks = Callbacks(on_report=on_report)

@@ -42,21 +42,13 @@ Work = Callable[[Any, Path, Mapping[str, Path], ProgressCallback], None]
 
 @dataclass(frozen=True)
 class Job:
-    """One step of a study.
+    """One step of a study."""
 
-    Attributes:
-        name: Folder below the work folder; the part before the first "/" is its stage.
-        work: Function of a module, so that another process can import it.
-        config: Everything it depends on: a dataclass with fields that JSON can hold.
-        inputs: Names of the jobs whose folders it reads.
-        cost: Approximate seconds; only proportions matter, for the estimated time left.
-    """
-
-    name: str
-    work: Work
-    config: Any
-    inputs: tuple[str, ...] = ()
-    cost: float = 1.0
+    name: str  # folder below the work folder; the part before the first "/" is its stage
+    work: Work  # function of a module, so that another process can import it
+    config: Any  # everything it depends on: a dataclass with fields that JSON can hold
+    inputs: tuple[str, ...] = ()  # names of the jobs whose folders it reads
+    cost: float = 1.0  # approximate seconds; only proportions matter, for the estimated time left
 
     @property
     def stage(self) -> str:
@@ -115,14 +107,8 @@ def do(
 ) -> float:
     """Run a job: its folder appears whole, or its written files remain for the next try.
 
-    Two processes never do the same job at a time; the second finds it finished.
-
-    Args:
-        job: The job.
-        work: Folder of all jobs' folders.
-        fingerprint: The job's fingerprint.
-        on_progress: Called by the job.
-        call: Name of the call of `run_jobs`; interrupted tries are counted for each call.
+    Two processes never do the same job at a time; the second finds it finished. Interrupted tries
+    are counted for each `call` of `run_jobs`.
 
     Returns:
         The seconds it took.
@@ -231,13 +217,7 @@ def _cause(error: Exception) -> str:
 
 
 class Progress:
-    """Progress of a study's jobs, as the reports of its stages.
-
-    Args:
-        jobs: All of them, finished or not.
-        still_open: Those that are to be done now.
-        on_stage: Given the name of a stage, what shows its progress.
-    """
+    """Progress of a study's jobs, of which some are still open, as the reports of its stages."""
 
     def __init__(
         self,
@@ -262,19 +242,18 @@ class Progress:
         """Take note that a job that has begun has come so far."""
         stage = self._jobs[name].stage
         self._share[name] = share
-        if self._shown[stage]:
-            self._shown[stage](self._report(stage, *self._began[stage]))
-
-    def _of(self, stage: str) -> float:
-        """Costs of what is done of a stage."""
-        jobs = (job for job in self._jobs.values() if job.stage == stage)
-        return sum(job.cost * self._share[job.name] for job in jobs)
-
-    def _report(self, stage: str, began: float, at: float) -> Report:
+        if not self._shown[stage]:
+            return
+        began, at = self._began[stage]
         jobs = [job for job in self._jobs.values() if job.stage == stage]
         total, done = sum(job.cost for job in jobs), self._of(stage)
         finished = sum(self._share[job.name] >= 1 for job in jobs)
         pace = (done - at) / max(time.monotonic() - began, 1e-9)
         left = (total - done) / pace if pace > 0 else float("inf")
         rate = pace * len(jobs) / total * 60
-        return Report(finished, len(jobs), rate, left, {}, {}, (), "jobs/min")
+        self._shown[stage](Report(finished, len(jobs), rate, left, {}, {}, (), "jobs/min"))
+
+    def _of(self, stage: str) -> float:
+        """Costs of what is done of a stage."""
+        jobs = (job for job in self._jobs.values() if job.stage == stage)
+        return sum(job.cost * self._share[job.name] for job in jobs)

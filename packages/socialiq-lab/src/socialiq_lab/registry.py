@@ -97,15 +97,24 @@ def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, d
     Raises:
         UserError: If there is none of that name, or its code may not run or fails.
     """
+    module: Any = None
     if name.endswith(".toml"):
         path = Path(name)
-        content = read(path)
-        return declared_study(path.parent.name, content, _beside(path, allow_code)), content
-    if name.rpartition(":")[0].endswith(".py"):
-        return _of_file(name, allow_code), {}
+        content, beside = read(path), path.parent / "study.py"
+        if beside.is_file():
+            module = _run(str(beside), str(beside), allow_code)
+        return declared_study(path.parent.name, content, module), content
+    file, _, attribute = name.rpartition(":")
+    if file.endswith(".py"):
+        folder = str(Path(file).resolve().parent)
+        if allow_code and folder not in sys.path:
+            sys.path.append(folder)  # the processes that run its jobs import the file by name
+        study = getattr(_run(file, name, allow_code), attribute, None)
+        if not isinstance(study, Study):
+            raise UserError(f"{file} has no study {attribute}: name a socialiq Study of the file")
+        return study, {}
     content = declaration(name)
     folder = declarations()[name].parent
-    module: Any = None
     if (folder / "study.py").is_file():
         module = importlib.import_module(f"studies.{folder.name}.study")
     if hasattr(module, "STUDY"):
@@ -118,34 +127,10 @@ def find(name: str, allow_code: bool = False) -> Study:
     return study_and_declaration(name, allow_code)[0]
 
 
-def _beside(path: Path, allow_code: bool) -> Any:
-    """Return the module `study.py` beside a STUDY.toml of the user's; None if there is none."""
-    file = path.parent / "study.py"
-    if not file.is_file():
-        return None
-    _check_allowed(str(file), allow_code)
-    return _run(str(file))
-
-
-def _of_file(name: str, allow_code: bool) -> Study:
-    """Return the study that a Python file of the user's defines."""
-    file, _, attribute = name.rpartition(":")
-    _check_allowed(name, allow_code)
-    folder = str(Path(file).resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)  # the processes that run its jobs import the file by name
-    study = getattr(_run(file), attribute, None)
-    if not isinstance(study, Study):
-        raise UserError(f"{file} has no study {attribute}: name a socialiq Study of the file")
-    return study
-
-
-def _check_allowed(name: str, allow_code: bool) -> None:
+def _run(file: str, name: str, allow_code: bool) -> Any:
+    """Run a Python file of the user's, if that is allowed."""
     if not allow_code:
         raise UserError(f"{name} would run its author's code: allow that with --allow-code")
-
-
-def _run(file: str) -> Any:
     try:
         return imported(file)
     except UserError:

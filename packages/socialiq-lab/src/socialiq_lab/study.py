@@ -1,16 +1,16 @@
 """A study: what to run, which tables and pictures follow from it, and which tables to print.
 
 A study is a module of `studies` that ends with `STUDY`. Jobs fill folders and can be resumed
-(`experiments.jobs`); tables follow from these folders alone, pictures and printed tables from the
+(`socialiq_lab.jobs`); tables follow from these folders alone, pictures and printed tables from the
 tables alone. A short study has no jobs: its tables are computed in one go.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -24,6 +24,7 @@ from socialiq_lab.jobs import Job
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Item = TypeVar("Item")
 StageCallback = Callable[[str], Callable[[Report], None] | None]
 """Given the name of a stage, return the callback that shows its progress, if any."""
 
@@ -33,31 +34,19 @@ def silent(_stage: str) -> None:
 
 
 class Context(NamedTuple):
-    """Context of a study's `tables` function, beside its configuration.
+    """Context of a study's `tables` function, beside its configuration."""
 
-    Attributes:
-        jobs: All jobs, finished.
-        work: Folder that holds a folder for each of them.
-        on_stage: Shows the progress of a study without jobs.
-    """
-
-    jobs: Sequence[Job]
-    work: Path
-    on_stage: StageCallback
+    jobs: Sequence[Job]  # all of them, finished
+    work: Path  # has a folder for each of them
+    on_stage: StageCallback  # shows the progress of a study without jobs
 
 
 class Findings(NamedTuple):
-    """Tables of a study before they are rounded and saved.
+    """Tables of a study before they are rounded and saved."""
 
-    Attributes:
-        tables: Rows by table name; empty tables are left out of the results.
-        summary: Values that the claims ledger refers to.
-        files: Content of other files by path below the results folder.
-    """
-
-    tables: dict[str, list[Row]]
-    summary: dict[str, Any]
-    files: Mapping[str, bytes] = {}
+    tables: dict[str, list[Row]]  # empty ones are left out of the results
+    summary: dict[str, Any]  # values that the claims ledger refers to
+    files: Mapping[str, bytes] = {}  # content by path below the results folder
 
 
 class View(NamedTuple):
@@ -103,7 +92,7 @@ def run(
     work: Path | None = None,
     engine: Engine | None = None,
 ) -> Results:
-    """Run the jobs that are not finished yet, and compute the tables.
+    """Run the jobs that are not finished yet, and compute the tables, rounded as they are saved.
 
     Args:
         study: The study.
@@ -111,9 +100,6 @@ def run(
         on_stage: Shows progress.
         work: Folder of the jobs; a temporary folder by default.
         engine: Where the jobs run; by default on every core of this machine.
-
-    Returns:
-        The results, rounded as they are saved.
 
     Raises:
         UserError: If a job fails or the work folder can't be written.
@@ -123,23 +109,16 @@ def run(
     if study.jobs is None:
         findings = study.tables(config, Context((), Path(), on_stage))
     else:
+        place = engine or Engine()
         with work_folder(work) as folder:
-            context = _finished(study, config, folder, on_stage, engine or Engine())
-            findings = study.tables(config, context)
+            jobs = list(study.jobs(config))
+            run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
+            if study.more_jobs:
+                later = study.more_jobs(config, folder)
+                run_jobs(later, folder, on_stage, place.processes, place.cluster)
+                jobs += later
+            findings = study.tables(config, Context(jobs, folder, on_stage))
     return Results.of(study.name, config, findings.tables, findings.summary, findings.files)
-
-
-def _finished(
-    study: Study, config: Any, folder: Path, on_stage: StageCallback, engine: Engine
-) -> Context:
-    """Run the jobs that are not finished yet."""
-    jobs = list(study.jobs(config)) if study.jobs else []
-    run_jobs(jobs, folder, on_stage, engine.processes, engine.cluster)
-    if study.more_jobs:
-        later = study.more_jobs(config, folder)
-        run_jobs(later, folder, on_stage, engine.processes, engine.cluster)
-        jobs += later
-    return Context(jobs, folder, on_stage)
 
 
 def save(study: Study, results: Results, folder: Path, replace: bool) -> None:
@@ -166,23 +145,12 @@ def load(study: Study, folder: Path) -> Results:
     return results
 
 
-def view_of(table: str, *columns: str, title: str = "") -> Callable[[Results], Sequence[View]]:
-    """Return a `Study.view` that prints one table, or the given columns of it."""
-
-    def view(results: Results) -> Sequence[View]:
-        rows = results.tables[table]
-        printed = [{name: row[name] for name in columns} for row in rows] if columns else rows
-        return [View(printed, title)]
-
-    return view
-
-
-def counter(on_stage: StageCallback, stage: str, total: int, unit: str) -> Callable[[int], None]:
-    """Begin a stage that counts; return the callback for the number of finished units."""
-    report, clock = on_stage(stage), Clock(0, total, 1)
-
-    def count(done: int) -> None:
+def tracked(
+    items: Sequence[Item], on_stage: StageCallback, stage: str, unit: str
+) -> Iterator[Item]:
+    """Yield the items of a stage, and show how many are done, in this unit."""
+    report, clock = on_stage(stage), Clock(0, len(items), 1)
+    for done, item in enumerate(items, start=1):
+        yield item
         if report is not None:
             report(clock.report(done, {}, {}, ())._replace(unit=unit))
-
-    return count

@@ -133,13 +133,22 @@ def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -
     for row in rows:
         branch = result
         for key in keys[:-1]:
-            branch = branch.setdefault(_as_key(row[key]), {})
+            branch = branch.setdefault(as_text(row[key]), {})
         names = [name for name in row if name not in keys] if keep is None else keep
-        branch[_as_key(row[keys[-1]])] = {name: row[name] for name in names}
+        branch[as_text(row[keys[-1]])] = {name: row[name] for name in names}
     return result
 
 
-def _as_key(value: Any) -> str:
+def pivoted(rows: Sequence[Row], by: str, across: str, value: str) -> list[Row]:
+    """Return a row for each value of `by`, with the mean of a column for each value of `across`."""
+    result: dict[Any, Row] = {}
+    for (first, second), group in groups(rows, by, across).items():
+        result.setdefault(first, {by: first})[as_text(second)] = mean(group, value)
+    return list(result.values())
+
+
+def as_text(value: Any) -> str:
+    """Return a value of a column as a key or a word: a float as short as it can be."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -30,21 +30,13 @@ _lock = threading.Lock()
 
 
 class Task(NamedTuple):
-    """A job as it travels to a worker.
-
-    Attributes:
-        job: The job.
-        work: Folder of all jobs' folders, as an absolute path.
-        fingerprint: The job's fingerprint.
-        call: Name of the call of `run_jobs`.
-        described: Result of `describe` in the calling process.
-    """
+    """A job as it travels to a worker."""
 
     job: Job
-    work: Path
+    work: Path  # folder of all jobs' folders, as an absolute path
     fingerprint: str
-    call: str
-    described: dict[str, str]
+    call: str  # name of the call of `run_jobs`
+    described: dict[str, str]  # result of `describe` in the calling process
 
 
 def perform(task: Task, *_inputs: float) -> float:
@@ -122,10 +114,8 @@ def describe() -> dict[str, str]:
 def check(wanted: dict[str, str], work: Path, call: str) -> None:
     """Refuse a worker whose numbers or files would differ from the caller's.
 
-    Args:
-        wanted: Result of `describe` in the calling process.
-        work: Folder of all jobs' folders.
-        call: Name of the call; its file `.call` is in the work folder.
+    `wanted` is the result of `describe` in the calling process; the name of the call is in the file
+    `.call` of the work folder.
 
     Raises:
         UserError: If a version or a variable differs, or the folder is not shared.

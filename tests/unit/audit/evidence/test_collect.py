@@ -18,6 +18,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import make
 
 SEEDS = episode_seeds(3, 40)

@@ -19,7 +19,7 @@ from socialiq.audit.evidence.replay import (
 from socialiq.audit.profile.profile import world_of
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.policies import policy as rule

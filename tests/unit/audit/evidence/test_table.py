@@ -17,7 +17,7 @@ from socialiq.audit.evidence.table import (
 )
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 
 COLLISION = int(Ending.COLLISION)
 

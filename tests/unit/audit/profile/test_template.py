@@ -21,7 +21,8 @@ def test_crossing5_by_hand():
 def test_the_intersection_adds_both_sides(angle):
     world = make("intersection")
     cos, sin = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    exact = abs(cos) * env_range(world.options).width + abs(sin) * social_range(world.options).width
+    exact = abs(cos) * np.diff(env_range(world.options))[0]
+    exact += abs(sin) * np.diff(social_range(world.options))[0]
     assert exact <= possible_loss(world, angle) <= exact * 1.001
 
 

@@ -9,8 +9,7 @@ import pytest
 from socialiq.evaluation.road_training import CHUNK, Checks
 from socialiq.learners.state import History
 from socialiq.results_folder import from_csv
-from socialiq_lab.intersection.driving import CURVE
-from socialiq_lab.intersection.training import CHECKPOINT, fit
+from socialiq_lab.intersection.training import CHECKPOINT, CURVE, fit
 
 
 def state(updates: int) -> SimpleNamespace:

@@ -3,17 +3,21 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.episode_rows import outcome_row, policy_row
-from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.episodes import episodes_of, outcome_row, policy_row
 from socialiq.storage import write_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Batch
-from socialiq_lab.intersection.driving import Evaluation, load_episodes, save_episodes
-from socialiq_lab.intersection.rows import evaluated, policy_rows, times
+from socialiq_lab.intersection.driving import (
+    Driving,
+    episodes_at,
+    load_episodes,
+    save_episodes,
+)
+from socialiq_lab.intersection.rows import evaluated, times
 from socialiq_lab.jobs import RECORD, Job
 
-SEEDS = Evaluation(episodes=6, first_seed=3).seeds
+SEEDS = Driving(episodes=6, first_seed=3).seeds
 
 
 @pytest.fixture(name="episodes", scope="module")
@@ -39,16 +43,15 @@ def test_shares_of_a_row_are_of_its_episodes(episodes) -> None:
 
 def test_every_evaluation_of_the_jobs_has_a_row_for_each_readout(episodes, tmp_path) -> None:
     jobs = [
-        Job(f"evaluation/{name}", print, Evaluation(readouts=readouts))  # type: ignore[arg-type]
+        Job(f"evaluation/{name}", print, Driving(driver="best.safetensors", readouts=readouts))  # type: ignore[arg-type]
         for name, readouts in (("experts/a", ("greedy",)), ("learners/b", ("greedy", "soft")))
     ]
     for number, job in enumerate(jobs, start=1):
         for readout in job.config.readouts:
-            (tmp_path / job.name).mkdir(parents=True, exist_ok=True)
-            save_episodes(tmp_path / job.name / f"{readout}.safetensors", episodes)
+            save_episodes(episodes_at(tmp_path / job.name, "best.safetensors", readout), episodes)
         write_json(tmp_path / job.name / RECORD, {"seconds": 2.0 * number})
-    rows = policy_rows(evaluated(jobs, tmp_path))
+    rows = evaluated(jobs, tmp_path)
     assert list(rows) == [("experts/a", "greedy"), ("learners/b", "greedy"), ("learners/b", "soft")]
-    assert rows["learners/b", "soft"]["policy"] == "learners/b"
+    np.testing.assert_array_equal(rows["learners/b", "soft"].totals.env, episodes.totals.env)
     took = {row["jobs"]: row["seconds"] for row in times(jobs, tmp_path)}
     assert took == {"evaluation/experts": 2.0, "evaluation/learners": 4.0}

@@ -6,8 +6,7 @@ import json
 import numpy as np
 
 from socialiq.page.webassembly.layout import layout
-from socialiq.worlds.highway.options import SETTINGS, SIGNALS
-from socialiq.worlds.highway.state import Buffers
+from socialiq.worlds.highway.options import SETTINGS, SIGNALS, Buffers
 from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
 
 

@@ -1,7 +1,7 @@
 """Audited policies, rightly and falsely declared."""
 
 from studies.audits.policies import WITHDRAWN, at_intersection, floor_at
-from studies.audits.study import Config, audit_rows
+from studies.audits.study import audit_rows
 
 
 def test_truth_and_falsehood(tmp_path):
@@ -18,6 +18,6 @@ def test_truth_and_falsehood(tmp_path):
 def test_one_that_never_moves_is_no_altruist(tmp_path):
     """Its regret at 90 degrees decides, for arrival is not required."""
     stands = [one for one in at_intersection(tmp_path) if one.name == "never moves"]
-    (row,) = audit_rows(stands, Config(episodes=60, seed=1), tmp_path)
+    (row,) = audit_rows(stands, 60, 1, tmp_path)
     assert row["arrival"] == 0.0 and row["timeout"] == 1.0
     assert (row["verdict"], row["decided_by"]) == ("fail", "regret")

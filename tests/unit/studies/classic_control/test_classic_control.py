@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json
 from socialiq.types import Ending
-from studies.classic_control import runs
-from studies.classic_control.methods import METHODS, VARIANTS, method_of
+from socialiq_lab.registry import declaration
+from studies.classic_control import runs, study
+from studies.classic_control.runs import METHODS, RECIPES, VARIANTS
 from studies.classic_control.study import Config, plan
 from studies.classic_control.tasks import STEPS, TASKS, CartPole, Episode, returns
 
@@ -107,10 +111,10 @@ def test_a_linear_fit_of_whole_trajectories_recovers_the_expert(shown) -> None:
 
 
 def test_every_variant_changes_its_method_and_nothing_is_unknown() -> None:
-    for name, variant in VARIANTS.items():
-        assert method_of(name) != METHODS[variant.of]
-    with pytest.raises(UserError, match="unknown method"):
-        method_of("nothing")
+    declared = declaration("classic-control")["variant"]
+    assert list(declared) == list(VARIANTS)
+    for name, changes in declared.items():
+        assert RECIPES[name] != METHODS[changes["of"]]
     with pytest.raises(UserError, match="protocol"):
         Config(protocols=("every",))
 
@@ -138,3 +142,82 @@ def test_jobs_have_names_of_their_own() -> None:
         "LunarLander-rows-1",
         "LunarLander-rows-5",
     }
+
+
+def row(method: str, number: int, seed: str, value: float) -> dict:
+    label = {"task": "CartPole", "protocol": "rows", "trajectories": 1, "method": method}
+    return label | {"set": number, "rows": 25, "seed": seed, "mean_return": value}
+
+
+POLICIES = [
+    row(method, number, seed, value + shift)
+    for method, shift in (("iq_learn", 100.0), ("cloning", 0.0))
+    for number, values in enumerate(((100.0, 300.0, 200.0), (380.0, 420.0, 400.0)))
+    for seed, value in zip(("10", "11", "ensemble"), values, strict=True)
+]
+
+
+def test_policies_are_pooled_over_sets_and_seeds_without_the_ensembles() -> None:
+    keys = ("task", "method")
+    learned, cloned = study.pooled(POLICIES, *keys)
+    assert (learned["mean"], cloned["mean"], cloned["policies"]) == (400.0, 300.0, 4)
+    assert (cloned["worst"], cloned["best"]) == (100.0, 420.0)
+    assert learned["solved"] == 0.5  # of 200, 400, 480, 520 two are at least 475
+    assert (cloned["ensemble_mean"], cloned["ensemble_worst"]) == (300.0, 200.0)
+    # Means of the sets are 200 and 400.
+    assert cloned["deviation_of_sets"] == pytest.approx(np.sqrt(2) * 100)
+
+
+def test_methods_are_compared_over_sets() -> None:
+    """Both sets' means differ by 100: the mean of two seeds each, never an ensemble's."""
+    (test,) = study.differences(POLICIES)
+    assert (test["first"], test["second"], test["mean"]) == ("iq_learn", "cloning", 100.0)
+    alone = [entry for entry in POLICIES if entry["set"] == 0]
+    assert study.differences(alone) == []
+
+
+def test_sources_of_a_task() -> None:
+    config = Config(trajectories=(1, 5), protocol_trajectories=(5,), other_trajectories=(3,))
+    kinds = {
+        task: [(one.protocol, one.trajectories, one.sets) for one in config.sources(task)]
+        for task in TASKS
+    }
+    assert kinds["CartPole"] == [
+        ("rows", 1, 12), ("rows", 5, 12), ("stride", 5, 12), ("whole", 5, 12),
+    ]  # fmt: skip
+    assert kinds["CartPole, drifting expert"] == [("rows", 1, 12)]
+    assert kinds["Acrobot"] == kinds["LunarLander"] == [("rows", 3, 6)]
+
+
+def test_sets_are_of_trajectories_of_their_own() -> None:
+    source = runs.Source("Acrobot", "stride", 1, 2, 50_000_000, 1, 0)
+    first, second = source.whole()
+    assert first.n_episodes == second.n_episodes == 1
+    assert not np.array_equal(first.observation[0], second.observation[0])
+    strides = source.thinned([first, second], False)
+    assert [len(data.action) for data in strides] == [
+        -(-len(data.action) // TASKS["Acrobot"].every) for data in (first, second)
+    ]
+
+
+def test_a_run_has_a_row_for_each_policy_and_one_for_their_ensemble(monkeypatch, tmp_path) -> None:
+    """Two sets and two seeds; each policy pushes to its own side, and the ensemble by the mean."""
+
+    def taking(values) -> QPolicy:
+        drawn = QNetwork.initialise(jax.random.key(0), 4, (), 2)
+        leaves = [jnp.zeros((2, 4)), jnp.array(values)]
+        return QPolicy.of(jax.tree.unflatten(jax.tree.structure(drawn), leaves), 1.0, {})
+
+    sides = [taking(values) for values in ([0.0, 1.0], [10.0, 7.0], [0.0, 1.0], [10.0, 9.5])]
+    trained = type("Trained", (), {"policy": lambda _self, run: sides[run]})()
+    monkeypatch.setattr(runs, "learn", lambda *_inputs: trained)
+    monkeypatch.setattr(runs.Source, "score", lambda _self, act: float(act(np.zeros((1, 4)))[0]))
+    source = runs.Source("CartPole", "rows", 1, 2, 50_000_000, 1, 0)
+    training = runs.Training(source, "cloning", (5, 6), 1)
+    runs.train_and_score(training, tmp_path, {}, lambda _share: None)
+    rows = read_json(tmp_path / runs.ROWS)
+    assert [(one["set"], one["seed"]) for one in rows] == [
+        (number, seed) for number in (0, 1) for seed in ("5", "6", "ensemble")
+    ]
+    # Advantages ±0.5 of the first, ±1.5 and ±0.25 of the second: the ensembles take 0, then 1.
+    assert [one["mean_return"] for one in rows] == [1.0, 0.0, 0.0, 1.0, 0.0, 1.0]

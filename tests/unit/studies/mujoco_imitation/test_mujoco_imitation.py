@@ -8,18 +8,15 @@ import pytest
 from socialiq.errors import UserError
 from socialiq_lab.study import Context
 from studies.mujoco_imitation import plan, study
-from studies.mujoco_imitation.methods import (
-    CHOSEN,
-    LONGER,
-    METHODS,
-    VARIANTS,
-    WITHOUT_FORCES,
-    method_of,
-)
 from studies.mujoco_imitation.plan import Config
-from studies.mujoco_imitation.runs import Imitation, settled
+from studies.mujoco_imitation.runs import METHODS, RECIPES, VARIANTS, Imitation, settled
 from studies.mujoco_imitation.tasks import TASKS
 
+CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
+LONGER = "online, standardised, 300,000 updates"
+WITHOUT_FORCES = "online, standardised, temperature 0.3, 300,000 updates, no contact forces"
+
+KEY = ("task", "method", "trajectories", "seed")
 SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
 N_HOPPER = sum(method.forces for method in METHODS.values())
 """Methods of a task without contact forces."""
@@ -56,7 +53,7 @@ def folder(tmp_path):
         run("cloning", 1, 80.0, 40.0),
         run("regression", 0, 20.0),
     ):
-        (place / plan.name_of(plan.key_of(one))).write_text(json.dumps(one))
+        (place / plan.name_of(*(one[key] for key in KEY))).write_text(json.dumps(one))
     return str(tmp_path / "results")
 
 
@@ -80,8 +77,9 @@ def test_each_job_stands_after_its_inputs() -> None:
 
 def test_what_is_there_is_not_planned_again(folder) -> None:
     jobs = plan.plan(Config(**SMALL, pieces=folder))
-    (expert,) = (job for job in jobs if job.stage == "expert")
-    assert isinstance(expert.config, plan.Kept)
+    assert all(job.stage != "expert" for job in jobs)
+    shown = [job for job in jobs if job.stage == "shown"]
+    assert {(job.config.pieces, job.inputs) for job in shown} == {(folder, ())}
     seeds = {
         (job.config.method, job.config.trajectories): job.config.seeds
         for job in jobs
@@ -94,16 +92,20 @@ def test_what_is_there_is_not_planned_again(folder) -> None:
     assert left == [] == plan.plan(Config(**SMALL, pieces=folder, new=False))
 
 
-def test_an_expert_is_kept_only_if_it_is_the_planned_one(folder, tmp_path) -> None:
-    jobs = plan.plan(Config(**SMALL, pieces=folder))
-    target = tmp_path / "job"
-    target.mkdir()
-    plan.keep(jobs[0].config, target, {}, lambda _share: None)
-    assert (target / "expert.safetensors").read_bytes() == b"weights"
-    place = tmp_path / "results" / "pieces" / "Hopper_expert.safetensors"
-    place.write_bytes(b"others")
+def test_an_expert_shows_episodes_only_if_it_is_the_planned_one(
+    folder, tmp_path, monkeypatch
+) -> None:
+    job = next(job for job in plan.plan(Config(**SMALL, pieces=folder)) if job.stage == "shown")
+    read = []
+    monkeypatch.setattr(plan.ActorPolicy, "load", read.append)
+    monkeypatch.setattr(plan, "played", lambda *_inputs: None)
+    monkeypatch.setattr(plan.files, "save", lambda *_inputs: None)
+    plan.show(job.config, tmp_path, {}, lambda _share: None)
+    expert = tmp_path / "results" / "pieces" / "Hopper_expert.safetensors"
+    assert read == [expert]
+    expert.write_bytes(b"others")
     with pytest.raises(UserError, match="has changed since the study began"):
-        plan.keep(jobs[0].config, target, {}, lambda _share: None)
+        plan.show(job.config, tmp_path, {}, lambda _share: None)
 
 
 def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:
@@ -154,7 +156,7 @@ def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
 
 def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
     newer = run("online, of a later version", 0, 1.0)
-    name = plan.name_of(plan.key_of(newer))
+    name = plan.name_of(*(newer[key] for key in KEY))
     (tmp_path / "results" / "pieces" / name).write_text(json.dumps(newer))
     with pytest.raises(UserError, match="is of online, of a later version on Hopper, which is unk"):
         plan.committed(folder)
@@ -163,7 +165,7 @@ def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
 def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
     def updates(method: str, given: int) -> int:
         run = Imitation("Hopper", method, 1, (0,), given, 1, 0)
-        return settled(run, TASKS["Hopper"]).static.updates
+        return settled(run).static.updates
 
     assert updates("online", 0) == TASKS["Hopper"].online_updates
     assert updates("cloning", 0) == METHODS["cloning"].static.updates
@@ -192,17 +194,18 @@ def test_standardised_methods_are_the_only_ones_with_standardised_observations()
 def test_contact_forces_are_left_out_alone_beside_what_the_name_says() -> None:
     chosen = METHODS[WITHOUT_FORCES]
     numbers = dataclasses.replace(METHODS[LONGER].numbers, temperature=0.3)
-    assert chosen == dataclasses.replace(METHODS[LONGER], numbers=numbers, forces=False)
+    blind = {"clone": "cloning, standardised, no contact forces", "forces": False}
+    assert chosen == dataclasses.replace(METHODS[LONGER], numbers=numbers, **blind)
     for kind in ("offline", "cloning"):
         base = METHODS[f"{kind}, standardised"]
         blind = METHODS[f"{kind}, standardised, no contact forces"]
-        assert blind == dataclasses.replace(base, forces=False)
+        assert blind == dataclasses.replace(base, clone=blind.clone, forces=False)
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
-    base, changed = METHODS["online"], method_of("temperature 0.1")
+    base, changed = METHODS["online"], RECIPES["temperature 0.1"]
     assert changed.static == base.static and changed.numbers.temperature == 0.1
-    assert method_of("absorbing states").absorbing and not base.absorbing
+    assert RECIPES["absorbing states"].absorbing and not base.absorbing
 
 
 @pytest.mark.parametrize(

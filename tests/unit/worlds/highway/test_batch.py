@@ -10,8 +10,8 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.environment import is_environment, make_environment, sizes
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import FASTER, IDLE, LANE_LEFT, SCENES, SLOWER
-from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.highway.world import world_of
 
 NAMES = list(SCENES)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq.worlds.highway.state import ANNOTATE, Buffers, Contact
+from socialiq.worlds.highway.options import ANNOTATE, Buffers, Contact
 from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of, settings_of
 from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.world import Decisions

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.options import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS
-from socialiq.worlds.highway.render import weight_of
 from socialiq.worlds.intersection.options import VEHICLE, Options
 from socialiq.worlds.intersection.world import Batch
 
@@ -99,7 +98,8 @@ def test_rewards_are_the_weighted_sums_of_their_signals(changes, drive):
     active = dict.fromkeys(SIGNALS, 0)
     for _, made in drive(options, 48, 40):
         for names, reward in zip((ENV_SIGNALS, SOCIAL_SIGNALS), made.rewards, strict=True):
-            expected = sum(weight_of(options, name) * made.signals[name] for name in names)
+            weights = {name: getattr(options, f"{name}_weight") for name in names}
+            expected = sum(weights[name] * made.signals[name] for name in names)
             np.testing.assert_allclose(reward, expected, rtol=1e-12, atol=1e-12)
         crashed = made.ending == Ending.COLLISION
         np.testing.assert_array_equal(made.signals["collision"], crashed)

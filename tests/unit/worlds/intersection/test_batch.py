@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
 

@@ -9,7 +9,7 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import IDS
 from socialiq.worlds.gym import RoadEnv, RoadVectorEnv
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 
 SIZE, STEPS = 5, 200
 ANGLE = 30.0

@@ -10,8 +10,7 @@ import pytest
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import SIGNALS, Contact
 from socialiq.worlds.intersection.core.geometry import LEFT
 from socialiq.worlds.intersection.options import Options
 

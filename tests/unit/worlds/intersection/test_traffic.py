@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.world import Batch

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -12,12 +14,9 @@ import tyro
 from socialiq import results_folder as store
 from socialiq.cli.output import Display, Printing, complain, print_json, print_table
 from socialiq.errors import UserError
-from socialiq.results_folder import Results
 from socialiq.storage import write_atomically
-from socialiq.types import Row
 from socialiq_lab.engine import Engine, run_jobs
 from socialiq_lab.jobs import do, fingerprints, job_environment, open_jobs
-from socialiq_lab.slurm import array_script
 from socialiq_lab.sweep.plan import Plan, read_plan
 from socialiq_lab.sweep.runs import results_of
 
@@ -70,9 +69,14 @@ class Sweep(Printing):
         store.save(results, self.out, {}, self.replace)
         if self.json:
             print_json({"out": str(self.out)} | results.summary)
-        else:
-            print_table(summary_rows(results))
-            print_failures(results)
+        else:  # what fits a screen: the settings that differ, and what came out
+            rows = results.tables["runs"]
+            names = list(rows[0])
+            columns = [name for name in names[: names.index("policy")] if name != "data"]
+            columns += [name for name in ("loss", *OUTCOMES) if name in names]
+            print_table([{name: row[name] for name in columns} for row in rows])
+            for line in dict.fromkeys(row["failure"] for row in rows if row["failure"]):
+                complain(line)
         return 1 if results.summary["failures"] else 0
 
     def do_one(self, plan: Plan, work: Path) -> int:
@@ -94,13 +98,14 @@ class Sweep(Printing):
         words = [sys.executable, "-m", "socialiq", "sweep", str(self.file.absolute())]
         words += ["--out", str(self.out.absolute()), "--work", str(work)]
         words += ["--allow-code"] if self.allow_code else []
-        text = array_script([*words, "--task"], numbers, work, job_environment(work))
         try:
             work.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(f"cannot make {work}: {error.strerror}; choose another") from error
         script = work / "sweep.sh"
-        write_atomically(script, text)
+        write_atomically(
+            script, array_script([*words, "--task"], numbers, work, job_environment(work))
+        )
         sys.stdout.write(
             f"sbatch {script}\n"
             "then, when its tasks have ended, this command without --slurm writes the results\n"
@@ -108,17 +113,36 @@ class Sweep(Printing):
         return 0
 
 
-def summary_rows(results: Results) -> list[Row]:
-    """Rows of the table that fit a screen: settings that differ, and what came out."""
-    rows = results.tables["runs"]
-    names = list(rows[0])
-    selected = [name for name in names[: names.index("policy")] if name != "data"]
-    selected += [name for name in ("loss", *OUTCOMES) if name in names]
-    return [{name: row[name] for name in selected} for row in rows]
+def array_script(
+    command: Sequence[str], numbers: Sequence[int], work: Path, environment: Mapping[str, str]
+) -> str:
+    """Return the text of a Slurm array script.
+
+    Args:
+        command: Words of the command that runs a job, without its number, which comes last.
+        numbers: Numbers of the jobs that are not finished.
+        work: Folder of all jobs' folders; the tasks' logs are written there.
+        environment: Environment variables of the tasks.
+    """
+    lines = [
+        "#!/bin/bash",
+        "#SBATCH --job-name=socialiq-sweep",
+        f"#SBATCH --array={ranges(numbers)}",
+        "#SBATCH --cpus-per-task=1",
+        f"#SBATCH --output={str(work).replace('%', '%%')}/slurm-%a.log",
+        "# A task whose job is finished ends at once, so the script may be submitted again.",
+        *(f"export {name}={shlex.quote(value)}" for name, value in environment.items()),
+        f'exec {shlex.join(command)} "$SLURM_ARRAY_TASK_ID"',
+    ]
+    return "\n".join(lines) + "\n"
 
 
-def print_failures(results: Results) -> None:
-    """Print a line for every run that stopped early, on standard error."""
-    for line in dict.fromkeys(row["failure"] for row in results.tables["runs"]):
-        if line:
-            complain(line)
+def ranges(numbers: Sequence[int]) -> str:
+    """Return increasing numbers as Slurm writes them: 0-3,5."""
+    script: list[list[int]] = []
+    for number in numbers:
+        if script and number == script[-1][1] + 1:
+            script[-1][1] = number
+        else:
+            script.append([number, number])
+    return ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in script)

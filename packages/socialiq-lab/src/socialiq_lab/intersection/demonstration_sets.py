@@ -9,14 +9,11 @@ from pathlib import Path
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.rollout import record
-from socialiq.nn.actor_policy import ActorPolicy
-from socialiq.nn.q_policy import QPolicy, ValuePolicy
+from socialiq.evaluation.rollout import MODES, record
 from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq_lab.intersection.driving import BATCH, BEST, EpisodesRun
+from socialiq_lab.intersection.driving import BATCH, Driving, drivers_of
 from socialiq_lab.jobs import Job, ProgressCallback
 
 DEMONSTRATIONS = "demonstrations/experts"
@@ -28,35 +25,35 @@ MIXTURE, SIZE = "equal_transitions", 15_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording(EpisodesRun):
+class Recording(Driving):
     """Greedy episodes of each of the three experts, on seeds of their own."""
 
     episodes: int = RECORDED_EPISODES
     first_seed: int = 10_000_000
+    sha256: tuple[str, ...] = ()
+    """SHA-256 of the experts of the atlas; none for experts that the inputs hold."""
 
 
-def record_demonstrations(
+def record_experts(
     config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Record trained experts, given in the order of the modes."""
-    experts = [QPolicy.load(trained / BEST) for trained in inputs.values()]
-    record_experts(dict(zip(MODES, experts, strict=True)), config, folder, on_progress)
+    """Write the transitions of each expert, and their classical rewards row for row.
 
-
-@dataclass(frozen=True, kw_only=True)
-class AtlasRecording(Recording):
-    """Greedy episodes of the three experts of the atlas."""
-
-    sha256: tuple[str, ...]
-    """SHA-256 of the experts: another atlas gives other demonstrations."""
-
-
-def record_atlas(
-    config: AtlasRecording, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Record the experts of the atlas, as the intersection study does with those it trains."""
-    experts = {mode: atlas.load(f"expert_{mode}") for mode in MODES}
-    record_experts(experts, config, folder, on_progress)
+    The inputs' files are the experts in the order of the modes; without inputs it is the atlas.
+    """
+    experts = [
+        driver
+        for name, trained in inputs.items()
+        for driver in drivers_of(config, {name: trained}).values()
+    ] or [atlas.load(f"expert_{mode}") for mode in MODES]
+    for number, (mode, policy) in enumerate(zip(MODES, experts, strict=True)):
+        source = {"world": Intersection(config.options).description, "expert": policy.provenance}
+        seeds = config.seeds + number * config.episodes
+        recorded = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
+        files.save(folder / f"{mode}.safetensors", recorded.transitions)
+        classical = {"own": recorded.classical.env, "others": recorded.classical.social}
+        save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
+        on_progress((number + 1) / len(experts))
 
 
 def atlas_demonstrations(episodes: int) -> Job:
@@ -67,25 +64,8 @@ def atlas_demonstrations(episodes: int) -> Job:
     """
     entries = atlas.manifest()
     sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
-    run = AtlasRecording(episodes=episodes, sha256=sha256)
-    return Job(DEMONSTRATIONS, record_atlas, run, cost=20.0)
-
-
-def record_experts(
-    experts: Mapping[str, ValuePolicy | ActorPolicy],
-    config: Recording,
-    folder: Path,
-    on_progress: ProgressCallback,
-) -> None:
-    """Write the transitions of each expert, and their classical rewards row for row."""
-    for number, (mode, policy) in enumerate(experts.items()):
-        source = {"world": Intersection(config.options).description, "expert": policy.provenance}
-        seeds = config.seeds + number * config.episodes
-        recorded = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
-        files.save(folder / f"{mode}.safetensors", recorded.transitions)
-        classical = {"own": recorded.classical.env, "others": recorded.classical.social}
-        save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
-        on_progress((number + 1) / len(experts))
+    recording = Recording(episodes=episodes, sha256=sha256)
+    return Job(DEMONSTRATIONS, record_experts, recording, cost=20.0)
 
 
 def mixture_of(recordings: Path, mixture: str, size: int, seed: int) -> Demonstrations:

@@ -1,54 +1,86 @@
-"""Rows of the studies' tables, from episodes of the intersection and from the jobs' folders."""
+"""Rows of tables and files of the atlas, from the folders of the intersection's jobs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from socialiq import results_folder as store
-from socialiq.evaluation.episode_rows import OUTCOMES, REWARDS, policy_row
-from socialiq.evaluation.episodes import Episodes
+import numpy as np
+
+from socialiq.evaluation.episodes import OUTCOMES, Episodes, policy_row
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.nn.ensemble import EnsemblePolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import from_csv
 from socialiq.social.angle import exact_weights
-from socialiq.storage import packaged_results, read_json
+from socialiq.storage import read_json
+from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq_lab.intersection.driving import CURVE, EPISODES, load_episodes
+from socialiq.worlds.intersection import atlas
+from socialiq_lab.intersection.driving import episodes_at, load_episodes
+from socialiq_lab.intersection.training import CURVE
 from socialiq_lab.jobs import RECORD, Job
 
-SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
-
-_RATES = tuple(f"{kind}{end}" for kind in OUTCOMES for end in ("", "_low", "_high"))
 _DEPTH = {"learners": 3, "highway": 1, "connected": 1}  # parts of a name that make a kind of job
+_IN_ATLAS = (
+    "episodes", "collision", "arrival", "timeout", "speed_kmh", "stopped",
+    "r_env", "r_social", "angle",
+)  # fmt: skip
 
 PolicyEpisodes = dict[tuple[str, str], Episodes]
 """Episodes by policy, which is the folder of its job or "drivers/NAME", and by readout."""
 
 
 def evaluated(jobs: Sequence[Job], work: Path) -> PolicyEpisodes:
-    """Load the episodes of every evaluation."""
+    """Load the episodes of every evaluation of one policy; lookahead is greedy."""
     return {
-        (job.name.removeprefix("evaluation/"), readout): load_episodes(
-            work / job.name / f"{readout}.safetensors"
+        (job.name.removeprefix("evaluation/"), cell if isinstance(cell, str) else "greedy"): (
+            load_episodes(episodes_at(work / job.name, job.config.driver, cell))
         )
         for job in jobs
         if job.stage == "evaluation"
-        for readout in job.config.readouts
+        for cell in job.config.angles or job.config.readouts
     }
 
 
-def policy_rows(episodes: PolicyEpisodes) -> dict[tuple[str, str], Row]:
-    """Return the row of each policy."""
-    return {key: policy_row(*key, played) for key, played in episodes.items()}
+def value_at(row: Row, angle: float) -> float:
+    """Return J(α) of a policy's mean totals (Eq 4.3)."""
+    direction = exact_weights(angle)
+    return direction.env * row["r_env"] + direction.social * row["r_social"]
+
+
+def valued(label: Row, file: Path, angle: float) -> Row:
+    """Return a label, J(α) at an angle and the metrics of a file of episodes."""
+    row = policy_row("", "greedy", load_episodes(file))
+    metrics = {name: row[name] for name in row if name not in ("policy", "readout")}
+    return label | {"value": value_at(row, angle)} | metrics
+
+
+def points_of(rows: Sequence[Row]) -> np.ndarray:
+    """Return the mean totals of policies, (policy, 2)."""
+    return np.array([(row["r_env"], row["r_social"]) for row in rows])
+
+
+def backward_steps(rows: Sequence[Row]) -> Row:
+    """Return the largest rise of r_env and drop of r_social between successive angles."""
+    turns = np.diff(points_of(rows), axis=0)
+    return {
+        "rise_r_env": float(turns[:, 0].max(initial=0.0)),
+        "drop_r_social": float((-turns[:, 1]).max(initial=0.0)),
+    }
 
 
 def curves(
     jobs: Sequence[Job],
     work: Path,
-    columns: Sequence[str] | None = ("updates", "loss", "total", *OUTCOMES),
+    columns: Sequence[str] = ("updates", "loss", "total", *OUTCOMES),
 ) -> list[Row]:
-    """Return the learning curve of every training run that was checked; None keeps all columns."""
+    """Return the learning curve of every training run that was checked."""
     return [
-        {"run": job.name} | {name: row[name] for name in columns or row}
+        {"run": job.name} | {name: row[name] for name in columns}
         for job in jobs
         if (work / job.name / CURVE).is_file()
         for row in from_csv(work / job.name / CURVE)
@@ -67,78 +99,37 @@ def times(jobs: Sequence[Job], work: Path) -> list[Row]:
     ]
 
 
-def connected(jobs: Sequence[Job], work: Path) -> list[Row]:
-    """Return outcomes of the atlas' policies with and without connected lanes.
+def atlas_files(
+    study: str,
+    world: str,
+    sources: Mapping[str, tuple[str, str]],
+    work: Path,
+    greedy: Mapping[str, Row],
+) -> dict[str, bytes]:
+    """Return the content of the atlas' files by path below the results folder.
 
-    With highway-env's intersection-v2 a driver also reacts to vehicles on the lane that follows
-    its own; before, it ignores a vehicle that has stopped just beyond the border.
+    Args:
+        study: Name of the study that made them.
+        world: Name of their world.
+        sources: Job of each policy and the file in its folder, by name in the atlas.
+        work: Folder of the jobs.
+        greedy: Metrics of each policy, by name in the atlas.
     """
-    rows: list[Row] = []
-    for job in jobs:
-        if job.stage == "connected":
-            (trained,) = job.inputs
-            folders = {"off": work / "evaluation" / trained, "on": work / job.name}
-            for name, folder in folders.items():
-                episodes = load_episodes(folder / "greedy.safetensors")
-                row = policy_row(trained, "greedy", episodes)
-                label = {"member": job.name.removeprefix("connected/"), "connected": name}
-                names = (*_RATES, "ego_struck", "ego_was_struck", *REWARDS)
-                rows.append(label | {key: row[key] for key in names})
-    return rows
-
-
-def highway(jobs: Sequence[Job], work: Path) -> list[Row]:
-    """Compare each policy's episodes on the real highway-env with those on the core."""
-    rows: list[Row] = []
-    for job in jobs:
-        if job.stage == "highway":
-            compared = from_csv(work / job.name / "compared.csv")
-            worst = ("max_deviation", "max_observation_deviation", "max_reward_deviation")
-            rows.append(
-                {"policy": job.name.removeprefix("highway/"), "episodes": len(compared)}
-                | {"steps": sum(row["steps"] for row in compared)}
-                | {"differing": sum(row["discrete_differences"] for row in compared)}
-                | {name: max(row[name] for row in compared) for name in worst}
-            )
-    return rows
-
-
-_STUDIES = ("intersection", "intersection-networks", "intersection-ahead", "intersection-dial")
-_ELSEWHERE = ("varied_drivers", "connected_lanes")
-"""Parts of the names of policies that were driven in other scenarios."""
-_TOTALS = ("r_env", "r_social")
-_FORESIGHT = "foresight"
-"""First part of the names of those that see the true future, and so are no policies."""
-
-
-def known_policies() -> list[Row]:
-    """Return study, policy, r_env and r_social of every policy on the 2,000 common episodes.
-
-    Experts, learners, rules, rollout policies, dials and agents; not those that see the true
-    future, and not those of other scenarios.
-
-    Raises:
-        UserError: If the results did not come with the package.
-    """
-    found: list[Row] = []
-    for study in _STUDIES:
-        for row in store.load(packaged_results() / study).tables["policies"]:
-            labels = _name(row).split("/")
-            here = labels[0] != _FORESIGHT and not set(_ELSEWHERE) & set(labels)
-            if here and row["episodes"] == EPISODES:
-                told = {"policy": _name(row), "readout": row.get("readout", "greedy")}
-                found.append({"study": study, **told} | {name: row[name] for name in _TOTALS})
-    return found
-
-
-def _name(row: Row) -> str:
-    """Return a policy's name; a dial's or an agent's has its family, seed and angle."""
-    if "policy" in row:
-        return row["policy"]
-    return f"{row['family']}/{row['seed']}/{row['asked']:g}"
-
-
-def value_at(row: Row, angle: float) -> float:
-    """Return J(α) of a policy's mean totals (Eq 4.3)."""
-    direction = exact_weights(angle)
-    return direction.env * row["r_env"] + direction.social * row["r_social"]
+    contents: dict[str, bytes] = {}
+    entries: dict[str, Any] = {}
+    for name, (job, policy) in sources.items():
+        source, file = work / job / policy, f"{name}.safetensors"
+        contents[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
+        record = read_json(work / job / RECORD)
+        entries[name] = {
+            "file": file,
+            "sha256": load_one_of(source, (EnsemblePolicy, ActorPolicy, QPolicy)).sha256,
+            "made_by": f"socialiq reproduce {study}",
+            "job": job,
+            "config": record["config"],
+            "inputs": record["inputs"],
+            "greedy": {key: greedy[name][key] for key in _IN_ATLAS},
+        }
+    manifest = {"kind": "atlas", "version": 1, "world": world, "policies": entries}
+    text = json.dumps(rounded(manifest), indent=2) + "\n"
+    return contents | {f"{atlas.FOLDER}/{atlas.MANIFEST}": text.encode()}

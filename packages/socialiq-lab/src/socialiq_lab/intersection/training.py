@@ -1,4 +1,4 @@
-"""Training jobs of the intersection: experts, learners and dials; each fills a folder.
+"""Training jobs of the intersection: experts, learners, dials and clones; each fills a folder.
 
 A job is called in a process of its own, so everything that it depends on is in its configuration,
 of which its fingerprint is made (`socialiq_lab.jobs`).
@@ -7,6 +7,7 @@ of which its fingerprint is made (`socialiq_lab.jobs`).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,45 +16,35 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.road_training import (
-    CHUNK,
-    MEASURES,
-    STEPS_PER_UPDATE,
-    Checks,
-    Monitor,
-    dial_collector,
-    dial_labeller,
-    observes_time,
-    sizes_of,
-    soft_collector,
-    source_of,
-)
-from socialiq.learners import dqn
+from socialiq.errors import UserError
+from socialiq.evaluation import road_training as road
+from socialiq.evaluation.road_training import Checks
+from socialiq.evaluation.rollout import MODES
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import dqn, policy_iteration
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config as dial
+from socialiq.learners.dial import offline
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
-from socialiq.learners.policy_iteration import dial as dial_iteration
-from socialiq.learners.policy_iteration import train as one_angle
-from socialiq.learners.state import History
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
-from socialiq.types import Policy, Row
+from socialiq.types import Row
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
-from socialiq_lab.intersection.driving import BEST, CURVE, DIAL, LAST
+from socialiq_lab.intersection.driving import BEST, DIAL, LAST
 from socialiq_lab.jobs import ProgressCallback
 
 CHECKPOINT = "checkpoint.safetensors"
+CURVE = "curve.csv"
+"""File of a training job's learning curve."""
 
 
 def fit(
@@ -61,7 +52,7 @@ def fit(
     folder: Path,
     on_progress: ProgressCallback,
     files: Sequence[str],
-    monitor: Monitor | None = None,
+    monitor: road.Monitor | None = None,
 ) -> None:
     """Train, from the checkpoint of an interrupted try if there is one, and write the outcome.
 
@@ -70,7 +61,7 @@ def fit(
         folder: Folder to fill.
         on_progress: Called with the share that is done.
         files: Name of the file of each run's policy.
-        monitor: Measures for the learning curve; none is written without it.
+        monitor: Measures for the learning curve of the first run; none is written without it.
     """
     checkpoint = folder / CHECKPOINT
     callbacks = Callbacks(
@@ -79,22 +70,24 @@ def fit(
         checkpoint,
         checkpoint.is_file(),
     )
-    trained = train(callbacks=callbacks, chunk=CHUNK)
-    for run, file in enumerate(files):
-        trained.policy(run).save(folder / file)
+    trained = train(callbacks=callbacks, chunk=road.CHUNK)
+    _save(trained, folder, files)
     if monitor is not None:
-        write_atomically(folder / CURVE, as_csv(curve_rows(trained.history)))
+        history = trained.history
+        curves = {name: history.array(name)[:, 0] for name in history.values}
+        rows: list[Row] = [
+            {"updates": updates} | {name: rounded(float(curves[name][i])) for name in curves}
+            for i, updates in enumerate(history.updates)
+            if np.isfinite(curves["total"][i])
+        ]
+        write_atomically(folder / CURVE, as_csv(rows))
     checkpoint.unlink(missing_ok=True)
 
 
-def curve_rows(history: History) -> list[Row]:
-    """Return the checked points of the first run: updates, loss terms, measured values."""
-    arrays = {name: history.array(name)[:, 0] for name in history.values}
-    return [
-        {"updates": updates} | {name: rounded(float(array[i])) for name, array in arrays.items()}
-        for i, updates in enumerate(history.updates)
-        if np.isfinite(arrays["total"][i])
-    ]
+def _save(trained: Any, folder: Path, files: Sequence[str]) -> None:
+    for run, file in enumerate(files):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        trained.policy(run).save(folder / file)
 
 
 @dataclass(frozen=True)
@@ -112,26 +105,22 @@ def train_expert(
     config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write the last network of an expert, the best by checks, and the learning curve."""
-    structure, numbers = config.structure, config.numbers
+    structure, numbers, best = config.structure, config.numbers, folder / BEST
 
     def measure(state: Any, done: int) -> dict[str, float]:
         policy = dqn.policy_of(structure, numbers, network_of(state.network, 0))
         measures = config.checks.measured(config.options, policy, numbers.angle)
-        check = {"updates": done, "total": measures["total"], "episodes": config.checks.episodes}
-        _keep_best(policy, check, folder / BEST)
+        total = measures["total"]  # of two equal ones the earlier stays
+        if not best.is_file() or QPolicy.load(best).provenance["check"]["total"] < total:
+            check = {"updates": done, "total": total, "episodes": config.checks.episodes}
+            provenance = {**policy.provenance, "check": check}
+            dataclasses.replace(policy, provenance=provenance).save(best)
         return measures
 
-    source = source_of(config.options, config.environments, structure.steps_per_update)
-    train = partial(dqn.train, structure, [numbers], [source], sizes_of(config.options))
-    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
+    source = road.source_of(config.options, config.environments, structure.steps_per_update)
+    train = partial(dqn.train, structure, [numbers], [source], road.sizes_of(config.options))
+    monitor = config.checks.monitor(structure.updates, measure, *road.MEASURES)
     fit(train, folder, on_progress, [LAST], monitor)
-
-
-def _keep_best(policy: QPolicy, made: Row, file: Path) -> None:
-    """Write the policy if none was better; of two equal ones the earlier stays."""
-    if file.is_file() and QPolicy.load(file).provenance["check"]["total"] >= made["total"]:
-        return
-    dataclasses.replace(policy, provenance={**policy.provenance, "check": made}).save(file)
 
 
 @dataclass(frozen=True)
@@ -160,116 +149,86 @@ def train_learner(
         policy = QPolicy.of(network_of(state.network, 0), numbers.temperature, {})
         return config.checks.measured(config.options, policy, numbers.angle)
 
-    collector = None
-    if structure.online:
-        steps = structure.env_steps_per_update
-        collector = soft_collector(config.options, config.environments, steps, [numbers])
-    train = partial(train_iq, structure, [numbers], [data], before_chunk=collector)
-    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
+    train = partial(
+        train_iq, structure, [numbers], [data], before_chunk=_soft_collector(config, [numbers])
+    )
+    monitor = config.checks.monitor(structure.updates, measure, *road.MEASURES)
     fit(train, folder, on_progress, [LAST], monitor)
 
 
-DIAL_STRUCTURE = dial.DialConfig(
-    view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
-)
-"""Static config of dials and agents, without ranges and updates: network of the set experts."""
-
-DIAL_NUMBERS = dial.DialHyperparameters(
-    temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
-)
-"""Rates of the set experts; an intersection has no clock, hence their discount."""
+def _soft_collector(config: Any, runs: Sequence[iq.IQLearnHyperparameters]) -> Any:
+    """Return what collects the runs' own experience; None for offline ones."""
+    structure = config.structure
+    if not structure.online:
+        return None
+    steps = structure.env_steps_per_update
+    return road.soft_collector(config.options, config.environments, steps, runs)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DialRun:
-    """One dial, or an agent: a dial of one angle."""
+    """A dial that learns from a mixture of the three experts, or an agent: a dial of one angle."""
 
     structure: dial.DialConfig
     numbers: dial.DialHyperparameters
     size: int
     """Transitions of each expert."""
-    steps_per_update: int = STEPS_PER_UPDATE
+    steps_per_update: int = road.STEPS_PER_UPDATE
     environments: int = 12
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
     check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
     """Angles of a check, in degrees; of an agent its own."""
-
-    @property
-    def clock(self) -> bool:
-        """Whether the network sees the time: that is where times are redrawn."""
-        return self.structure.redraw_times > 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class MixtureDialRun(DialRun):
-    """A dial that learns from a mixture of the three experts' demonstrations."""
-
     mixture: str = MIXTURE
 
 
 def train_dial(
-    config: MixtureDialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write a dial and its learning curve, which is of J(α)."""
-    (recordings,) = inputs.values()
-    data = mixture_of(recordings, config.mixture, config.size, config.numbers.seed)
-    if config.clock:
-        data = data.with_clock()
-
-    def value(batch: Batch, policy: Policy, seeds: np.ndarray, angle: float) -> float:
-        return episodes_of(batch, policy, seeds).metrics().value(angle)
-
-    fit_dial(config, [data], value, folder, on_progress)
-
-
-def fit_dial(
-    config: DialRun,
-    data: Sequence[Demonstrations],
-    value: Callable[[Batch, Policy, np.ndarray, float], float],
-    folder: Path,
-    on_progress: ProgressCallback,
-) -> None:
-    """Train a dial on demonstrations and on the core; write it and its learning curve.
-
-    Args:
-        config: Configuration of the run.
-        data: Sets of demonstrations, if any.
-        value: Mean value of a policy's episodes on some seeds at an angle; a check measures its
-            mean over angles.
-        folder: Folder to fill.
-        on_progress: Called with the share that is done.
-    """
     structure, numbers = config.structure, config.numbers
+    clock = structure.redraw_times > 0  # the network sees the time where times are redrawn
+    (recordings,) = inputs.values()
+    data = mixture_of(recordings, config.mixture, config.size, numbers.seed)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(dial_training.deployed(state), 0)
-        policy = dial_training.dial_of(structure, numbers, network)
-        batch, seeds = config.checks.batch(config.options), config.checks.seeds
-        values = [value(batch, policy.at(angle), seeds, angle) for angle in config.check_angles]
-        return {"total": float(np.mean(values))}
+        return _mean_value(config, dial_training.dial_of(structure, numbers, network))
 
-    steps = config.steps_per_update
-    world = Intersection(config.options)
-    collector = dial_collector(structure, [numbers], world, config.environments, steps)
+    collector = road.dial_collector(
+        structure,
+        [numbers],
+        Intersection(config.options),
+        config.environments,
+        config.steps_per_update,
+    )
     train = partial(
         dial_training.train,
         structure,
         [numbers],
-        data,
-        sizes=sizes_of(config.options, config.clock),
+        [data.with_clock() if clock else data],
+        sizes=road.sizes_of(config.options, clock),
         before_chunk=collector,
     )
     monitor = config.checks.monitor(structure.updates, measure, "total")
     fit(train, folder, on_progress, [DIAL], monitor)
 
 
+def _mean_value(config: DialRun | DialIterationRun, policy: DialPolicy) -> dict[str, float]:
+    """Return the mean of J(α) over the angles of a check."""
+    values = [
+        config.checks.measured(config.options, policy.at(angle), angle)["total"]
+        for angle in config.check_angles
+    ]
+    return {"total": float(np.mean(values))}
+
+
 @dataclass(frozen=True)
 class DialIterationRun:
     """One run of direct policy iteration of a dial, which begins with the job's input."""
 
-    structure: dial_iteration.DialIterationConfig
-    numbers: one_angle.IterationHyperparameters
+    structure: policy_iteration.DialIterationConfig
+    numbers: policy_iteration.IterationHyperparameters
     environments: int = 256
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
@@ -286,26 +245,104 @@ def train_dial_by_iteration(
     """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
     (begun,) = inputs.values()
     start = DialPolicy.load(begun / DIAL)
-    clock = observes_time(start, config.options)
-    structure, numbers = dial_iteration.with_network_of(config.structure, start), config.numbers
+    clock = road.observes_time(start, config.options)
+    structure = policy_iteration.with_network_of(config.structure, start)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(state.target_network, 0)
-        policy = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
-        values = [
-            config.checks.measured(config.options, policy.at(angle), angle)["total"]
-            for angle in config.check_angles
-        ]
-        return {"total": float(np.mean(values))}
+        return _mean_value(config, DialPolicy.of(network, 1.0, structure.low, structure.high, {}))
 
-    labeller = dial_labeller(structure, config.options, config.environments, clock)
-    fitting = partial(
-        dial_iteration.train,
+    labeller = road.dial_labeller(structure, config.options, config.environments, clock)
+    train = partial(
+        policy_iteration.train,
         structure,
-        [numbers],
+        [config.numbers],
         [labeller],
-        sizes_of(config.options, clock),
+        road.sizes_of(config.options, clock),
         start=start,
     )
     monitor = config.checks.monitor(structure.updates, measure, "total")
-    fit(fitting, folder, on_progress, [DIAL], monitor)
+    fit(train, folder, on_progress, [DIAL], monitor)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MixtureRuns:
+    """Runs of a method in one program, each training seed with a mixture of its own.
+
+    Dials of offline learning, or for each angle clones, or IQ-Learn offline or online.
+    """
+
+    structure: dial.OfflineDialConfig | bc.CloningConfig | iq.IQLearnConfig
+    numbers: Any
+    """Hyperparameters without seed, angle and data set."""
+    seeds: tuple[int, ...]
+    size: int
+    """Transitions of each expert."""
+    angles: tuple[float, ...] = ()
+    """In degrees; none for dials."""
+    mixture: str = MIXTURE
+    nearest: bool = False
+    """Whether a clone sees the demonstrator of the nearest angle alone."""
+    environments: int = 12
+    options: Options = field(default_factory=Options)
+
+
+def run_file(seed: int, angle: float | None = None) -> str:
+    """Return the place of a run's policy below its job's folder; a dial has no angle."""
+    return f"{seed}/{DIAL}" if angle is None else f"{seed}/{angle:g}/{LAST}"
+
+
+def train_runs(
+    config: MixtureRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Train all runs and write their policies (`run_file`).
+
+    Raises:
+        UserError: If a run broke.
+    """
+    (recordings,) = inputs.values()
+    data = [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds]
+    structure, cells = config.structure, list(itertools.product(config.seeds, config.angles))
+    callbacks = Callbacks(lambda report: on_progress(report.done / report.total))
+    if isinstance(structure, dial.OfflineDialConfig):
+        numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
+
+        def of_stage(stage: str) -> Callbacks:
+            before = offline.STAGES.index(stage)
+            return Callbacks(
+                lambda report: on_progress(
+                    (before + report.done / report.total) / len(offline.STAGES)
+                )
+            )
+
+        dials = offline.train(structure, numbers, data, of_stage)["dial"]
+        _save(dials, folder, [run_file(seed) for seed in config.seeds])
+        return
+    if config.nearest:
+        data = [_of_the_nearest(data[config.seeds.index(seed)], angle) for seed, angle in cells]
+    runs = [
+        dataclasses.replace(
+            config.numbers,
+            seed=seed,
+            angle=angle,
+            dataset=run if config.nearest else config.seeds.index(seed),
+        )
+        for run, (seed, angle) in enumerate(cells)
+    ]
+    if isinstance(structure, bc.CloningConfig):
+        trained = bc.BehaviourCloning.train_on(structure, runs, data, callbacks)
+    else:
+        collector = _soft_collector(config, runs)
+        trained = train_iq(
+            structure, runs, data, callbacks=callbacks, chunk=road.CHUNK, before_chunk=collector
+        )
+    if trained.failures:
+        raise UserError(trained.failures[0])
+    _save(trained, folder, [run_file(seed, angle) for seed, angle in cells])
+
+
+def _of_the_nearest(data: Any, angle: float) -> Any:
+    """Return the episodes of the demonstrator whose angle is nearest."""
+    nearest = min(MODES, key=lambda mode: abs(MODES[mode] - angle))
+    number = data.mode_names.index(nearest)
+    return data.select(np.flatnonzero(np.asarray(data.episode_modes) == number))

@@ -13,8 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.learners.extensions import LEARNERS, find_learner
-from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.iq_learn.presets import PRESETS
+from socialiq.learners.iq_learn.config import PRESETS, Endings
 from socialiq.reading import read_toml, sha256_of_file
 from socialiq.worlds.registry import GRIDWORLDS
 from socialiq_lab.jobs import Job
@@ -29,17 +28,12 @@ MOST_RUNS = 100_000
 
 @dataclass(frozen=True)
 class Plan:
-    """A sweep that was read and found in order.
+    """A sweep that was read and found in order."""
 
-    Attributes:
-        file: The sweep file.
-        jobs: Each trains runs of one static config, world and data set in one program.
-        settings: Content of the file, for the record.
-    """
-
-    file: Path
+    file: Path  # the sweep file
     jobs: tuple[Job, ...]
-    settings: dict[str, Any]
+    """Each trains runs of one static config, world and data set in one program."""
+    settings: dict[str, Any]  # content of the file, for the record
 
 
 class _Entry(NamedTuple):
@@ -192,7 +186,8 @@ class _Reader:
         for name, value in table.items():
             key, hint = f"{where}.{name}", hints[name]
             is_tuple = typing.get_origin(hint) is tuple
-            several = [value] if is_tuple and not _nested(value) else _listed(value)
+            nested = isinstance(value, list) and any(isinstance(item, list) for item in value)
+            several = [value] if is_tuple and not nested else _listed(value)
             if not several:
                 raise self.error(key, "must have at least one value")
             values.append([_Entry(key, name, self.typed(key, item, hint)) for item in several])
@@ -269,7 +264,3 @@ def _with(base: Any, entries: Sequence[_Entry]) -> Any:
 
 def _listed(given: Any) -> list[Any]:
     return given if isinstance(given, list) else [given]
-
-
-def _nested(given: Any) -> bool:
-    return isinstance(given, list) and any(isinstance(item, list) for item in given)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,12 @@ from typing import Any
 import numpy as np
 
 from socialiq.demonstrations import files
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.evaluation.exact import READOUTS
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import READOUTS, Ground, Metrics
+from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import acting_in
 from socialiq.learners.extensions import find_learner
 from socialiq.learners.iq_learn.train import train
-from socialiq.learners.kernel import Trained
-from socialiq.learners.state import Runs
 from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import Results
 from socialiq.storage import read_json, write_json
@@ -83,9 +78,13 @@ def train_runs(
     data = files.load(path)
     ground = Ground.of(config.world) if config.world in GRIDWORLDS else None
     checkpoint = folder / "checkpoint.safetensors"
-    learner = None
+    learner = collector = None
     if config.learner:
         learner = find_learner(config.learner, "learner", config.allow_code)
+    if config.world and not ground:  # the experience of an environment outside JAX
+        sizes = (data.n_features, data.n_actions)
+        maker = environment_maker(config.world, sizes, config.allow_code)
+        collector = acting_in(maker, config.static, config.hyperparameters, CHUNK)
     trained = train(
         config.static,
         config.hyperparameters,
@@ -97,16 +96,20 @@ def train_runs(
             resume=checkpoint.is_file(),
         ),
         CHUNK,
-        _collector(config, data) if config.world and not ground else None,
+        collector,
         learner=learner,
     )
     rows = []
-    for run, one in enumerate(trained.hyperparameters):
-        policy = trained.policy(run)
+    for run, numbers in enumerate(trained.hyperparameters):
+        policy, name = trained.policy(run), trained.learner.run_name(numbers)
         policy.save(folder / f"policy_{run}.safetensors")
-        found = {"failure": _failure(trained, run)} | _last(trained, run)
-        exact = _exact(ground, policy, getattr(one, "angle", None)) if ground else [NOT_EXACT]
-        rows += [{"number": run} | found | row for row in exact]
+        failure = next((line for line in trained.failures if line.startswith(f"{name} ")), "")
+        row: Row = {"number": run, "failure": failure}
+        for term in trained.history.values:  # of the objective, over the last chunk
+            value = float(trained.history.array(term)[-1, run])
+            row[term] = value if math.isfinite(value) else np.nan
+        exact = _exact(ground, policy, getattr(numbers, "angle", None)) if ground else [NOT_EXACT]
+        rows += [row | metrics for metrics in exact]
     write_json(folder / ROWS, rounded(rows))
     checkpoint.unlink(missing_ok=True)
 
@@ -121,52 +124,41 @@ def _exact(ground: Ground, policy: QPolicy, angle: float | None) -> list[Row]:
     return rows
 
 
-def _collector(config: RunsConfig, data: Demonstrations) -> Callable[[Runs, int], Runs]:
-    """Bring in the experience of an environment outside JAX."""
-    given = (data.n_features, data.n_actions)
-    make = environment_maker(config.world, given, config.allow_code)
-    return acting_in(make, config.static, config.hyperparameters, CHUNK)
-
-
-def _failure(trained: Trained, run: int) -> str:
-    name = trained.learner.run_name(trained.hyperparameters[run])
-    return next((line for line in trained.failures if line.startswith(f"{name} ")), "")
-
-
-def _last(trained: Trained, run: int) -> dict[str, float]:
-    """Return the terms of the objective over the last chunk."""
-    history = trained.history
-    rows = {name: float(history.array(name)[-1, run]) for name in history.values}
-    return {name: value if math.isfinite(value) else np.nan for name, value in rows.items()}
-
-
 def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> Results:
     """Make the results of a sweep from the folders of its finished jobs.
 
     The table `runs` has one row for each run and readout: the settings that differ, the last
     terms of the objective and, in a gridworld, the exact metrics and the regret at the angle.
     """
-    varied = _varied([job.config for job in jobs])
+    observed: dict[str, set[Any]] = {}
+    for job in jobs:
+        for numbers in job.config.hyperparameters:
+            for name, value in (_flat(job.config.static) | dataclasses.asdict(numbers)).items():
+                observed.setdefault(name, set()).add(value)
+    always = ("angle", "strength", "seed")
+    varied = [name for name, values in observed.items() if len(values) > 1 or name in always]
     table: list[Row] = []
     policies: dict[str, bytes] = {}
-    failures, number = 0, 0
+    failures = 0
     for job in jobs:
         config: RunsConfig = job.config
         rows = read_json(work / job.name / ROWS)
-        for run, one in enumerate(config.hyperparameters):
-            name = f"policies/{number:05d}.safetensors"
+        for run, numbers in enumerate(config.hyperparameters):
+            name = f"policies/{len(policies):05d}.safetensors"
+            label: Row = {"run": len(policies), "world": config.world, "data": config.name}
             policies[name] = (work / job.name / f"policy_{run}.safetensors").read_bytes()
-            path = {"run": number, "world": config.world, "data": config.name}
-            flat = _flat(config.static) | dataclasses.asdict(one)
-            label = path | {_COLUMNS.get(key, key): _cell(flat[key]) for key in varied}
+            flat = _flat(config.static) | dataclasses.asdict(numbers)
+            for key in varied:
+                value = flat[key]
+                cell = " ".join(map(str, value)) if isinstance(value, tuple) else value
+                label[_COLUMNS.get(key, key)] = cell
             label["policy"] = name
             own = [row for row in rows if row["number"] == run]
             failures += bool(own[0]["failure"])
             table += [label | {k: v for k, v in row.items() if k != "number"} for row in own]
-            number += 1
     names = list(dict.fromkeys(name for row in table for name in row))
     table = [{name: row.get(name, "") for name in names} for row in table]
-    summary = {"jobs": len(jobs), "runs": number, "failures": failures}
+    summary = {"jobs": len(jobs), "runs": len(policies), "failures": failures}
     return Results.of("sweep", _Recorded(dict(settings)), {"runs": table}, summary, policies)
 
 
@@ -177,25 +169,8 @@ class _Recorded:
     file: dict[str, Any]
 
 
-def _varied(configs: Sequence[RunsConfig]) -> list[str]:
-    """Return names of the settings that differ between runs, angle, λ and seed always."""
-    observed: dict[str, set[Any]] = {}
-    for config in configs:
-        for name, value in _flat(config.static).items():
-            observed.setdefault(name, set()).add(value)
-        for row in config.hyperparameters:
-            for name, value in dataclasses.asdict(row).items():
-                observed.setdefault(name, set()).add(value)
-    always = ("angle", "strength", "seed")
-    return [name for name, values in observed.items() if len(values) > 1 or name in always]
-
-
 def _flat(static: Any) -> dict[str, Any]:
     """Return the fields of a static config, the treatment of each ending among them."""
     rows = {row.name: getattr(static, row.name) for row in dataclasses.fields(static)}
     endings = vars(rows.pop("endings")) if "endings" in rows else {}
     return rows | {f"endings.{name}": value for name, value in endings.items()}
-
-
-def _cell(value: Any) -> Any:
-    return " ".join(map(str, value)) if isinstance(value, tuple) else value

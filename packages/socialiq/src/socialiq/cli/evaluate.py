@@ -18,8 +18,8 @@ from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
 from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation import context, episode_rows, exact, parts, simulate
-from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
+from socialiq.evaluation import context, exact, parts, simulate
+from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of, policy_row
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorPolicy
@@ -175,7 +175,7 @@ class Evaluate(Printing):
             batch, policy = Batch(Options(), size), driver_of(name, self.seed)
             episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
         # With discrete actions the ego follows its lane.
-        row = episode_rows.policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
+        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         return method | {key: value for key, value in row.items() if key != "policy"}
 

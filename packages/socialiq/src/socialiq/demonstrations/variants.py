@@ -80,7 +80,7 @@ def with_images(data: Demonstrations, symmetry: Symmetry) -> Demonstrations:
 def with_absorbing_states(data: Demonstrations, stay: int = 1) -> Demonstrations:
     """Return the same episodes, with terminal states as absorbing ones (Kostrikov et al. 2019).
 
-    As `worlds.absorbing.AbsorbingStates` would have given them.
+    As `worlds.wrapper.AbsorbingStates` would have given them.
 
     Observations get a last number, 1 in the absorbing state, where the others are 0. A transition
     into a terminal state leads there, and rows in which it is not left follow, with the action

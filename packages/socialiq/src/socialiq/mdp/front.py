@@ -34,12 +34,10 @@ class AttainableSet:
     """Set of (E Σ r_env, E Σ r_social) of all time-aware randomised policies: a convex polygon.
 
     It may degenerate to a segment (two vertices) or a point (one vertex).
-
-    Attributes:
-        vertices: Extreme points, counter-clockwise, the best one for r_env first; each is
-            attained by a deterministic policy.
     """
 
+    # extreme points, counter-clockwise, the best one for r_env first; each is attained by a
+    # deterministic policy
     vertices: Float[np.ndarray, "vertex 2"]
 
     @property

@@ -27,23 +27,19 @@ class TabularMDP:
     effect on values. Time is not part of the MDP, so `Ending.TIMEOUT` does not occur;
     `mdp.horizon` adds a time limit.
 
-    Attributes:
-        successor: Index of the next state of each chance outcome.
-        probability: Probability of each outcome; sums to 1 for a state and action.
-        ending: `Ending` of each outcome, NONE where the episode continues.
-        rewards: Expected r_env and r_social, each of shape (state, action).
-        initial: Distribution of the first state.
-
     Raises:
         UserError: If shapes disagree, a number is not finite, an index is out of range, or
             probabilities are negative or do not sum to 1.
     """
 
+    # index of the next state of each chance outcome
     successor: Int[np.ndarray, "state action outcome"]
+    # probability of each outcome; sums to 1 for a state and action
     probability: Float[np.ndarray, "state action outcome"]
+    # `Ending` of each outcome, NONE where the episode continues
     ending: Int[np.ndarray, "state action outcome"]
-    rewards: RewardPair
-    initial: StateArray
+    rewards: RewardPair  # expected r_env and r_social, each of shape (state, action)
+    initial: StateArray  # distribution of the first state
 
     def __post_init__(self) -> None:
         shape = np.shape(self.successor)

@@ -65,17 +65,11 @@ Features = Mapping[str, Float64[np.ndarray, " row"]]
 
 @dataclass(frozen=True)
 class AngleRule:
-    """Angle as a function of the observation.
+    """Angle as a function of the observation."""
 
-    Attributes:
-        world: Name of the world whose features it reads.
-        default: Angle where no case holds, in degrees.
-        cases: Cases in their order: the first that holds counts.
-    """
-
-    world: str
-    default: Angle
-    cases: tuple[Case, ...] = ()
+    world: str  # name of the world whose features it reads
+    default: Angle  # angle where no case holds, in degrees
+    cases: tuple[Case, ...] = ()  # cases in their order: the first that holds counts
 
     @property
     def angles(self) -> tuple[Angle, ...]:

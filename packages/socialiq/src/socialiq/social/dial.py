@@ -77,13 +77,8 @@ def mixed_angle(
 ) -> Interval:
     """Return α̂ of a mixture from rollouts of its two policies, with a bootstrap interval.
 
-    Args:
-        first: Sums of (r_env, r_social) of each episode that the first policy drove.
-        second: Sums of each episode that the second policy drove.
-        share: Share of episodes that the second drives in the mixture.
-        seed: Seed of the resampling.
-        confidence: Level of the two-sided interval.
-        resamples: Number of bootstrap resamples.
+    Given are the sums of (r_env, r_social) of each policy's episodes, and the share of episodes
+    that the second drives in the mixture.
 
     Raises:
         UserError: If a policy has no episode.

@@ -56,13 +56,9 @@ def cumulative(
     episode: Int[np.ndarray, " transitions"],
     discount: float,
 ) -> Float[np.ndarray, " transitions"]:
-    """Return the targets of one kind for every episode of a table of transitions.
+    """Return the targets of one of `TARGET_KINDS` for every episode of a table of transitions.
 
-    Args:
-        kind: One of `TARGET_KINDS`.
-        rewards: r_env or r_social of each transition.
-        episode: Episode number of each transition; an episode's rows are adjacent and in order.
-        discount: γ_svo of Table C.1.
+    An episode's rows have its number, are adjacent and in order. The discount is γ_svo.
 
     Raises:
         UserError: If the kind is unknown.
@@ -91,11 +87,7 @@ def advantage(
 def mean_by_state(
     observation: Shaped[np.ndarray, "transitions feature"], returns: Column
 ) -> Column:
-    """Return V(s) of each transition: the mean of `returns` over equal observations.
-
-    Args:
-        observation: s; states are equal if all numbers of their observations are.
-        returns: Returns-to-go of one reward, in units of reward.
+    """Return V(s) of each transition: the mean of `returns`, to go, over equal observations.
 
     Raises:
         UserError: If no observation occurs twice: each V would be its own return, each A 0.

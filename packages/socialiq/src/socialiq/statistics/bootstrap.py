@@ -45,19 +45,15 @@ class Moments(NamedTuple):
 
     A resample draws whole episodes, the same for all references, so the common effect of a seed
     cancels, and the correlation of references is preserved.
-
-    Attributes:
-        episodes: Number of episodes.
-        mean: Mean gain (env, social) of each reference.
-        second: Mean squares and product of the centred gains: env², env social, social².
-        resampled_mean: Mean of the centred gains in each resample.
-        resampled_second: Second moments of the centred gains in each resample.
     """
 
-    episodes: int
-    mean: Float[np.ndarray, "reference 2"]
+    episodes: int  # number of episodes
+    mean: Float[np.ndarray, "reference 2"]  # mean gain (env, social) of each reference
+    # mean squares and product of the centred gains: env², env social, social²
     second: Float[np.ndarray, "reference 3"]
+    # mean of the centred gains in each resample
     resampled_mean: Float[np.ndarray, "resample reference 2"]
+    # second moments of the centred gains in each resample
     resampled_second: Float[np.ndarray, "resample reference 3"]
 
     @staticmethod

@@ -27,28 +27,19 @@ class Problem:
     scale is free. Uniformly drawn rows of episodes are an occupancy of a modified MDP
     (`theory.demonstrators`).
 
-    Attributes:
-        mdp: The dynamics.
-        demonstrated: ρ_E(s, a), the demonstrators' discounted occupancy.
-        target: T̄(s, a), the mean target of the prior, reward; read where ρ_E > 0 only.
-        strength: λ >= 0 of Eq 4.4.
-        discount: γ in [0, 1).
-        temperature: τ > 0 of Eq 2.5, in units of reward.
-        chi2_alpha: α_χ > 0 of Eq 2.7.
-        prior_weight: w >= 0 of Eq 4.5.
-
     Raises:
         UserError: If a number is out of range, or ρ_E is not an occupancy of the MDP.
     """
 
-    mdp: TabularMDP
-    demonstrated: StateActionArray
+    mdp: TabularMDP  # the dynamics
+    demonstrated: StateActionArray  # ρ_E(s, a), the demonstrators' discounted occupancy
+    # T̄(s, a), the mean target of the prior, reward; read where ρ_E > 0 only
     target: StateActionArray
-    strength: float = 1.0
-    discount: float = 0.99
-    temperature: float = 1.0
-    chi2_alpha: float = 0.5
-    prior_weight: float = 1.0
+    strength: float = 1.0  # λ >= 0 of Eq 4.4
+    discount: float = 0.99  # γ in [0, 1)
+    temperature: float = 1.0  # τ > 0 of Eq 2.5, in units of reward
+    chi2_alpha: float = 0.5  # α_χ > 0 of Eq 2.7
+    prior_weight: float = 1.0  # w >= 0 of Eq 4.5
 
     def __post_init__(self) -> None:
         for name in ("strength", "prior_weight"):

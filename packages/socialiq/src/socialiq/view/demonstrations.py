@@ -17,7 +17,7 @@ from socialiq.foreign import one_line
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.view import View
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE, Options
 from socialiq.worlds.intersection.world import Intersection
 

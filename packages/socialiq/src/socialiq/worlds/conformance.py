@@ -9,19 +9,16 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
-from socialiq.worlds.highway import Compared
 from socialiq.worlds.highway.core import drivers
-from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.options import FEATURES, RoadOptions
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
-from socialiq.worlds.highway.state import FEATURES
-from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.highway.world import RoadBatch, world_of
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import RulePolicy, policy
 from socialiq.worlds.intersection.world import Batch
@@ -36,32 +33,24 @@ except ImportError as error:
     ) from error
 
 
-class RealRoad(Protocol):
-    """One episode of highway-env, converted to the core's records."""
+class Compared(NamedTuple):
+    """Differences of one episode between core and highway-env."""
 
-    uncompared: frozenset[str]
-    """Fields of a record that it doesn't know."""
-
-    def reset(self, seed: int) -> np.ndarray:
-        """Start an episode, and return the observation."""
-        ...
-
-    def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
-        """Take the decision of which the core's results are given.
-
-        Returns:
-            The observation, whether the episode goes on or ends alike, and the greatest difference
-            of the rewards.
-        """
-        ...
-
-    def records(self) -> np.ndarray:
-        """Return the present vehicles and obstacles as records of the core."""
-        ...
+    seed: int  # seed of the episode
+    steps: int  # decisions compared; the comparison stops at the first discrete difference
+    # 1 if vehicles, their order, lanes, flags, ending or contact differ anywhere, else 0
+    discrete_differences: int
+    max_deviation: float  # greatest difference of any continuous field: m, rad, m/s, m/s²
+    max_observation_deviation: float  # greatest difference of any number of the observation
+    max_reward_deviation: float  # greatest difference of r_env or r_social
+    off_road: bool  # whether the ego was off the road after a decision
 
 
-def compare_episode(
-    core: RoadBatch, real: RealRoad, choose: Callable[[], np.ndarray], seed: int
+def _compare_episode(
+    core: RoadBatch,
+    real: RealScene | _RealIntersection,
+    choose: Callable[[], np.ndarray],
+    seed: int,
 ) -> Compared:
     """Run the episode of a seed on both sides, up to its end or the first discrete difference.
 
@@ -85,7 +74,7 @@ def compare_episode(
     return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
 
 
-def _compared(core: RoadBatch, real: RealRoad) -> tuple[bool, float]:
+def _compared(core: RoadBatch, real: RealScene | _RealIntersection) -> tuple[bool, float]:
     """Whether all discrete fields are equal, and the greatest difference of the others."""
     ours, theirs = core.buffers.vehicles[0], real.records()
     moving = slice(None)  # obstacles have neither drivers nor commands
@@ -105,9 +94,8 @@ def _compared(core: RoadBatch, real: RealRoad) -> tuple[bool, float]:
             continue
         with np.errstate(invalid="ignore"):  # infinite desired speeds
             apart = np.abs(values - expected)
-        worst = np.maximum(
-            worst, np.where((values == expected) | np.isnan(expected), 0.0, apart).max()
-        )
+        apart = np.where((values == expected) | np.isnan(expected), 0.0, apart)
+        worst = np.maximum(worst, apart.max())
     return True, float(worst)
 
 
@@ -120,14 +108,15 @@ class Driver(IDMVehicle):
 
 
 class RealScene:
-    """The real scene (`RealRoad`); `environment` is highway-env's own."""
+    """The real scene; `environment` is highway-env's own."""
 
-    uncompared = frozenset(
+    uncompared: frozenset[str] = frozenset(
         {
             "time_headway", "jam_distance", "max_acceleration", "comfort_deceleration",
             "route", "destination", "obstacle",
         }
     )  # fmt: skip
+    """Fields of a record that it doesn't know."""
 
     def __init__(self, scene: Scene, options: RoadOptions) -> None:
         module, name = scene.real.split(":")
@@ -158,7 +147,11 @@ class RealScene:
         return observation.reshape(-1)
 
     def step(self, action: int, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
-        """Take a decision, as `RealRoad.step`; highway-env has no end by arrival, nor rewards."""
+        """Take the decision of which the core's results are given.
+
+        Returns the observation, whether the episode goes on or ends alike (highway-env has no end
+        by arrival), and the greatest difference of the rewards, of which it has none.
+        """
         observation, _, terminated, _, _ = self.environment.step(int(action))
         goes_on = int(decisions.ending[0]) == Ending.NONE
         return observation.reshape(-1), not (terminated and goes_on), 0.0
@@ -219,11 +212,11 @@ def compare_scene(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
         choices = ((FASTER,), (IDLE, FASTER, SLOWER), range(LANE_LEFT, len(ACTIONS)))
         allowed = np.array(choices[min(number % 4, 2)])
         draw = partial(rng.choice, allowed, 1)
-        yield compare_episode(core, real, draw, seed + number)
+        yield _compare_episode(core, real, draw, seed + number)
 
 
 class _RealIntersection:
-    """The back end highway_env as one side of a comparison (`RealRoad`)."""
+    """The back end highway_env as one side of a comparison (`RealScene`)."""
 
     uncompared: frozenset[str] = frozenset()
 
@@ -260,23 +253,19 @@ def compare_intersection(
         raise UserError(f"episodes must be at least 1, got {episodes}")
     core, real = Batch(options, 1), _RealIntersection(options)
     for number in range(episodes):
-        choose = partial(_act, core, driver or _driver_of_turn(number % 4, seed + number, options))
-        yield compare_episode(core, real, choose, seed + number)
+        policy_of_ego = driver or _driver_of_turn(number % 4, seed + number, options)
 
+        def choose(policy_of_ego: Policy = policy_of_ego) -> np.ndarray:
+            return policy_of_ego.predict(core.seen_by(policy_of_ego))[0]
 
-def _act(core: Batch, driver: Policy) -> np.ndarray:
-    return driver.predict(core.seen_by(driver))[0]
+        yield _compare_episode(core, real, choose, seed + number)
 
 
 def _driver_of_turn(turn: int, seed: int, options: Options) -> Policy:
     if not options.continuous:
         return policy(("go", "idle", "wait", "random")[turn], seed)
-    least, steering, kind = (
-        (1.0, 0.0, np.float32),
-        (-0.3, 0.1, np.float32),
-        (-1.0, 0.1, np.float64),
-        (-1.0, 1.0, np.float32),
-    )[turn]  # least acceleration, most steering and type of the actions
+    least, steering = ((1.0, 0.0), (-0.3, 0.1), (-1.0, 0.1), (-1.0, 1.0))[turn]
+    kind = np.float64 if turn == 2 else np.float32
     low, high = np.array([least, -steering]), np.array([1.0, steering])
     low, high, rng = low[: options.width], high[: options.width], np.random.default_rng(seed)
     return RulePolicy(lambda seen: rng.uniform(low, high, (len(seen), len(low))).astype(kind))

@@ -1,7 +1,6 @@
 """crossing5, the deterministic 5x5 proof of concept (thesis 5.1.1).
 
-The ego goes or
-waits; the other road user drives on unless blocked.
+The ego goes or waits; the other road user drives on unless blocked.
 """
 
 from __future__ import annotations
@@ -25,18 +24,16 @@ class Options:
     The defaults give the thesis' three expert sequences.
     """
 
+    # Event that ends an episode before its 20 steps. The thesis names only the cap. With
+    # `ego_arrival` value iteration gives the published sequences GGGG, WGGGG and WWWWGGGG; with
+    # `both_arrived` the egoist takes a fifth step that has no effect.
     ends_on: Literal["ego_arrival", "both_arrived", "time_limit"] = "ego_arrival"
-    """Event that ends an episode before its 20 steps. The thesis names only the cap. With
-    `ego_arrival` value iteration gives the published sequences GGGG, WGGGG and WWWWGGGG;
-    with `both_arrived` the egoist takes a fifth step that has no effect."""
-
+    # Steps in which r_social's -1 is charged. If it never stopped, the altruist would hurry to end
+    # the episode (WGGGG), so the published WWWWGGGG needs the cost to stop.
     social_cost: Literal["until_other_arrives", "always"] = "until_other_arrives"
-    """Steps in which r_social's -1 is charged. If it never stopped, the altruist would hurry to
-    end the episode (WGGGG), so the published WWWWGGGG needs the cost to stop."""
-
+    # Whether +10 on arrival is added to that step's -1 or replaces it. No optimal sequence
+    # changes; the text's "and" reads as a sum.
     arrival: Literal["added", "override"] = "added"
-    """Whether +10 on arrival is added to that step's -1 or replaces it. No optimal sequence
-    changes; the text's "and" reads as a sum."""
 
 
 WAIT, GO = 0, 1
@@ -91,15 +88,12 @@ def places(state: Sequence[int]) -> list[Place]:
 def make(options: Options | None = None) -> GridWorld:
     """Build the 5x5 world with the given options."""
     chosen = options or Options()
+    ego = Feature("x_ego", 0, 5), Feature("y_ego", 2, 1)
+    other = Feature("x_other", 2, 1), Feature("y_other", 0, 5)
     return GridWorld(
         name="crossing5",
         options=chosen,
-        features=(
-            Feature("x_ego", 0, 5),
-            Feature("y_ego", 2, 1),
-            Feature("x_other", 2, 1),
-            Feature("y_other", 0, 5),
-        ),
+        features=(*ego, *other),
         actions=("Wait", "Go"),
         start=(((0, 2, 2, 0), 1.0),),
         chance=(1.0,),

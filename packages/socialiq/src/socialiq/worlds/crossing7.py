@@ -1,7 +1,6 @@
 """crossing7, the stochastic 7x7 intersection with reactive traffic (thesis 5.1.2).
 
-The ego chooses a
-speed; vehicles drive FAST and brake for the ego.
+The ego chooses a speed; vehicles drive FAST and brake for the ego.
 """
 
 from __future__ import annotations
@@ -28,45 +27,36 @@ class Options:
     effect of every other value.
     """
 
+    # Probability per step that an empty second slot is filled (given in 5.1.2).
     spawn_probability: float = 0.3
-    """Probability per step that an empty second slot is filled (given in 5.1.2)."""
-
+    # Whether a vehicle may spawn in the same step in which the second slot empties. The text says
+    # "per timestep when the slot is empty", so the slot must have been empty before.
     second_slot_refills: Literal["next_step", "same_step"] = "next_step"
-    """Whether a vehicle may spawn in the same step in which the second slot empties. The text
-    says "per timestep when the slot is empty", so the slot must have been empty before."""
-
+    # Whether the second slot is empty at reset or already filled with the spawn probability.
     second_slot_at_start: Literal["empty", "random"] = "empty"
-    """Whether the second slot is empty at reset or already filled with the spawn probability."""
-
+    # Whether the first slot is refilled in the step in which its vehicle leaves. "Always spawns"
+    # is interpreted as always present.
     first_slot: Literal["respawns", "once"] = "respawns"
-    """Whether the first slot is refilled in the step in which its vehicle leaves. "Always
-    spawns" is interpreted as always present."""
-
+    # Whether a road user that passes over the conflict cell within a step occupies it, or only a
+    # road user that stops there. Under `end_cell` a FAST ego (cells 0, 2, 4, 6) and a FAST vehicle
+    # never meet, so there would be no conflict.
     conflict: Literal["swept", "end_cell"] = "swept"
-    """Whether a road user that passes over the conflict cell within a step occupies it, or only
-    a road user that stops there. Under `end_cell` a FAST ego (cells 0, 2, 4, 6) and a FAST vehicle
-    never meet, so there would be no conflict."""
-
+    # Whether a vehicle brakes as far as it must in one step, or by one speed level at most.
     braking: Literal["at_once", "one_level"] = "at_once"
-    """Whether a vehicle brakes as far as it must in one step, or by one speed level at most."""
-
+    # Whether the arrival bonus replaces that step's r_env or adds to it. Section 4.1 calls
+    # collision and arrival terminal overrides.
     arrival: Literal["override", "added"] = "override"
-    """Whether the arrival bonus replaces that step's r_env or adds to it. Section 4.1 calls
-    collision and arrival terminal overrides."""
-
+    # Whether a forced complete stop costs at least 1.5 (1.0 a level, so 2.0 from FAST), or exactly
+    # 1.5. Only `at_least` gives the published -42 degrees.
     full_stop: Literal["at_least", "flat"] = "at_least"
-    """Whether a forced complete stop costs at least 1.5 (1.0 a level, so 2.0 from FAST), or
-    exactly 1.5. Only `at_least` gives the published -42 degrees."""
-
+    # Cells in which yielding is rewarded: the cell before the conflict cell, or also the conflict
+    # cell. `with_conflict` allows reward hacking: the ego stops on the conflict cell and is
+    # rewarded for the vehicles that it blocks.
     yield_zone: Literal["before_conflict", "with_conflict"] = "before_conflict"
-    """Cells in which yielding is rewarded: the cell before the conflict cell, or also the
-    conflict cell. `with_conflict` allows reward hacking: the ego stops on the conflict cell and
-    is rewarded for the vehicles that it blocks."""
-
+    # Whether SLOW earns (1 - v/v_max) = 1/2 of the yielding reward as in Eq 4.2, or all of it.
+    # From the cell before the conflict SLOW enters the conflict, so the option matters only with
+    # `yield_zone="with_conflict"`.
     slow_yield: Literal["half", "full"] = "half"
-    """Whether SLOW earns (1 - v/v_max) = 1/2 of the yielding reward as in Eq 4.2, or all of it.
-    From the cell before the conflict SLOW enters the conflict, so the option matters only with
-    `yield_zone="with_conflict"`."""
 
 
 STOP, SLOW, FAST = 0, 1, 2
@@ -201,28 +191,18 @@ def places(state: Sequence[int]) -> list[Place]:
 
 
 def make(options: Options | None = None) -> GridWorld:
-    """Build the 7x7 world with the given options.
-
-    Raises:
-        UserError: If the spawn probability is not in [0, 1].
-    """
+    """Build the 7x7 world with the given options; a probability must lie in [0, 1]."""
     chosen = options or Options()
     p = chosen.spawn_probability
     if not 0.0 <= p <= 1.0:
         raise UserError(f"spawn_probability {p:g} is not a probability: choose one in [0, 1]")
+    slots = [(Feature(f"y_{slot}", -1, 8), Feature(f"v_{slot}", 0, 3)) for slot in (1, 2)]
     empty, filled = (0, STOP, 0, FAST, ABSENT, STOP), (0, STOP, 0, FAST, 0, FAST)
     at_random = ((empty, 1.0 - p), (filled, p))
     return GridWorld(
         name="crossing7",
         options=chosen,
-        features=(
-            Feature("x_ego", 0, 7),
-            Feature("v_ego", 0, 3),
-            Feature("y_1", -1, 8),
-            Feature("v_1", 0, 3),
-            Feature("y_2", -1, 8),
-            Feature("v_2", 0, 3),
-        ),
+        features=(Feature("x_ego", 0, 7), Feature("v_ego", 0, 3), *slots[0], *slots[1]),
         actions=("STOP", "SLOW", "FAST"),
         start=at_random if chosen.second_slot_at_start == "random" else ((empty, 1.0),),
         chance=(1.0 - p, p),

@@ -21,7 +21,7 @@ from socialiq.social.angle import score, weights
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld, Outcome
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.world import observed_with_time, rows_of
 
 jax: Any = Later("jax")
@@ -45,9 +45,8 @@ class Table:
     ) -> Float32[np.ndarray, "row feature"]:
         """Return the observations of the states with these indices at these times."""
         features = self.states[state]
-        return (np.column_stack([features, time]) if self.world.clock else features).astype(
-            np.float32
-        )
+        seen = np.column_stack([features, time]) if self.world.clock else features
+        return seen.astype(np.float32)
 
     def reachable_part(self) -> Table:
         """Return the table restricted to the states that some policy can reach."""
@@ -63,9 +62,8 @@ def tabulate(world: GridWorld) -> Table:
     """
     states, outcome = world.states(), _outcomes(world)
     chance = np.asarray(world.chance, np.float64)
-    signals = {
-        name: np.asarray(value, np.float64) @ chance for name, value in outcome.signals.items()
-    }
+    shares = {name: np.asarray(value, np.float64) for name, value in outcome.signals.items()}
+    signals = {name: value @ chance for name, value in shares.items()}
     initial = np.zeros(len(states))
     for state, probability in world.start:
         initial[world.index(state)] += probability
@@ -142,13 +140,8 @@ class GridState(NamedTuple):
 class GridBatch:
     """Episodes of a gridworld side by side (`world.Batch`).
 
-    The seed of an episode determines its first state and every chance outcome; a generator in its
-    place is one source for all of them.
-
-    Args:
-        table: The world, or its reachable part.
-        size: Number of episodes.
-        shared: Generator of all draws; seeds are then ignored.
+    The seed of an episode determines its first state and every chance outcome; a shared generator
+    in its place is one source for all of them. The table may be that of the reachable part.
     """
 
     def __init__(self, table: Table, size: int, shared: np.random.Generator | None = None) -> None:
@@ -181,15 +174,12 @@ class GridBatch:
             if seeds is None:
                 raise UserError("every reset of a gridworld needs its seeds")
             for row, seed in zip(chosen, np.asarray(seeds).tolist(), strict=True):
-                self._fate[row] = self.fate_of(seed)
+                # Uniform numbers decide the first state and each outcome of an episode.
+                self._fate[row] = np.random.default_rng([_CHANCE, seed]).random(self._fate.shape[1])
             chances = np.broadcast_to(initial, (len(chosen), len(initial)))
             self.state[chosen] = _drawn(chances, self._fate[chosen, 0])
         self._time[chosen], self._waiting[chosen] = 0, False
         return self.observation
-
-    def fate_of(self, seed: int) -> Float[np.ndarray, " draw"]:
-        """Return the uniform numbers that decide the first state and each outcome of an episode."""
-        return np.random.default_rng([_CHANCE, seed]).random(self._fate.shape[1])
 
     def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> GridStep:
         """Take a step in some rows, all by default; there is no `auto_reset`, for want of seeds."""
@@ -319,12 +309,8 @@ def expert_policy(
     Ties go to the first action within a relative 1e-12, and cos 90° keeps its float64 residue:
     the 5x5 altruist of Fig 6.1 exists only because of both (docs/worlds/crossing5.md).
 
-    Args:
-        table: The world, with all its states.
-        angle: Social angle in degrees.
-        variant: Solve the world itself, or the variant without spawns, as the thesis does before
-            it rolls the experts out in the stochastic world. Rewards don't depend on spawns.
-        discount: γ of Table C.1.
+    It solves the world itself, or the variant without spawns, as the thesis does before it rolls
+    the experts out in the stochastic world. Rewards don't depend on spawns. γ is of Table C.1.
     """
     mdp = table.mdp
     if variant == "deterministic":  # the first chance outcome always occurs: no vehicle spawns

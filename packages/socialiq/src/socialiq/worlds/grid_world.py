@@ -88,14 +88,9 @@ class GridWorld(World):
     is_exact: ClassVar[bool] = True
 
     @property
-    def n_actions(self) -> int:
-        """Number of actions."""
-        return len(self.actions)
-
-    @property
     def action_space(self) -> spaces.Discrete:
         """Space of one action."""
-        return spaces.Discrete(self.n_actions)
+        return spaces.Discrete(len(self.actions))
 
     @property
     def observed(self) -> tuple[Feature, ...]:
@@ -149,10 +144,7 @@ class GridWorld(World):
         return high - low
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
-        """Return twice as many vehicles, or 0.3 a step; none where traffic is not an option.
-
-        0.3 replaces a doubling that would be the same traffic, or more than one vehicle a step.
-        """
+        """Return twice as many vehicles, or 0.3 a step where that is none or more than one."""
         usual = getattr(self.options, "spawn_probability", None)
         if usual is None:
             return {}

@@ -16,13 +16,11 @@ from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds import pictures, registry
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import Scene
-from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.highway.world import RoadWorld, world_of
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld, SceneWorld, world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.world import Decisions
 
 jax: Any = Later("jax")
 
@@ -35,12 +33,8 @@ class GridWorldEnv(gymnasium.Env):
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
     (r_env, r_social), `signals` (every named signal), `ending` (its name) and the ego's `speed`.
 
-    Args:
-        world: Name of the world.
-        angle: Social angle α in degrees of the scalar reward R(α).
-        render_mode: "rgb_array" or None.
-        clock: Whether observations end with the time.
-        options: Options of the world, as for `worlds.registry.make`.
+    The world is named, with options as for `worlds.registry.make`. With a clock observations end
+    with the time. The render mode is "rgb_array" or None.
 
     Raises:
         UserError: If the world or an option is unknown, or the angle is invalid.
@@ -68,9 +62,7 @@ class GridWorldEnv(gymnasium.Env):
         self._state, self._time = np.zeros(len(self.world.features), np.int32), 0
         self._rules: Any = None  # compiled at the first step
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         super().reset(seed=seed, options=options)
         chosen = self.np_random.choice(len(self.world.start), p=[p for _, p in self.world.start])
@@ -166,16 +158,14 @@ class RoadEnv(gymnasium.Env):
         **options: Any,
     ) -> None:
         self.world, self.batch = _road(scene, options, 1)
-        if not isinstance(self.world, Intersection):
+        if isinstance(self.world, SceneWorld):
             self.metadata = {**self.metadata, "render_fps": 1}
         self.render_mode, self._clock = render_mode, clock
         self._weights = weights(check_angle(angle))
         self.observation_space = _observations(self.world, clock)
         self.action_space = self.world.action_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start the episode that highway-env starts with this seed, or continue the stream."""
         super().reset(seed=seed, options=options)
         if seed is None and not self.batch.begun.all():
@@ -194,10 +184,12 @@ class RoadEnv(gymnasium.Env):
             "ending": Ending(ending).name.lower(),
             "speed": float(decisions.speed[0]),
             "contact": Contact(int(decisions.contact[0])).name.lower(),
-            "neighbours_collided": int(decisions.neighbours_collided[0]),
-            "classical": np.array([decisions.classical.env[0], decisions.classical.social[0]]),
-            "off_road": bool(decisions.off_road[0]),
         }
+        if len(decisions.off_road):  # a recorded junction doesn't report these
+            classical = decisions.classical
+            info["neighbours_collided"] = int(decisions.neighbours_collided[0])
+            info["classical"] = np.array([classical.env[0], classical.social[0]])
+            info["off_road"] = bool(decisions.off_road[0])
         reward = float(score(self._weights, decisions.rewards)[0])
         observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
@@ -219,14 +211,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     of `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
     reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
 
-    Args:
-        scene: As of `RoadEnv`.
-        num_envs: Number of episodes.
-        angle: Social angle α in degrees of the scalar reward R(α).
-        threads: Threads that share the episodes.
-        autoreset_mode: Gymnasium's, NEXT_STEP by default.
-        clock: As of `RoadEnv`.
-        options: As of `RoadEnv`.
+    The threads share the episodes; the other arguments are those of `RoadEnv` and Gymnasium's.
 
     Raises:
         UserError: If an option is unknown, or a number or the angle is invalid.
@@ -244,8 +229,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     ) -> None:
         self.world, self.batch = _road(scene, options, num_envs, threads)
         self.num_envs, self._clock = num_envs, clock
-        self.metadata = {"autoreset_mode": autoreset_mode}
-        self.autoreset_mode = autoreset_mode
+        self.metadata, self.autoreset_mode = {"autoreset_mode": autoreset_mode}, autoreset_mode
         self._weights = weights(check_angle(angle))
         self.single_observation_space = _observations(self.world, clock)
         self.single_action_space: gymnasium.Space[Any] = self.world.action_space
@@ -256,11 +240,9 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start episodes: row i with seed + i, or with its own seed from a list.
+        """Start episodes: row i with seed + i, or its own of a list; None continues the streams.
 
-        Args:
-            seed: One number, a list with a seed for each row, or None to continue the streams.
-            options: `reset_mask`, a Boolean for each row, selects the rows.
+        The option `reset_mask`, a Boolean for each row, selects the rows.
         """
         mask = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
@@ -287,7 +269,18 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         terminated = np.isin(decisions.ending, TERMINAL) & ~resetting
         truncated = (decisions.ending == int(Ending.TIMEOUT)) & ~resetting
         reward = np.where(resetting, 0.0, score(self._weights, decisions.rewards))
-        ended, info = terminated | truncated, _info(decisions, ~resetting)
+        ended = terminated | truncated
+        info: dict[str, Any] = {
+            "reward_pair": np.stack(decisions.rewards, axis=1),
+            "signals": dict(decisions.signals),
+            "ending": decisions.ending,
+            "speed": decisions.speed,
+            "contact": decisions.contact,
+            "neighbours_collided": decisions.neighbours_collided,
+            "classical": np.stack(decisions.classical, axis=1),
+            "off_road": decisions.off_road,
+        }
+        info |= {f"_{name}": ~resetting for name in info}
         if not same_step:
             self._ended = ended
         elif ended.any():
@@ -298,20 +291,6 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
             info |= {"final_obs": final, "_final_obs": ended}
         observation = _timed(self.batch.observation, self.batch.time, self._clock)
         return observation, reward, terminated, truncated, info
-
-
-def _info(decisions: Decisions, mask: np.ndarray) -> dict[str, Any]:
-    info: dict[str, Any] = {
-        "reward_pair": np.stack(decisions.rewards, axis=1),
-        "signals": dict(decisions.signals),
-        "ending": decisions.ending,
-        "speed": decisions.speed,
-        "contact": decisions.contact,
-        "neighbours_collided": decisions.neighbours_collided,
-        "classical": np.stack(decisions.classical, axis=1),
-        "off_road": decisions.off_road,
-    }
-    return info | {f"_{name}": mask.copy() for name in info}
 
 
 def learning_env(

@@ -30,13 +30,7 @@ def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
 def filmstrip(
     world: GridWorld, states: Sequence[State], captions: Sequence[str] | None = None
 ) -> Figure:
-    """Draw an episode as a row of pictures, at most eight to a line.
-
-    Args:
-        world: The world.
-        states: The states in order.
-        captions: A title for each picture; by default t = 0, 1, ...
-    """
+    """Draw an episode as a row of pictures, eight to a line; without captions t = 0, 1, ..."""
     columns = min(8, len(states))
     rows = -(-len(states) // columns)
     figure = drawing().Figure(figsize=(1.7 * columns, 1.95 * rows), layout="constrained")
@@ -81,17 +75,9 @@ def _draw_vehicle(axes: Any, place: Place, color: str) -> None:
 
     x, y, is_eastbound = place.x, place.y, place.heading == 0
     length, width = (0.74, 0.44) if is_eastbound else (0.44, 0.74)
-    body = FancyBboxPatch(
-        (x - length / 2, y - width / 2),
-        length,
-        width,
-        boxstyle="round,pad=0,rounding_size=0.12",
-        facecolor=color,
-        edgecolor="white",
-        linewidth=1.0,
-        zorder=3,
-    )
-    axes.add_patch(body)
+    look = {"facecolor": color, "edgecolor": "white", "linewidth": 1.0, "zorder": 3}
+    corner, rounded = (x - length / 2, y - width / 2), "round,pad=0,rounding_size=0.12"
+    axes.add_patch(FancyBboxPatch(corner, length, width, boxstyle=rounded, **look))
     for shift in {1: (0.05,), 2: (-0.1, 0.12)}.get(place.speed or 0, ()):
         along, across = (shift - 0.09, shift + 0.06, shift - 0.09), (-0.12, 0.0, 0.12)
         points = [x + a for a in along], [y + c for c in across]

@@ -55,11 +55,7 @@ def is_world_file(name: str) -> bool:
 
 
 def load_world(name: str) -> World:
-    """Read a world from a file.
-
-    Raises:
-        UserError: If it is no such file, is damaged, or its distribution is not installed.
-    """
+    """Read a world from a file; refuse what is none, is damaged, or lacks its distribution."""
     loader = _loaders().get(kind_of(Path(name)))
     if loader is None:
         refuse_file(name)
@@ -70,11 +66,7 @@ def load_world(name: str) -> World:
 
 
 def loaded(entry: EntryPoint, file: str) -> Any:
-    """Return the object of an entry point, which reads a file.
-
-    Raises:
-        UserError: If its distribution is not installed.
-    """
+    """Return the object of an entry point, which reads a file; its distribution may be missing."""
     try:
         return entry.load()
     except ModuleNotFoundError as error:
@@ -83,11 +75,7 @@ def loaded(entry: EntryPoint, file: str) -> Any:
 
 
 def refuse_file(name: str) -> None:
-    """Raise an error for a file in place of a world.
-
-    Raises:
-        UserError: If it is a file's name, and the file holds no world.
-    """
+    """Refuse a name of a file that holds no world."""
     if name.lower().endswith(_FILES) and not is_world_file(name):
         raise UserError(
             "a recording can't be driven in: its neighbours do not react, so their losses of speed "
@@ -134,11 +122,7 @@ def _grid(name: str, options: Any, _written: str) -> GridWorld:
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:
-    """Build a gridworld: a world whose states can be enumerated.
-
-    Raises:
-        UserError: As `make`, and if the world is not a gridworld.
-    """
+    """Build a gridworld, a world whose states can be enumerated; refuse others as `make` does."""
     if name in WORLDS and name not in GRIDWORLDS:
         raise UserError(
             f"the states of {name} can't be listed, so nothing about it is exact: "
@@ -159,11 +143,7 @@ def default_options(name: str) -> dict[str, Any]:
 
 
 def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
-    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field.
-
-    Raises:
-        UserError: If the name, an option or an option's value is unknown.
-    """
+    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field."""
     one_of("world with continuous actions", name, tuple(CONTINUOUS))
     return parse_options(name, ContinuousOptions, {**CONTINUOUS[name], **(given or {})})
 

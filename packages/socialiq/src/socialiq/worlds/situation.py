@@ -18,7 +18,7 @@ from socialiq.nn.saved import Arrays, Header
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import kind_of
 from socialiq.worlds import crossing5, crossing7
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
@@ -264,11 +264,7 @@ class ContextPolicy(ValuePolicy):
     def angles(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> tuple[Float64[np.ndarray, " batch"], Int64[np.ndarray, " batch"]]:
-        """Return the rule's angle in degrees, and the number of the context, of each observation.
-
-        Raises:
-            UserError: If an observation has another length or is not finite.
-        """
+        """Return the rule's angle in degrees and the number of the context, by observation."""
         batch = checked_batch(observations, self.n_features)
         if self.clock:
             return angles_of(self.rule, batch[:, :-1], batch[:, -1])
@@ -297,10 +293,6 @@ class ContextPolicy(ValuePolicy):
 
 
 def load_driver(path: Path) -> ValuePolicy:
-    """Read a file of one network, of an ensemble, or of a dial with a rule.
-
-    Raises:
-        UserError: If the file is missing, damaged, or holds something else.
-    """
+    """Read a file of one network, of an ensemble, or of a dial with a rule; refuse others."""
     is_by_rule = kind_of(path) == ContextPolicy.KIND
     return ContextPolicy.load(path) if is_by_rule else load_values(path)

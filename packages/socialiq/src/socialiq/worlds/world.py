@@ -27,20 +27,17 @@ _NONE = np.zeros(0)
 class Decisions(NamedTuple):
     """Results of one decision in every episode of a batch; empty where a world reports nothing."""
 
-    # of the state reached, before any reset, (batch, features)
-    observation: Float32[np.ndarray, "batch feature"]
-    rewards: RewardPair  # the reward pair, each (batch,)
-    ending: Int8[np.ndarray, " batch"]  # values of `types.Ending`, (batch,)
-    # every named signal, unweighted, each (batch,)
-    signals: Mapping[str, Float[np.ndarray, " batch"]]
-    speed: Float[np.ndarray, " batch"]  # the ego's speed, m/s or cells a step, (batch,)
-    # values of `Contact`: which vehicle struck, if the ego collided, (batch,)
-    contact: Int8[np.ndarray, " batch"]
-    # number of other vehicles that collided with each other, (batch,)
+    observation: Float32[np.ndarray, "batch feature"]  # of the state reached, before any reset
+    rewards: RewardPair  # of the decision, each (batch,)
+    ending: Int8[np.ndarray, " batch"]  # values of `types.Ending`
+    signals: Mapping[str, Float[np.ndarray, " batch"]]  # every named signal, unweighted
+    speed: Float[np.ndarray, " batch"]  # the ego's speed, m/s or cells a step
+    contact: Int8[np.ndarray, " batch"]  # values of `Contact`: who struck, if the ego collided
+    # number of other vehicles that collided with each other
     neighbours_collided: Int64[np.ndarray, " batch"] = _NONE.astype(np.int64)
     # the ego's own reward and its neighbours' mean (thesis A.1), each (batch,)
     classical: RewardPair = RewardPair(_NONE, _NONE)
-    # whether the ego's centre is beyond the edges of its closest lane, (batch,)
+    # whether the ego's centre is beyond the edges of its closest lane
     off_road: Bool[np.ndarray, " batch"] = _NONE.astype(bool)
 
 
@@ -53,19 +50,15 @@ class Simulator(Protocol):
     @property
     def observation(self) -> Any:
         """Present observations of all rows."""
-        ...
 
     def seen_by(self, policy: Any) -> Any:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        ...
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Any:
         """Begin an episode in each of some rows, by its seed; return all observations."""
-        ...
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Any:
         """Take a step in some rows; return at least `rewards` and `ending` of all rows."""
-        ...
 
 
 @runtime_checkable
@@ -82,11 +75,9 @@ class Batch(Simulator, Protocol):
 
     def save(self) -> Any:
         """Return a copy of the state of every episode; its `rows(numbers)` picks or repeats."""
-        ...
 
     def restore(self, state: Any) -> None:
         """Restore a state with as many rows; episodes go on from it with identical bits."""
-        ...
 
     def branch(self, rows: Any) -> Batch:
         """Return a batch of copies of some episodes, which may repeat; this one is not changed."""
@@ -99,7 +90,6 @@ class Actor(Protocol):
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
         """Note that an episode begins in each of some rows."""
-        ...
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
         """Return one action for each row; those of rows that don't run are not used."""
@@ -139,11 +129,7 @@ class World(abc.ABC):
 
     @property
     def n_actions(self) -> int:
-        """Number of actions.
-
-        Raises:
-            UserError: If they are continuous.
-        """
+        """Number of actions; a `UserError` if they are continuous."""
         if isinstance(self.action_space, spaces.Discrete):
             return int(self.action_space.n)
         raise UserError(

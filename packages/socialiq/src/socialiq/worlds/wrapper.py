@@ -16,26 +16,16 @@ from socialiq.types import Ending, RewardPair
 
 
 class Transition(NamedTuple):
-    """Step of an environment: the argument of a `RewardPairWrapper`'s functions.
+    """Step of an environment: the argument of a `RewardPairWrapper`'s functions."""
 
-    Attributes:
-        observation: Before the step, as the environment gives it, not flattened.
-        action: The action taken: a number, or an array in the environment's own units.
-        next_observation: After the step.
-        reward: The environment's reward.
-        terminated: Whether a terminal state was reached.
-        truncated: Whether a clock cut the episode.
-        info: The environment's `info`.
-        env: The wrapped environment; `env.unwrapped` has its state after the step.
-    """
-
-    observation: Any
-    action: Any
-    next_observation: Any
-    reward: Any
-    terminated: bool
-    truncated: bool
-    info: Mapping[str, Any]
+    observation: Any  # before the step, as the environment gives it, not flattened
+    action: Any  # the action taken: a number, or an array in the environment's own units
+    next_observation: Any  # after the step
+    reward: Any  # the environment's reward
+    terminated: bool  # whether a terminal state was reached
+    truncated: bool  # whether a clock cut the episode
+    info: Mapping[str, Any]  # the environment's `info`
+    # the wrapped environment; `env.unwrapped` has its state after the step
     env: gymnasium.Env[Any, Any]
 
 
@@ -76,9 +66,7 @@ class RewardPairWrapper(gymnasium.Wrapper):
         self._weights = weights(check_angle(angle))
         self._observed: Any = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         self._observed, info = self.env.reset(seed=seed, options=options)
         return flat(self._observed), info
@@ -232,9 +220,7 @@ class AbsorbingStates(gymnasium.Wrapper):
         self._absorbed = np.zeros_like(low)
         self._absorbed[-1] = 1.0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         self._left = None
         observation, info = self.env.reset(seed=seed, options=options)

@@ -6,7 +6,7 @@ from scipy.special import softmax
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
-from studies.compare_methods.baselines.conditioned import (
+from studies.compare_methods.baselines.clones import (
     GuidanceConfig,
     GuidanceHyperparameters,
     GuidedCloning,
@@ -39,10 +39,11 @@ def test_actions_no_worse_than_the_mean_are_optimal(bandit) -> None:
     run = stack([GuidanceHyperparameters(90.0, dropped=0.25)])[0]
     state, carry = learner.initialise(run)
     drawn, _ = learner.draw(run, state, carry)
-    shown = np.asarray(drawn.condition.env) > 0
-    optimal = np.asarray(drawn.condition.social)
+    rows, condition = drawn
+    shown = np.asarray(condition.env) > 0
+    optimal = np.asarray(condition.social)
     assert 0.5 < shown.mean() < 0.95
-    np.testing.assert_array_equal(optimal[shown], drawn.batch.action[shown])
+    np.testing.assert_array_equal(optimal[shown], rows.action[shown])
     assert not optimal[~shown].any()
 
 

@@ -7,12 +7,12 @@ from socialiq.errors import UserError
 from socialiq.learners.state import stack
 from studies.compare_methods.baselines.offline import (
     ImplicitQLearning,
-    IQLConfig,
     IQLHyperparameters,
     IQLNetworks,
-    expectile_loss,
-    implicit_loss,
+    ValueConfig,
 )
+
+LEARNER = ImplicitQLearning(ValueConfig(), (1, 2))
 
 
 @pytest.mark.parametrize("expectile", [0.5, 0.7, 0.9])
@@ -27,7 +27,7 @@ def test_a_bandit_of_two_actions_has_its_known_solution(constant, rows_of, expec
     batch = rows_of([0, 1], [0.0, 1.0])
 
     def loss(given: IQLNetworks) -> jax.Array:
-        return implicit_loss(given, network, batch, run, IQLConfig())[0]
+        return LEARNER.loss(given, network, batch, run)[0]
 
     for leaf in jax.tree.leaves(jax.grad(loss)(network)):
         np.testing.assert_allclose(leaf, 0.0, atol=1e-6)
@@ -35,8 +35,12 @@ def test_a_bandit_of_two_actions_has_its_known_solution(constant, rows_of, expec
     assert max(float(jnp.abs(leaf).max()) for leaf in jax.tree.leaves(jax.grad(loss)(off))) > 0.01
 
 
-def test_the_expectile_loss_by_hand() -> None:
-    assert expectile_loss(jnp.array([2.0, -1.0]), 0.9) == pytest.approx((0.9 * 4 + 0.1 * 1) / 2)
+def test_the_expectile_loss_by_hand(constant, rows_of) -> None:
+    """Q - V is 2 and -1."""
+    network = IQLNetworks(constant(2.0, -1.0), constant(0.0), constant(0.0, 0.0))
+    run = stack([IQLHyperparameters(90.0, expectile=0.9)])[0]
+    _, terms = LEARNER.loss(network, network, rows_of([0, 1], [0.0, 0.0]), run)
+    assert terms["state_value"] == pytest.approx((0.9 * 4 + 0.1 * 1) / 2)
 
 
 def test_q_follows_the_value_of_the_next_state(constant, rows_of) -> None:
@@ -44,14 +48,14 @@ def test_q_follows_the_value_of_the_next_state(constant, rows_of) -> None:
     network = IQLNetworks(constant(3.0, 0.0), constant(4.0), constant(0.0, 0.0))
     run = stack([IQLHyperparameters(90.0, discount=0.5)])[0]
     batch = rows_of([0], [1.0], ending=0)
-    _, terms = implicit_loss(network, network, batch, run, IQLConfig())
+    _, terms = LEARNER.loss(network, network, batch, run)
     assert terms["values"] == pytest.approx(0.0)
 
 
 @pytest.mark.slow
 def test_it_trains_and_prefers_the_better_action(bandit) -> None:
     data = bandit([0, 1] * 20, [0.0] * 40, [0.0, 1.0] * 20)
-    static = IQLConfig(hidden=(8,), batch_size=16, updates=400)
+    static = ValueConfig(hidden=(8,), batch_size=16, updates=400)
     trained = ImplicitQLearning.train_on(
         static, [IQLHyperparameters(90.0, learning_rate=0.01)], [data]
     )

@@ -5,13 +5,10 @@ import pytest
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
-from studies.compare_methods.baselines import multi_intention_irl
-from studies.compare_methods.baselines.multi_intention_irl import (
+from studies.compare_methods.baselines.intentions import (
     IntentionConfig,
     IntentionHyperparameters,
     MultiIntention,
-    expectation,
-    weighted_iq_loss,
 )
 
 
@@ -26,10 +23,10 @@ def test_the_responsibilities_are_bayes_rule(constant, bandit) -> None:
     run = stack([IntentionHyperparameters()])[0]
     even = jnp.full((2, 2), 0.5)
     np.testing.assert_allclose(
-        expectation(learner, run, networks, even, 2), [[0.75, 0.25], [0.25, 0.75]], rtol=1e-5
+        learner.expectation(run, networks, even, 2), [[0.75, 0.25], [0.25, 0.75]], rtol=1e-5
     )
     uneven = jnp.array([[0.9, 0.1], [0.9, 0.1]])
-    found = expectation(learner, run, networks, uneven, 2)
+    found = learner.expectation(run, networks, uneven, 2)
     np.testing.assert_allclose(found[0], [27 / 28, 1 / 28], rtol=1e-5)
 
 
@@ -39,9 +36,9 @@ def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, ban
     long = bandit([0, 0, 1, 1, 1], [0.0] * 5, [1.0] * 5)
     networks = (constant(0.0, np.log(3.0)), constant(np.log(3.0), 0.0))
     static, run = IntentionConfig(intentions=2), stack([IntentionHyperparameters(dataset=0)])[0]
-    alone = expectation(MultiIntention.of(static, [short]), run, networks, jnp.full((2, 2), 0.5), 2)
+    alone = MultiIntention.of(static, [short]).expectation(run, networks, jnp.full((2, 2), 0.5), 2)
     both = MultiIntention.of(static, [short, long])
-    beside = expectation(both, run, networks, jnp.full((7, 2), 0.5), 5)
+    beside = both.expectation(run, networks, jnp.full((7, 2), 0.5), 5)
     np.testing.assert_allclose(beside[:2], alone, rtol=1e-6)
 
 
@@ -49,7 +46,8 @@ def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
     network, slow = constant(0.3, 1.1), constant(-0.4, 0.2)
     batch = rows_of([0, 1, 1], [1.0, 2.0, 3.0], ending=0)
     run = stack([IntentionHyperparameters(discount=0.9)])[0]
-    found = weighted_iq_loss(network, slow, batch, jnp.ones(3), run, IntentionConfig())
+    learner = MultiIntention(IntentionConfig(intentions=1), (1, 2))
+    found, _ = learner.loss((network,), (slow,), (batch, jnp.ones((3, 1))), run)
     static = iq.IQLearnConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
     same = stack([iq.IQLearnHyperparameters(discount=0.9)])[0]
     theirs, _ = objective(network, slow, Batches(batch, None, None), same, static)
@@ -67,7 +65,7 @@ def test_two_intentions_are_told_apart_without_labels(demonstrations) -> None:
     data = dataclasses.replace(data, action=intent.astype(np.int32), rewards=rewards)
     static = IntentionConfig(intentions=2, hidden=(8,), batch_size=32, updates=600)
     numbers = [IntentionHyperparameters(learning_rate=0.01, temperature=0.1)]
-    trained = multi_intention_irl.train(static, numbers, [data], chunk=50)
+    trained = MultiIntention.train_on(static, numbers, [data], chunk=50)
     assert trained.failures == ()
     policy = trained.policy(0)
     for angle, action in ((0.0, 0), (90.0, 1)):

@@ -5,17 +5,17 @@ from scipy.optimize import minimize
 
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair
-from studies.compare_methods.baselines.online import InferredReward, inferred_pair, inferring
+from studies.compare_methods.baselines.online import Inferred, inferred_reward, inferring
 
 
 def test_the_inferred_reward_by_hand(constant, rows_of) -> None:
     """Q = (1, 3), γ = 0.5, τ = 2: V = 2 ln(e^0.5 + e^1.5); 0 follows an end."""
-    reward = InferredReward(constant(1.0, 3.0), 2.0, 0.5)
-    other = InferredReward(constant(0.0, 0.0), 1.0, 0.5)
+    reward = Inferred(constant(1.0, 3.0), 2.0, 0.5)
+    other = Inferred(constant(0.0, 0.0), 1.0, 0.5)
     value = 2 * np.log(np.exp(0.5) + np.exp(1.5))
-    found = inferred_pair((reward, other), rows_of([1], [7.0], ending=0))
-    assert found.env[0] == pytest.approx(3 - 0.5 * value, rel=1e-5)
-    assert found.social[0] == pytest.approx(-0.5 * np.log(2), rel=1e-5)
+    rows = rows_of([1], [7.0], ending=0)
+    assert inferred_reward(*reward, rows)[0] == pytest.approx(3 - 0.5 * value, rel=1e-5)
+    assert inferred_reward(*other, rows)[0] == pytest.approx(-0.5 * np.log(2), rel=1e-5)
     ended = inferring(lambda _act, _rng: rows_of([0], [7.0]), (reward, other))
     pair = ended(lambda one: one, np.random.default_rng(0)).target
     assert (float(pair.env[0]), float(pair.social[0])) == pytest.approx((1.0, 0.0))

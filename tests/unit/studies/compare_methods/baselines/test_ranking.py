@@ -1,11 +1,16 @@
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.state import stack
 from socialiq.types import RewardPair
-from studies.compare_methods.baselines.shared import Episodes, best_rows, preference_loss
+from studies.compare_methods.baselines.clones import (
+    DiscriminatorWeighted,
+    DWBCConfig,
+    DWBCHyperparameters,
+)
+from studies.compare_methods.baselines.shared import Episodes, Pairs, preference_loss
 
 SOCIAL = RewardPair(jnp.zeros(()), jnp.ones(()))
 
@@ -23,10 +28,10 @@ def test_levels_by_hand_with_a_tie_and_another_set(bandit) -> None:
 
 def test_the_best_rows_are_those_of_the_best_episodes(demonstrations) -> None:
     data = demonstrations(episodes=6)
-    table = ExpertTable.of([data], "instantaneous", 1.0)
-    episodes = Episodes.of([data], table)
-    cumulative = best_rows(episodes, SOCIAL, jnp.array(0), 3)
-    drawn = table.sample_weighted(jax.random.key(0), cumulative, 400).observation[:, 0]
+    learner = DiscriminatorWeighted.of(DWBCConfig(parts=3, batch_size=400), [data])
+    run = stack([DWBCHyperparameters(90.0)])[0]
+    (expert, _), _ = learner.draw(run, *learner.initialise(run))
+    drawn = expert.observation[:, 0]
     best = np.argsort(data.totals().social)[-2:]
     rows = np.flatnonzero(np.isin(data.episode, best))
     np.testing.assert_array_equal(np.unique(np.asarray(drawn)), rows)
@@ -42,10 +47,18 @@ def test_rows_of_episodes(demonstrations) -> None:
     np.testing.assert_allclose(episodes.totals.env[1], data.totals().env[1], rtol=1e-5)
 
 
-def test_the_preference_loss_by_hand() -> None:
-    """P(first) = 1 / (1 + e^-2); a pair of equal ranks is left out."""
-    found = preference_loss(
-        jnp.array([3.0, 0.0, 7.0]), jnp.array([1.0, 2.0, 0.0]), jnp.array([4.0, 0.5, 0.0])
-    )
+def test_the_preference_loss_by_hand(rows_of) -> None:
+    """Learned sums 3 and 1, 0 and 2, 7 and 0; the third pair, of equal ranks, is left out.
+
+    P(first) of the first pair is 1 / (1 + e^-2). The reward of action a is the observation times
+    a, and the second step of each episode is no row of it.
+    """
+    sums, count = jnp.array([[3.0, 0.0, 7.0], [1.0, 2.0, 0.0]]), 12
+    rows = rows_of([1] * count, [0.0] * count)
+    observation = jnp.stack([sums, jnp.full((2, 3), 99.0)], axis=-1)[..., None]
+    rows = rows._replace(observation=observation, action=rows.action.reshape(2, 3, 2))
+    inside = jnp.array([True, False]) & jnp.ones((2, 3, 2), bool)
+    pairs = Pairs(rows, inside, jnp.array([4.0, 0.5, 0.0]))
+    found = preference_loss(lambda one: one[0] * jnp.arange(2.0), pairs)
     expected = (np.log1p(np.exp(-2.0)) + np.log1p(np.exp(2.0))) / 3
     assert found == pytest.approx(expected, rel=1e-6)

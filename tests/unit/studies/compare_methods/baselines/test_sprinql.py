@@ -12,17 +12,17 @@ from studies.compare_methods.baselines.offline import (
     SPRINQLHyperparameters,
     SPRINQLNetworks,
     row_weights,
-    sprinql_loss,
 )
+from studies.compare_methods.baselines.shared import Pairs
 
 
 def graded(batch, level: list[int]) -> Graded:
-    pairs = batch._replace(
+    rows = batch._replace(
         observation=batch.observation[None, None].repeat(2, axis=0),
         action=batch.action[None, None].repeat(2, axis=0),
     )
-    inside = jnp.ones(pairs.action.shape, bool)
-    return Graded(batch, jnp.array(level), pairs, inside, jnp.zeros(1))
+    inside = jnp.ones(rows.action.shape, bool)
+    return Graded(batch, jnp.array(level), Pairs(rows, inside, jnp.zeros(1)))
 
 
 def test_one_level_without_a_reference_is_offline_iq_learn(constant, rows_of) -> None:
@@ -32,9 +32,8 @@ def test_one_level_without_a_reference_is_offline_iq_learn(constant, rows_of) ->
     numbers = SPRINQLHyperparameters(90.0, 0.0, reference_weight=0.5, discount=0.9)
     run = stack([numbers])[0]
     own = SPRINQLNetworks(network, constant(0.7, 0.7))
-    _, terms = sprinql_loss(
-        own, SPRINQLNetworks(slow, own.reference), graded(batch, [0, 0, 0]), run, SPRINQLConfig()
-    )
+    learner, steady = SPRINQL(SPRINQLConfig(), (1, 2)), SPRINQLNetworks(slow, own.reference)
+    _, terms = learner.loss(own, steady, graded(batch, [0, 0, 0]), run)
     static = iq.IQLearnConfig(prior="none", online=False, value_term="value_expert", batch_size=3)
     same = stack([iq.IQLearnHyperparameters(chi2_alpha=0.5, discount=0.9)])[0]
     _, theirs = objective(network, slow, Batches(batch, None, None), same, static)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import network_of
@@ -13,8 +13,8 @@ from studies.compare_methods.baselines.online import (
     TREXConfig,
     TREXNetworks,
     TREXRows,
-    learned_sums,
 )
+from studies.compare_methods.baselines.shared import Pairs
 
 
 def test_the_loss_by_hand(constant, rows_of) -> None:
@@ -31,8 +31,7 @@ def test_the_loss_by_hand(constant, rows_of) -> None:
     )
     inside = jnp.array([[[True, True]], [[True, False]]])
     own = rows_of([0], [0.0], ending=0)
-    drawn = TREXRows(own, pairs, inside, jnp.array([-1.0]))
-    np.testing.assert_allclose(learned_sums(network.reward, drawn), [[2.0], [-1.0]])
+    drawn = TREXRows(own, Pairs(pairs, inside, jnp.array([-1.0])))
     learner = TREX(TREXConfig(), (1, 2))
     run = stack([IQLearnHyperparameters(strength=2.0, discount=0.5)])[0]
     _, terms = learner.loss(network, slow, drawn, run)
@@ -46,7 +45,8 @@ def test_the_learned_reward_ranks_the_demonstrators(table5) -> None:
     data = trajectory_datasets(table5, [0], 1)
     static = TREXConfig(hidden=(16,), batch_size=8, updates=300, prior="none")
     numbers = [dataclasses.replace(IQLearnHyperparameters(), angle=0.0, learning_rate=0.01)]
-    trained = TREX.of(static, data, table5.world).train(numbers)
+    learner = dataclasses.replace(TREX.of(static, data), simulator=table5.world)
+    trained = learner.train(numbers)
     assert trained.failures == ()
     network = network_of(trained.networks, 0)
     values = np.array([network.reward(row) for row in jnp.asarray(data[0].observation)])

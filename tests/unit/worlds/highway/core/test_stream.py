@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.state import EPISODE
+from socialiq.worlds.highway.options import EPISODE
 
 SEEDS = (0, 1, 5302, 2**31, 2**40 + 7, 2**63)
 LARGEST = (0, 1, 2, 3, 6, 1000, 2**31, 3 * 2**30)  # the last two refuse many draws

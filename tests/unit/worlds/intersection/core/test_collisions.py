@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.core.vehicle import collide as collide_kernel
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import VEHICLE
 
 DT = 0.1

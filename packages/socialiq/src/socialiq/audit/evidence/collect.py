@@ -37,7 +37,7 @@ from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.learners.callbacks import Report
 from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.situation import ContextPolicy

@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
 from socialiq.foreign import one_line
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 
 MEASURED = ("r_env", "r_social", "ending", "decisions")
 """Columns of each driver."""

@@ -18,14 +18,19 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import road_training
-from socialiq.evaluation.ground import Ground, exact_regret, with_clock
+from socialiq.evaluation.exact import Ground, exact_regret
+from socialiq.learners import policy_iteration as iteration
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.config import INTERSECTION, PRESETS, check_fit
+from socialiq.learners.dial import offline
+from socialiq.learners.dial.config import (
+    INTERSECTION,
+    PRESETS,
+    OfflineDialConfig,
+    OfflineDialHyperparameters,
+    check_fit,
+)
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline import config as offline
-from socialiq.learners.offline import train as offline_training
-from socialiq.learners.policy_iteration import dial as iteration
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import new_folder, whole_folder
@@ -139,7 +144,7 @@ class Dial(Printing):
                 f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
                 "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
             )
-        if self.preset in offline.PRESETS or registry.is_world_file(self.world):
+        if self.preset == OFFLINE or registry.is_world_file(self.world):
             raise UserError(
                 f"`socialiq train offline-dial FILE --world {self.world}` learns from "
                 "demonstrations alone: name that learner"
@@ -162,7 +167,7 @@ class Dial(Printing):
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.updates <= ASCENT_EVERY:
             raise UserError(f"a budget is checked every {ASCENT_EVERY} updates: train for more")
-        ground = with_clock(Ground.of(self.world), PRESETS[preset].clock)
+        ground = Ground.of(self.world).with_clock(PRESETS[preset].clock)
         return Budget(exact_regret(ground, static, runs), np.full(len(runs), self.budget))
 
 
@@ -255,9 +260,9 @@ class OfflineDial(Printing):
         """Train a dial for each seed, write the folder, print what came out."""
         check_seeds(self.seed)
         data = files.load(self.data)
-        preset = offline.PRESETS[OFFLINE]
         settings = encoding_of(self.world, data) | self.size.given()
-        static, numbers = self.options.apply((preset.structure, preset.numbers), settings)
+        configs = OfflineDialConfig(), OfflineDialHyperparameters()
+        static, numbers = self.options.apply(configs, settings)
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
         with whole_folder(self.out) as folder:
@@ -310,7 +315,7 @@ class OfflineDial(Printing):
         def progress(stage: str) -> Callbacks:
             return Callbacks(on_report=display.stage(stage))
 
-        return offline_training.train(static, numbers, data, progress, shared.CHUNK)
+        return offline.train(static, [numbers], [data], progress, shared.CHUNK)
 
 
 def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:

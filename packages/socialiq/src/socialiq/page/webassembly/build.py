@@ -20,8 +20,7 @@ from numba.np.numpy_support import carray
 
 from socialiq.errors import UserError
 from socialiq.page.webassembly.layout import ARGUMENTS
-from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.highway.state import FEATURES, Buffers
+from socialiq.worlds.highway.options import FEATURES, SIGNALS, Buffers
 from socialiq.worlds.intersection.core import step
 from socialiq.worlds.intersection.options import Options, buffers_of
 

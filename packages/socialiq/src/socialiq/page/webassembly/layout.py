@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.highway import state
+from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import geometry
-from socialiq.worlds.highway.options import ENV_SIGNALS, SETTINGS, SIGNALS
+from socialiq.worlds.highway.options import ENV_SIGNALS, EPISODE, SETTINGS, SIGNALS, Contact
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import ACTIONS, VEHICLE, Options, buffers_of, settings_of
 
 CORE = Path(__file__).with_name("core.wasm")
 """The built core that ships with the package."""
 
-_RECORDS = {"vehicle": VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}
+_RECORDS = {"vehicle": VEHICLE, "episode": EPISODE, "settings": SETTINGS}
 _OF_LANE = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
 _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
 
@@ -51,9 +51,9 @@ def layout(options: Options) -> dict[str, Any]:
         },
         "arrays": arrays,
         "settings": base64.b64encode(settings_of(options).tobytes()).decode(),
-        "commands": {name.lower(): getattr(state, name) for name in _COMMANDS},
+        "commands": {name.lower(): getattr(roads, name) for name in _COMMANDS},
         "endings": {kind.name.lower(): int(kind) for kind in Ending},
-        "contacts": {kind.name.lower(): int(kind) for kind in state.Contact},
+        "contacts": {kind.name.lower(): int(kind) for kind in Contact},
         "actions": ACTIONS,
         "signals": SIGNALS,
         "env_signals": len(ENV_SIGNALS),

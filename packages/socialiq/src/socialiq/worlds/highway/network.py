@@ -74,17 +74,9 @@ def straight(start: Point, end: Point) -> Shape:
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = math.sqrt(dx * dx + dy * dy)
     along_x, along_y = dx / length, dy / length
-    return {
-        "straight": True,
-        "length": length,
-        "heading": math.atan2(dy, dx),
-        "x": start[0],
-        "y": start[1],
-        "along_x": along_x,
-        "along_y": along_y,
-        "across_x": -along_y,
-        "across_y": along_x,
-    }
+    shape = {"straight": True, "length": length, "heading": math.atan2(dy, dx)}
+    shape |= {"x": start[0], "y": start[1], "along_x": along_x, "along_y": along_y}
+    return shape | {"across_x": -along_y, "across_y": along_x}
 
 
 def sine(start: Point, end: Point, amplitude: float, pulsation: float, shift: float) -> Shape:

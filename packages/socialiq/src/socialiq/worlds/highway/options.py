@@ -1,10 +1,15 @@
-"""Options that every road has, and the record of them that the compiled core reads."""
+"""Roads: options, the record of them that the core reads, and the arrays of their episodes.
+
+A state is two arrays, of episodes and of vehicles, so copying them saves it, and copying them back
+restores it to the last bit, random stream included.
+"""
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
@@ -20,17 +25,11 @@ MOST_SPEEDS = 8
 
 @dataclass(frozen=True)
 class ClockOptions:
-    """Time of an episode.
+    """Time of an episode."""
 
-    Attributes:
-        simulation_frequency: Sub-steps of the physics per second.
-        policy_frequency: Decisions per second; divides the simulation frequency.
-        duration: Seconds after which an episode times out.
-    """
-
-    simulation_frequency: int = 10
-    policy_frequency: int = 1
-    duration: float = 20.0
+    simulation_frequency: int = 10  # sub-steps of the physics per second
+    policy_frequency: int = 1  # decisions per second; divides the simulation frequency
+    duration: float = 20.0  # seconds after which an episode times out
 
     @property
     def frames(self) -> int:
@@ -45,15 +44,11 @@ class ClockOptions:
 
 @dataclass(frozen=True)
 class EgoOptions:
-    """Choices and sight of the ego.
+    """Choices and sight of the ego."""
 
-    Attributes:
-        target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
-        observed_vehicles: Rows of the observation, the ego's included.
-    """
-
+    # speeds in m/s, equally spaced, that the ego's speed control steps through
     target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
-    observed_vehicles: int = 10
+    observed_vehicles: int = 10  # rows of the observation, the ego's included
 
     @property
     def max_speed(self) -> float:
@@ -63,48 +58,31 @@ class EgoOptions:
 
 @dataclass(frozen=True)
 class RewardOptions:
-    """Options of the reward pair (thesis 4.1).
+    """Options of the reward pair (thesis 4.1)."""
 
-    Attributes:
-        progress_unit: Metres of advance that count as 1.
-        zone: Influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
-            "travelled_8_m" as distance since the start; the others measure from the junction.
-        counted: Which neighbours within the conflict distance count: all, those that come from
-            another arm and haven't left the junction, or of these only those on an approach.
-        disruption: Eq 4.2's loss of speed with a dead zone, as in the text, or as printed,
-            which charges every neighbour at least the threshold.
-        crash: Whether the ego's collision replaces r_social or is added to it.
-        conflict_distance: Metres within which a neighbour counts.
-        progress_weight: w_p.
-        speed_weight: w_v.
-        collision_weight: w_c.
-        arrival_weight: w_a.
-        step_weight: w_s.
-        timeout_weight: w_t.
-        yielding_weight: w_y.
-        disruption_weight: w_d.
-        neighbour_collision_weight: Weight in r_social of the ego's collision.
-        speed_threshold: v_thresh of Eq 4.2, m/s.
-        speed_cap: v_cap of Eq 4.2, m/s.
-    """
-
-    progress_unit: float = 28.0
+    progress_unit: float = 28.0  # metres of advance that count as 1
+    # influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
+    # "travelled_8_m" as distance since the start; the others measure from the junction
     zone: Zone = "last_20_m"
+    # which neighbours within the conflict distance count: all, those that come from another arm and
+    # haven't left the junction, or of these only those on an approach
     counted: Counted = "all"
+    # Eq 4.2's loss of speed with a dead zone, as in the text, or as printed, which charges every
+    # neighbour at least the threshold
     disruption: Disruption = "dead_zone"
-    crash: Crash = "override"
-    conflict_distance: float = 20.0
-    progress_weight: float = 2.0
-    speed_weight: float = 0.5
-    collision_weight: float = -2.0
-    arrival_weight: float = 1.0
-    step_weight: float = -0.15
-    timeout_weight: float = -0.5
-    yielding_weight: float = 0.2
-    disruption_weight: float = -1.0
-    neighbour_collision_weight: float = -5.0
-    speed_threshold: float = 1.0
-    speed_cap: float = 5.0
+    crash: Crash = "override"  # whether the ego's collision replaces r_social or is added to it
+    conflict_distance: float = 20.0  # metres within which a neighbour counts
+    progress_weight: float = 2.0  # w_p
+    speed_weight: float = 0.5  # w_v
+    collision_weight: float = -2.0  # w_c
+    arrival_weight: float = 1.0  # w_a
+    step_weight: float = -0.15  # w_s
+    timeout_weight: float = -0.5  # w_t
+    yielding_weight: float = 0.2  # w_y
+    disruption_weight: float = -1.0  # w_d
+    neighbour_collision_weight: float = -5.0  # weight in r_social of the ego's collision
+    speed_threshold: float = 1.0  # v_thresh of Eq 4.2, m/s
+    speed_cap: float = 5.0  # v_cap of Eq 4.2, m/s
 
 
 @dataclass(frozen=True)
@@ -123,10 +101,11 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
         for name, kind in kinds.items():
             if get_args(kind) and isinstance(getattr(self, name), str):
                 one_of(name, getattr(self, name), get_args(kind))
-        for name in ("simulation_frequency", "policy_frequency"):
+        counts = {"simulation_frequency": 1, "policy_frequency": 1, "observed_vehicles": 2}
+        for name, least in counts.items():
             value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
-                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
+            if not (isinstance(value, int) and value >= least):
+                raise UserError(f"{name} must be a whole number of at least {least}, got {value}")
         if self.simulation_frequency % self.policy_frequency:
             raise UserError(
                 f"simulation_frequency {self.simulation_frequency} is not a multiple of "
@@ -143,9 +122,6 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
             )
         if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
             raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
-        rows = self.observed_vehicles
-        if not (isinstance(rows, int) and rows >= 2):
-            raise UserError(f"observed_vehicles must be a whole number of at least 2, got {rows}")
         for name, kind in kinds.items():
             if kind is float and not math.isfinite(getattr(self, name)):
                 raise UserError(f"{name} must be a finite number, got {getattr(self, name)}")
@@ -164,21 +140,10 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
         return self.width > 0
 
 
-SIGNALS = (
-    "progress",
-    "speed",
-    "step",
-    "collision",
-    "arrival",
-    "timeout",
-    "yielding",
-    "disruption",
-    "neighbour_collision",
-)
-"""All signals, those of r_env first; a signal's weight is the option of that name."""
-
-ENV_SIGNALS = SIGNALS[:6]
-SOCIAL_SIGNALS = SIGNALS[6:]
+ENV_SIGNALS = ("progress", "speed", "step", "collision", "arrival", "timeout")
+SOCIAL_SIGNALS = ("yielding", "disruption", "neighbour_collision")
+SIGNALS = ENV_SIGNALS + SOCIAL_SIGNALS
+"""All signals; a signal's weight is the option of that name."""
 
 SETTINGS = np.dtype(
     [
@@ -215,13 +180,10 @@ SETTINGS = np.dtype(
 
 
 def settings_of(options: RoadOptions) -> np.ndarray:
-    """Return the record as an array of one element.
-
-    What only the intersection has stays 0; `intersection.settings` writes it.
-    """
+    """Return the record as an array of one element; the intersection writes more of its fields."""
     record = np.zeros(1, SETTINGS)
     for name in SETTINGS.names or ():
-        if hasattr(RoadOptions, name) and name not in ("target_speeds", *_NAMED):
+        if hasattr(options, name) and name not in (*_CODED, *_NAMED):
             record[name] = getattr(options, name)
     for name, kind in _NAMED.items():
         record[name] = get_args(kind).index(getattr(options, name))
@@ -234,6 +196,7 @@ def settings_of(options: RoadOptions) -> np.ndarray:
     return record
 
 
+_CODED = ("target_speeds", "population", "destination")
 _NAMED = {"zone": Zone, "counted": Counted, "disruption": Disruption, "crash": Crash}
 
 _UNITS = (
@@ -256,3 +219,123 @@ def reward_definition(options: RoadOptions) -> dict[str, Any]:
         for side, signals in sides.items()
     }
     return weights | {"units": {name: getattr(options, name) for name in _UNITS}}
+
+
+MAX_SPEED = 40.0  # m/s of any vehicle, either way
+
+FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
+"""Numbers of one row of the observation."""
+
+
+MOTION = [
+    ("x", np.float64),  # centre, m; x to the east, y to the south
+    ("y", np.float64),
+    ("heading", np.float64),  # rad, clockwise as drawn, from east
+    ("along_x", np.float64),  # cosine and sine of the heading: its unit vector
+    ("along_y", np.float64),
+    ("speed", np.float64),  # m/s, negative in reverse
+    ("steering", np.float64),  # held command: front wheel angle, rad
+    ("acceleration", np.float64),  # held command, m/s²
+    ("target_speed", np.float64),  # m/s
+]
+DRIVER = [
+    ("time_headway", np.float64),  # s
+    ("jam_distance", np.float64),  # m
+    ("max_acceleration", np.float64),  # m/s²
+    ("comfort_deceleration", np.float64),  # m/s², positive
+    ("exponent", np.float64),  # of the free-road term
+]
+PUSH = [("push_x", np.float64), ("push_y", np.float64)]  # m, by a collision, in the next sub-step
+FLAGS = [("crashed", np.bool_), ("pushed", np.bool_)]  # a push is pending
+"""Fields of the records of vehicles of all roads."""
+
+
+class Contact(enum.IntEnum):
+    """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""
+
+    NONE = 0
+    EGO_STRUCK = 1
+    EGO_WAS_STRUCK = 2
+
+
+EPISODE = np.dtype(
+    [
+        ("state_high", np.uint64),  # PCG64: 128 bits of state and of increment
+        ("state_low", np.uint64),
+        ("increment_high", np.uint64),
+        ("increment_low", np.uint64),
+        ("half_word", np.uint64),  # the 32 bits that a bounded draw left over
+        ("has_half_word", np.bool_),
+        ("time", np.float64),  # s since the reset
+        ("sub_steps", np.int64),  # of the road, warm-up included; schedules the rules
+        ("vehicles", np.int64),  # slots in use
+        ("ego", np.int64),  # the ego's slot
+        ("start", np.float64),  # route coordinate at which the ego began, m
+        ("next_identity", np.int32),
+        ("contact", np.int8),  # last Contact of the ego: which vehicle struck
+        ("touched", np.int32),  # identity of the vehicle that it touched, -1 if none
+    ],
+    align=True,
+)
+"""Episode record."""
+
+
+RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
+"""Commands for an episode. ANNOTATE computes a decision's results from given snapshots."""
+
+
+class Buffers(NamedTuple):
+    """Arrays that an engine reads and writes, each with one row for an episode."""
+
+    episodes: np.ndarray  # EPISODE records, shape (batch,)
+    vehicles: np.ndarray  # current records of vehicles, (batch, capacity)
+    before: np.ndarray  # vehicles at the last decision, (batch, capacity)
+    after: np.ndarray  # vehicles after the sub-steps of that decision, (batch, capacity)
+    # number of vehicles in `before` and `after`, and the ego's slot, (batch, 2)
+    present: np.ndarray
+    reached: np.ndarray  # observation of the state that the decision led to, float32
+    observation: np.ndarray  # observation of the current state, which differs after a reset
+    signals: np.ndarray  # in the order of `SIGNALS`, unweighted
+    rewards: np.ndarray  # r_env and r_social, (batch, 2)
+    classical: np.ndarray  # the ego's own reward and its neighbours' mean (thesis A.1), (batch, 2)
+    speed: np.ndarray  # the ego's, m/s
+    ending: np.ndarray  # values of `Ending`, int8
+    contact: np.ndarray  # values of `Contact`, int8: which vehicle struck, if the ego collided
+    neighbours_collided: np.ndarray  # number of other vehicles that collided with each other
+    braking: np.ndarray  # whether a vehicle's braking was charged to the ego, (batch, capacity)
+    trace: np.ndarray  # vehicles after each sub-step, (batch, frames, capacity); empty: untraced
+
+    @staticmethod
+    def of(
+        options: RoadOptions, kind: np.dtype, most: int, size: int, traced: bool = False
+    ) -> Buffers:
+        """Return empty buffers of so many episodes with at most so many vehicles, by their record.
+
+        If traced, there is space for every sub-step.
+
+        Raises:
+            UserError: If the size is not positive.
+        """
+        if size < 1:
+            raise UserError(f"size must be at least 1, got {size}")
+        rows, capacity = (size,), (size, most)
+        observed = (size, options.observed_vehicles, len(FEATURES))
+        frames = (size if traced else 0, options.frames, most)
+        return Buffers(
+            episodes=np.zeros(rows, EPISODE),
+            vehicles=np.zeros(capacity, kind),
+            before=np.zeros(capacity, kind),
+            after=np.zeros(capacity, kind),
+            present=np.zeros((size, 2), np.int64),
+            reached=np.zeros(observed, np.float32),
+            observation=np.zeros(observed, np.float32),
+            signals=np.zeros((size, len(SIGNALS))),
+            rewards=np.zeros((size, 2)),
+            classical=np.zeros((size, 2)),
+            speed=np.zeros(rows),
+            ending=np.zeros(rows, np.int8),
+            contact=np.zeros(rows, np.int8),
+            neighbours_collided=np.zeros(rows, np.int64),
+            braking=np.zeros(capacity, np.bool_),
+            trace=np.zeros(frames, kind),
+        )

@@ -11,8 +11,8 @@ from socialiq.foreign import drawing
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.options import SIGNALS, RoadOptions
+from socialiq.worlds.highway.options import SIGNALS
+from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.pictures import EGO, OTHER
 
 if TYPE_CHECKING:
@@ -52,20 +52,16 @@ class Frame(NamedTuple):
 
 @runtime_checkable
 class View(Protocol):
-    """Road as pictures show it.
+    """Road as pictures show it."""
 
-    Attributes:
-        marks: What the legend explains besides that of every road: "gives way", "obstacle".
-        corner: Place in m of the legend's first mark where the road leaves space for it; None puts
-            the legend above the picture.
-    """
-
+    # what the legend explains besides that of every road: "gives way", "obstacle"
     marks: tuple[str, ...]
+    # place in m of the legend's first mark where the road leaves space for it; None puts the legend
+    # above the picture
     corner: tuple[float, float] | None
 
     def ground(self, axes: Any) -> None:
         """Draw the empty road."""
-        ...
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:
         """Return what is visible of a scene, in a filmstrip if `strip`; of one size in all."""
@@ -73,7 +69,6 @@ class View(Protocol):
 
     def way(self, axes: Any, scene: Scene) -> None:
         """Draw the ego's influence zone and the rest of its way."""
-        ...
 
 
 def look(axes: Any, frame: Frame) -> None:
@@ -118,10 +113,7 @@ def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:
     """Draw scenes as a row of pictures without rewards, five to a line, or one if they are wide.
 
-    Args:
-        scenes: The scenes in order.
-        view: The road.
-        captions: A title for each picture; by default its time.
+    By default the title of a picture is its time.
     """
     ratio = view.frame(scenes[0], strip=True).ratio
     wide, most = (3.0, 5) if ratio > _LOW else (7.5, 1)
@@ -168,15 +160,10 @@ def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
     buffers = batch.buffers
     signals = {
-        name: float(weight_of(batch.options, name) * value) if begun else 0.0
+        name: float(getattr(batch.options, f"{name}_weight") * value) if begun else 0.0
         for name, value in zip(SIGNALS, buffers.signals[row], strict=True)
     }
     return signals, RewardPair(*(buffers.rewards[row] * begun).tolist())
-
-
-def weight_of(options: RoadOptions, signal: str) -> float:
-    """Return a signal's weight in its reward."""
-    return float(getattr(options, f"{signal}_weight"))
 
 
 def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:

@@ -12,7 +12,7 @@ import numpy as np
 from socialiq.errors import one_of
 from socialiq.worlds.highway import network
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, Lane, Network, sine, straight
-from socialiq.worlds.highway.state import DRIVER, FLAGS, MOTION, PUSH
+from socialiq.worlds.highway.options import DRIVER, FLAGS, MOTION, PUSH
 
 ACTIONS = ("lane_left", "idle", "lane_right", "faster", "slower")
 """Actions: to the next lane, keep, or one target speed up or down from the present speed."""
@@ -98,10 +98,8 @@ class Scene(NamedTuple):
 def entry(lane: int, along: float, speed: float, **more: Any) -> np.ndarray:
     """Return an ENTRY record with the given fields."""
     record = np.zeros((), ENTRY)
-    for name, value in {
-        "lane": lane, "lanes": 1, "along": along, "speed": speed, "destination": -1,
-        "destinations": 1, "changes": True, **more,
-    }.items():  # fmt: skip
+    fields = {"lane": lane, "lanes": 1, "along": along, "speed": speed, "changes": True}
+    for name, value in (fields | {"destination": -1, "destinations": 1} | more).items():
         record[name] = value
     return record
 
@@ -270,10 +268,6 @@ SCENES = tuple(_SCENES)
 
 
 def scene_of(name: str) -> Scene:
-    """Return a scene by name.
-
-    Raises:
-        UserError: If the name is unknown.
-    """
+    """Return a scene by name; refuse an unknown one."""
     one_of("scene", name, SCENES)
     return _SCENES[name]()

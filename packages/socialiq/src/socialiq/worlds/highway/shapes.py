@@ -47,15 +47,9 @@ class Pose(NamedTuple):
 
 
 def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
-    """Return the centre line of a lane, with points at most half a metre apart but on a sine.
+    """Return the centre line of a lane, points (x, y) at most half a metre apart but on a sine.
 
-    Args:
-        lane: Its record, with the fields of `network.SHAPE`.
-        start: Lane coordinate of the first point, m.
-        end: Lane coordinate of the last point, m, at most the lane's length.
-
-    Returns:
-        Points (x, y), shape (points, 2).
+    It begins and ends at coordinates along the lane, m; the end is at most its length.
     """
     end = min(end, float(lane["length"]))
     along = np.linspace(start, end, 2 + int(2 * (end - start)))
@@ -117,15 +111,8 @@ def _mirrored(half: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 _NOSE, _SIDE = VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2
-_BODY = _mirrored(
-    [
-        (_NOSE, 0.35),
-        (_NOSE - 0.3, _SIDE - 0.2),
-        (_NOSE - 0.8, _SIDE),
-        (0.25 - _NOSE, _SIDE),
-        (-_NOSE, _SIDE - 0.25),
-    ]
-)
+_BONNET = [(_NOSE, 0.35), (_NOSE - 0.3, _SIDE - 0.2), (_NOSE - 0.8, _SIDE)]
+_BODY = _mirrored([*_BONNET, (0.25 - _NOSE, _SIDE), (-_NOSE, _SIDE - 0.25)])
 _WINDSCREEN = _mirrored([(1.5, 0.85), (0.3, 0.65)])
 _REAR_WINDOW = _mirrored([(-1.6, 0.6), (-2.0, 0.7)])
 _LAMP = [(_NOSE - 0.5, 0.35), (_NOSE + 0.15, 0.35), (_NOSE - 0.1, 0.95), (_NOSE - 0.8, 0.95)]

@@ -6,7 +6,7 @@ import io
 import itertools
 import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,11 +56,7 @@ def _gif(figures: Iterator[Figure], frames_per_second: int) -> bytes:
 
 
 def _mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
-    """Encode figures, always the same one, changed, as an MP4.
-
-    Raises:
-        UserError: If ffmpeg is missing or fails.
-    """
+    """Encode figures, always the same one, changed, as an MP4; ffmpeg may be missing or fail."""
     from matplotlib.animation import FFMpegWriter
 
     if not FFMpegWriter.isAvailable():
@@ -112,9 +108,26 @@ class _Sheet:
         env = [name for name in names if name not in SOCIAL_SIGNALS]
         social = [name for name in names if name in SOCIAL_SIGNALS]
         values = [abs(float(value)) for scene in scenes for value in scene.signals.values()]
-        self.rows, self.bound = max(len(env), len(social), 1), max([0.1, *values])
-        self.env = _Panel(self, 0.14, env, EGO)
-        self.social = _Panel(self, 0.68, social, OTHER)
+        size = max(len(env), len(social), 1), max([0.1, *values])
+        self.bars, self.values, self.totals = {}, {}, []
+        self._add_panel(0.14, env, EGO, *size)
+        self._add_panel(0.68, social, OTHER, *size)
+
+    def _add_panel(
+        self, left: float, names: Sequence[str], color: str, rows: int, bound: float
+    ) -> None:
+        """Add bars of each signal's contribution to one reward, with the total above."""
+        axes, scale = self.axes(left, 0.0125, 0.3, 0.175), self.figure.get_figwidth() / 6
+        style = {"fontsize": 7.5 * scale, "va": "center", "ha": "right", "color": shapes.INK}
+        axes.axvline(0, color=shapes.INK, linewidth=0.8)
+        for row, name in enumerate(names):
+            axes.text(-1.1 * bound, row, name.replace("_", " "), **style)
+            (self.bars[name],) = axes.barh(row, 0.0, 0.7, color=color)
+            self.values[name] = axes.text(1.9 * bound, row, "", **style)
+        axes.set(xlim=(-bound, 1.9 * bound), ylim=(rows - 0.4, -0.6))
+        bold = {"fontsize": 9 * scale, "color": color, "weight": "bold"}
+        corner = axes.get_position().x0, 0.195 / self.rise
+        self.totals.append(self.figure.text(*corner, "", **bold))
 
     def axes(self, left: float, below: float, wide: float, high: float) -> Any:
         """Add axes without frame; all lengths in widths of the figure."""
@@ -131,32 +144,11 @@ class _Sheet:
         traffic(self.road, scene, self.view)
         self.caption.set_text(scene.caption)
         self.time.set_text(f"t = {scene.time:.1f} s")
-        self.env.show("r_env", float(scene.rewards.env), scene.signals)
-        self.social.show("r_social", float(scene.rewards.social), scene.signals)
-
-
-class _Panel:
-    """Bars of each signal's contribution to one reward, with the total above."""
-
-    def __init__(self, sheet: _Sheet, left: float, names: Sequence[str], color: str) -> None:
-        figure, bound, axes = sheet.figure, sheet.bound, sheet.axes(left, 0.0125, 0.3, 0.175)
-        scale = figure.get_figwidth() / 6
-        style = {"fontsize": 7.5 * scale, "va": "center", "ha": "right", "color": shapes.INK}
-        self.bars, self.values = {}, {}
-        axes.axvline(0, color=shapes.INK, linewidth=0.8)
-        for row, name in enumerate(names):
-            axes.text(-1.1 * bound, row, name.replace("_", " "), **style)
-            (self.bars[name],) = axes.barh(row, 0.0, 0.7, color=color)
-            self.values[name] = axes.text(1.9 * bound, row, "", **style)
-        axes.set(xlim=(-bound, 1.9 * bound), ylim=(sheet.rows - 0.4, -0.6))
-        bold = {"fontsize": 9 * scale, "color": color, "weight": "bold"}
-        self.total = figure.text(axes.get_position().x0, 0.195 / sheet.rise, "", **bold)
-
-    def show(self, reward: str, total: float, signals: Mapping[str, float]) -> None:
-        """Set the bars and their numbers."""
-        self.total.set_text(f"{reward} = {_signed(total)}")
+        rewards = zip(self.totals, ("r_env", "r_social"), scene.rewards, strict=True)
+        for total, name, reward in rewards:
+            total.set_text(f"{name} = {_signed(float(reward))}")
         for name, bar in self.bars.items():
-            value = float(signals.get(name, 0.0))
+            value = float(scene.signals.get(name, 0.0))
             bar.set_width(value)
             self.values[name].set(text=_signed(value), color=shapes.INK if value else shapes.FAINT)
 
@@ -212,13 +204,7 @@ def _shown(scenes: Sequence[Scene], view: View) -> Iterator[Figure]:
 
 
 def save(path: Path, scenes: Sequence[Scene], view: View, frames_per_second: int = 10) -> None:
-    """Write a film, whole or not at all.
-
-    Args:
-        path: The file: .gif, or .mp4 if ffmpeg is installed.
-        scenes: The scenes in order, one frame each.
-        view: The road.
-        frames_per_second: 1 to 50.
+    """Write a film, whole or not at all: a .gif, or a .mp4 if ffmpeg is installed.
 
     Raises:
         UserError: If there is no scene, the suffix is not supported, ffmpeg is missing or fails,

@@ -27,9 +27,6 @@ class Lanes:
 
     The frame stands still in a direction in which the place where ways meet and the ego's entry fit
     into it; else it follows the ego.
-
-    Args:
-        scene: The scene.
     """
 
     corner: tuple[float, float] | None = None
@@ -124,10 +121,6 @@ def way_of(ego: np.void, road: tables.Road) -> list[int]:
     The roads are those of its route, else the first that follow, up to one that comes back. Where
     the ego is, the lane is that it steers along; on another road that of the same number, or the
     lane that begins next to the end of the one before.
-
-    Args:
-        ego: CAR record.
-        road: Tables of the scene.
     """
     lanes, target, way = road.lanes, int(ego["target_lane"]), [int(road.entries[0]["lane"])]
     roads = [int(lanes[way[0]]["road"])]

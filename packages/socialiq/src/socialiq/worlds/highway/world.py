@@ -1,24 +1,224 @@
-"""Roads as worlds: what the intersection and the scenes share; the scenes and their batches."""
+"""Roads: episodes side by side, as NumPy arrays, the worlds that make them, and the scenes."""
 
 from __future__ import annotations
 
 import abc
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
+from jaxtyping import Float32
 
-from socialiq.errors import one_of
-from socialiq.worlds.highway.episodes import RoadBatch
-from socialiq.worlds.highway.options import RoadOptions, reward_definition, settings_of
+from socialiq.errors import UserError, one_of
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.options import (
+    DECIDE,
+    DECIDE_AND_RESET,
+    FEATURES,
+    RESET,
+    SIGNALS,
+    SKIP,
+    Buffers,
+    RoadOptions,
+    reward_definition,
+    settings_of,
+)
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, Scene, scene_of
-from socialiq.worlds.highway.state import FEATURES, Buffers
-from socialiq.worlds.world import World
+from socialiq.worlds.world import Decisions, World, observed_with_time, rows_of
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
+
+
+class State(NamedTuple):
+    """Complete state of some episodes, as plain arrays."""
+
+    episodes: np.ndarray  # EPISODE records, (rows,)
+    vehicles: np.ndarray  # records of vehicles, (rows, capacity)
+    observation: np.ndarray  # (rows, vehicles seen, 7)
+    waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
+
+    def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
+        """Return the state of the chosen episodes; indices may repeat."""
+        return State(*(column[np.asarray(chosen)] for column in self))
+
+
+class RoadBatch(abc.ABC):
+    """Episodes of one road side by side (`worlds.world.Batch`).
+
+    Every episode has its own random stream, so results don't depend on the batch's size or the
+    number of threads. By default `step` resets an episode that ends. The new episode continues the
+    stream, as in highway-env after a `reset()` without seed. The buffers are the arrays that the
+    road's core reads and writes. A single thread is best for small batches.
+    """
+
+    n_actions: int  # of the road, discrete
+
+    def __init__(
+        self, options: RoadOptions, buffers: Buffers, settings: np.ndarray, threads: int
+    ) -> None:
+        if threads < 1:
+            raise UserError(f"threads must be at least 1, got {threads}")
+        self.options, self.buffers = options, buffers
+        self._settings, self._threads = settings, threads
+        self.size = size = len(buffers.episodes)
+        self._waiting = np.ones(size, bool)  # for a reset
+        self.begun = np.zeros(size, bool)  # rows whose random stream has begun
+
+    @abc.abstractmethod
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
+        """Return the entry point of the road's core, its tables for that, and its lanes."""
+
+    @abc.abstractmethod
+    def like(self, size: int) -> RoadBatch:
+        """Return a batch of so many episodes of the same road."""
+
+    def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
+        """Return a batch of copies of some episodes, which may repeat; this one is not changed.
+
+        Copies have the same hidden state and random numbers: the same drivers and later traffic.
+        """
+        copies = self.like(len(rows))
+        copies.restore(self.save().rows(rows))
+        return copies
+
+    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode, as `core.step.run`."""
+        from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
+
+        run, road, _ = self._core()
+        arguments = command, seeds, seeded, actions, self._settings, road
+        run_in_parts(run, self._threads, self.size, self.buffers, *arguments)
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """Return a whole number for each episode, int64; refuse other actions."""
+        chosen = np.asarray(actions)
+        if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
+            raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
+        if chosen.min() < 0 or chosen.max() >= self.n_actions:
+            numbers = sorted({*chosen.tolist()})
+            raise UserError(f"actions must be 0 to {self.n_actions - 1}, got {numbers}")
+        return chosen.astype(np.int64)
+
+    @property
+    def observation(self) -> Float32[np.ndarray, "batch feature"]:
+        """Current observation of every episode, (batch, features)."""
+        return self.buffers.observation.reshape(self.size, -1).copy()
+
+    @property
+    def time(self) -> Float32[np.ndarray, " batch"]:
+        """Number of decisions since the last reset of every episode, the clock's feature."""
+        seconds = self.buffers.episodes["time"] * self.options.policy_frequency
+        return np.rint(seconds).astype(np.float32)
+
+    def seen_by(self, policy: Any) -> Float32[np.ndarray, "batch feature"]:
+        """Return what a policy observes: with the time at the end if it has one feature more."""
+        return observed_with_time(self.observation, self.time, policy)
+
+    def reset(
+        self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
+    ) -> Float32[np.ndarray, "batch feature"]:
+        """Start new episodes in some rows, an index or a mask, and return all observations.
+
+        The seeds are one for each row, or one number: row i gets seed + i. None continues the rows'
+        streams.
+
+        Raises:
+            UserError: If a seed is negative, or a stream to continue was never seeded.
+        """
+        chosen = rows_of(rows, self.size)
+        if seeds is None and not self.begun[chosen].all():
+            raise UserError("the first reset needs a seed")
+        entropy = np.zeros(self.size, np.uint64)
+        if seeds is not None:
+            entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
+        commands = np.where(chosen, RESET, SKIP).astype(np.int8)
+        self._run(commands, entropy, chosen & (seeds is not None), np.zeros(self.size, np.int64))
+        self._waiting[chosen], self.begun[chosen] = False, True
+        return self.observation
+
+    def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
+        """Take one decision in every episode, or in some rows, an index or a mask.
+
+        Results of the others are those of their last decision. With `auto_reset` a new episode
+        starts where one ended, and `observation` belongs to it. Otherwise episodes that ended must
+        be reset before the next step.
+
+        Raises:
+            UserError: If an action is not one of the road, or an episode has not begun or has
+                ended.
+        """
+        chosen, deciding = self._checked(actions), rows_of(rows, self.size)
+        if (self._waiting & deciding).any():
+            raise UserError("an episode has not begun, or has ended: reset it first")
+        command = DECIDE_AND_RESET if auto_reset else DECIDE
+        commands = np.where(deciding, command, SKIP).astype(np.int8)
+        self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
+        if not auto_reset:
+            self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
+        return self._decisions()
+
+    def _decisions(self) -> Decisions:
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
+
+        buffers, left = self.buffers, np.zeros(self.size, bool)
+        step.off_road(self._core()[2], buffers.after, buffers.present, left, 0, self.size)
+        return Decisions(
+            observation=buffers.reached.reshape(self.size, -1).copy(),
+            rewards=RewardPair(*buffers.rewards.T.copy()),
+            ending=buffers.ending.copy(),
+            signals=dict(zip(SIGNALS, buffers.signals.T.copy(), strict=True)),
+            speed=buffers.speed.copy(),
+            contact=buffers.contact.copy(),
+            neighbours_collided=buffers.neighbours_collided.copy(),
+            classical=RewardPair(*buffers.classical.T.copy()),
+            off_road=left,
+        )
+
+    @property
+    def _columns(self) -> State:
+        buffers = self.buffers
+        return State(buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
+
+    def save(self) -> State:
+        """Return a copy of the state of every episode."""
+        return State(*(column.copy() for column in self._columns))
+
+    def restore(self, state: State) -> None:
+        """Restore a state of this size and these options; episodes go on with identical bits."""
+        columns = self._columns
+        for column, saved in zip(columns, state, strict=True):
+            if column.shape != saved.shape or column.dtype != saved.dtype:
+                raise UserError(
+                    f"the saved state has the shape {saved.shape}, this batch {column.shape}: "
+                    "restore it under the options and the size it was saved with"
+                )
+        for column, saved in zip(columns, state, strict=True):
+            column[:] = saved
+        self.begun[:] = self.buffers.episodes["increment_low"] != 0  # odd in every stream
+
+
+def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
+    """Return a seed for each of `count` rows, uint64, given each or the first of consecutive ones.
+
+    Raises:
+        UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.
+    """
+    array = np.asarray(seeds)
+    if array.dtype.kind == "O" or array.dtype.kind == "f":
+        array = np.array(seeds, object)  # numpy mixes large whole numbers into floats
+    numbers = array.ravel().tolist()
+    if not all(type(seed) is int and 0 <= seed < 2**64 for seed in numbers):
+        raise UserError(f"seeds must be whole numbers of at least 0, below 2**64, got {seeds!r}")
+    if array.ndim == 0:
+        return np.uint64(numbers[0]) + np.arange(count, dtype=np.uint64)
+    if array.shape != (count,):
+        raise UserError(f"{count} seeds are needed, one for each row, got {array.size}")
+    return np.array(numbers, np.uint64)
+
 
 _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
 
@@ -70,19 +270,14 @@ class Batch(RoadBatch):
         buffers = Buffers.of(options, CAR, most, size, traced)
         super().__init__(options, buffers, settings_of(options), threads)
 
-    def _core(self) -> tuple[Any, Any]:
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
-        return step.run, self.scene.road
+        return step.run, self.scene.road, self.scene.road.lanes
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scene."""
         return type(self)(self.scene, self.options, size, self._threads)
-
-    @property
-    def lanes(self) -> np.ndarray:
-        """Records of the scene's lanes."""
-        return self.scene.road.lanes
 
 
 @dataclass(frozen=True)

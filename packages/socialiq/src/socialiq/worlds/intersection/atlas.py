@@ -18,18 +18,13 @@ from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"
 MANIFEST = "manifest.json"
+# Studies whose results contain policies of the atlas, of discrete and of continuous actions.
 STUDIES = ("intersection", "intersection-networks", "intersection-policy-iteration")
-"""Studies whose results contain policies of the atlas."""
 CONTINUOUS_STUDIES = ("intersection-continuous",)
-"""Studies whose results contain policies with continuous actions."""
 
 
 def manifest(studies: tuple[str, ...] = STUDIES) -> dict[str, Any]:
-    """Return every policy by name: file, SHA-256, provenance, measured behaviour.
-
-    Raises:
-        UserError: If the package was installed without the atlas.
-    """
+    """Return every policy by name: file, SHA-256, provenance, measured behaviour."""
     return {name: entry for _, policies in _parts(studies) for name, entry in policies.items()}
 
 
@@ -64,23 +59,14 @@ def _checked(read: Callable[[Path], Any], name: str, studies: tuple[str, ...]) -
 
 
 def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
-    """Return the path of a policy's file.
-
-    Raises:
-        UserError: If the name is unknown.
-    """
+    """Return the path of a policy's file; refuse unknown names."""
     one_of("policy of the atlas", name, names(studies))
-    of_study = [(folder, policies) for folder, policies in _parts(studies) if name in policies]
-    folder, policies = of_study[0]
+    folder, policies = next(part for part in _parts(studies) if name in part[1])
     return folder / policies[name]["file"]
 
 
 def path_for(name: str, options: Options) -> Path:
-    """Return the path of a policy's file, of the kind of actions that a scenario has.
-
-    Raises:
-        UserError: If the name is unknown, or the scenario steers: no policy of the atlas does.
-    """
+    """Return the path of a policy's file, of the scenario's kind of actions; none steers."""
     path = path_of(name, CONTINUOUS_STUDIES if options.continuous else STUDIES)
     if options.width == 2:
         raise UserError(

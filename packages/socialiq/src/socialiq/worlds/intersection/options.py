@@ -9,9 +9,18 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.worlds.highway import options as road_options
-from socialiq.worlds.highway.options import ClockOptions, EgoOptions, RewardOptions, RoadOptions
+from socialiq.worlds.highway.options import (
+    DRIVER,
+    FLAGS,
+    MOTION,
+    PUSH,
+    Buffers,
+    ClockOptions,
+    EgoOptions,
+    RewardOptions,
+    RoadOptions,
+)
 from socialiq.worlds.highway.scenes import sight
-from socialiq.worlds.highway.state import DRIVER, FLAGS, MOTION, PUSH, Buffers
 
 
 class Normal(NamedTuple):
@@ -39,18 +48,9 @@ class Population(NamedTuple):
     comfort_deceleration: Normal  # m/s², positive
 
 
-def _fixed(value: float) -> Normal:
-    return Normal(value, 0.0, value, value)
-
-
+_FIXED = float("inf"), 1.5, 7.0, 6.0, 3.0
 POPULATIONS = {
-    "highway_env": Population(
-        desired_speed=_fixed(float("inf")),
-        time_headway=_fixed(1.5),
-        jam_distance=_fixed(7.0),
-        max_acceleration=_fixed(6.0),
-        comfort_deceleration=_fixed(3.0),
-    ),
+    "highway_env": Population(*(Normal(value, 0.0, value, value) for value in _FIXED)),
     "thesis": Population(
         desired_speed=Normal(8.0, 1.0, 5.0, 10.0),
         time_headway=Normal(1.5, 0.4, 0.5, 2.5),
@@ -65,46 +65,36 @@ The thesis prints no distribution. Those of `thesis` are centred on highway-env'
 spreads of the size that calibrations of the model report, and clipped to physical values.
 """
 
-
 Destination = Literal["right", "left", "straight", "random"]
 ContinuousActions = Literal["continuous", "continuous_steering"]
 
 
 @dataclass(frozen=True)
 class _SpawnOptions:
-    """Entry of vehicles; described in `Options`."""
+    """Entry of vehicles."""
 
+    # highway-env's number: one spawn less is tried at the start, each with probability 0.6
     initial_vehicle_count: int = 5
-    spawn_probability: float = 0.3
-    destination: Destination = "left"
+    spawn_probability: float = 0.3  # of a spawn attempt after each decision
+    destination: Destination = "left"  # of the ego: highway-env's o1; "random" draws one of three
 
 
 @dataclass(frozen=True)
 class _TrafficOptions:
-    """The other drivers; described in `Options`."""
+    """The other drivers."""
 
+    # whether they search for leaders beyond the end of their lane, as in intersection-v2
     connected_lanes: bool = False
-    population: str = "highway_env"
-    canonical: bool = False
+    population: str = "highway_env"  # distribution of their parameters, of `POPULATIONS`
+    canonical: bool = False  # break exact ties by the order of vehicles and lanes, not by rounding
 
 
 @dataclass(frozen=True)
 class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOptions, ClockOptions):
     """Scenario as configured in thesis 5.1.3, and options of its reward (4.1).
 
-    Fields stand in the order of the bases from last to first, which names of scenarios have. Those
-    of every road are described in `ClockOptions`, `EgoOptions` and `RewardOptions`.
-
-    Attributes:
-        initial_vehicle_count: highway-env's number: one spawn less than this is tried at the
-            start, each with probability 0.6.
-        spawn_probability: Probability of a spawn attempt after each decision.
-        destination: Destination of the ego; "left" is highway-env's o1. "random" draws one of the
-            three.
-        connected_lanes: Whether drivers search for leaders beyond the end of their lane, as
-            in intersection-v2.
-        population: Distribution of the other drivers' parameters; a name of `POPULATIONS`.
-        canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
+    Fields stand in the order of the bases from last to first, which names of scenarios have; the
+    bases describe them.
 
     Raises:
         UserError: If a value is not supported.
@@ -139,20 +129,18 @@ class ContinuousOptions(Options):
 
     Nothing steers along the lane for the ego: with acceleration alone it drives straight on.
 
-    Attributes:
-        destination: As of `Options`; only its route's progress depends on it. With acceleration
-            alone it must be "straight".
-        actions: "continuous": acceleration alone. "continuous_steering": acceleration, then the
-            angle of the front wheels.
-        offroad_terminal: Whether an episode ends when the ego is off the road after a decision, as
-            with highway-env's option of this name. It then costs r_env what a collision costs.
-
     Raises:
         UserError: As `Options`, and if the ego can't reach its destination.
     """
 
+    # as of `Options`; only its route's progress depends on it. With acceleration alone it must be
+    # "straight"
     destination: Destination = "straight"
+    # "continuous": acceleration alone. "continuous_steering": acceleration, then the angle of the
+    # front wheels
     actions: ContinuousActions = "continuous"
+    # whether an episode ends when the ego is off the road after a decision, as with highway-env's
+    # option of this name. It then costs r_env what a collision costs
     offroad_terminal: bool = False
 
     def __post_init__(self) -> None:
@@ -180,13 +168,8 @@ def settings_of(options: Options) -> np.ndarray:
     record["warm_up"] = 3 * options.simulation_frequency
     record["rule_period"] = int(1 / (1 / options.simulation_frequency) / 2)
     record["tie"] = TIE if options.canonical else 0.0
-    record["initial_vehicle_count"] = options.initial_vehicle_count
-    record["spawn_probability"] = options.spawn_probability
     record["destination"] = _ARMS[options.destination]
-    record["connected_lanes"] = options.connected_lanes
     record["population"] = POPULATIONS[options.population]
-    if isinstance(options, ContinuousOptions):
-        record["offroad_terminal"] = options.offroad_terminal
     return record
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import one_of
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import (
     ACCELERATION_RANGE,
     ACTIONS,
@@ -45,13 +45,11 @@ Rule = Callable[[Seen], Int64[np.ndarray, " batch"] | Float32[np.ndarray, "batch
 
 def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
     """Return the vehicles of observations, one row of features each, in m and m/s."""
-    vehicles = observation.shape[1] // len(FEATURES)
-    vehicles_seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(
-        np.float64
-    )
-    vehicles_seen[..., 1:3] *= POSITION_RANGE
-    vehicles_seen[..., 3:5] *= SPEED_RANGE
-    return vehicles_seen
+    shape = len(observation), observation.shape[1] // len(FEATURES), len(FEATURES)
+    vehicles = observation.reshape(shape).astype(np.float64)
+    vehicles[..., 1:3] *= POSITION_RANGE
+    vehicles[..., 3:5] *= SPEED_RANGE
+    return vehicles
 
 
 class RulePolicy:
@@ -74,21 +72,6 @@ class RulePolicy:
         """Choose actions for one observation or a batch of them."""
         actions = self._rule(in_metres(np.atleast_2d(np.asarray(observation, np.float64))))
         return (actions if np.ndim(observation) > 1 else np.asarray(actions[0])), state
-
-
-def go(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Always choose FASTER."""
-    return np.full(len(seen), FASTER)
-
-
-def wait(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Always choose SLOWER."""
-    return np.full(len(seen), SLOWER)
-
-
-def idle(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Keep the target speed."""
-    return np.full(len(seen), IDLE)
 
 
 def stop_line(seen: Seen) -> Int64[np.ndarray, " batch"]:
@@ -152,11 +135,7 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
 
 
 def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePolicy:
-    """Return a reference policy of `NAMES`; the scenario may have continuous actions.
-
-    Raises:
-        UserError: If the name is unknown.
-    """
+    """Return a reference policy of `NAMES`, in a scenario that may have continuous actions."""
     one_of("reference policy", name, NAMES)
     if options is not None and options.continuous:
         return RulePolicy(accelerating(name, options.width, seed))
@@ -166,9 +145,9 @@ def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePoli
 
 
 _RULES: dict[str, Rule] = {
-    "go": go,
-    "idle": idle,
-    "wait": wait,
+    "go": lambda seen: np.full(len(seen), FASTER),
+    "idle": lambda seen: np.full(len(seen), IDLE),  # keep the target speed
+    "wait": lambda seen: np.full(len(seen), SLOWER),
     "stop_line": stop_line,
     "gap_2s": gap(2.0),
     "gap_3s": gap(3.0),

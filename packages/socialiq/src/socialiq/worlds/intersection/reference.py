@@ -10,10 +10,12 @@ ulp, and stopping vehicles magnify that. The variables of `highway.PORTABLE`, se
 starts, select the portable routines.
 """
 
+# pyright: reportMissingImports=false
+# Type checks also run where the extra is not installed.
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,18 +23,9 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.conformance import write_commands, write_motion
 from socialiq.worlds.gym import TERMINAL
+from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq.worlds.highway.state import (
-    ANNOTATE,
-    DECIDE,
-    DECIDE_AND_RESET,
-    FEATURES,
-    RESET,
-    SKIP,
-    Buffers,
-    Contact,
-)
 from socialiq.worlds.intersection.core import step, traffic
 from socialiq.worlds.intersection.options import (
     POPULATIONS,
@@ -47,16 +40,11 @@ from socialiq.worlds.intersection.options import (
 )
 
 try:
-    # Type checks also run where the extra is not installed.
-    from highway_env.envs.common.action import (  # pyright: ignore[reportMissingImports]
-        ContinuousAction,
-    )
-    from highway_env.envs.intersection_env import (  # pyright: ignore[reportMissingImports]
-        IntersectionEnv,
-    )
-    from highway_env.road.regulation import RegulatedRoad  # pyright: ignore[reportMissingImports]
-    from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
-    from highway_env.vehicle.kinematics import Vehicle  # pyright: ignore[reportMissingImports]
+    from highway_env.envs.common.action import ContinuousAction
+    from highway_env.envs.intersection_env import IntersectionEnv
+    from highway_env.road.regulation import RegulatedRoad
+    from highway_env.vehicle.behavior import IDMVehicle
+    from highway_env.vehicle.kinematics import Vehicle
 except ImportError as error:
     raise UserError(
         "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
@@ -132,7 +120,7 @@ def environment_config(options: Options) -> dict[str, Any]:
         "observation": {
             "type": "Kinematics",
             "vehicles_count": options.observed_vehicles,
-            "features": list(FEATURES),
+            "features": list(roads.FEATURES),
             "features_range": {"x": metres, "y": metres, "vx": speed, "vy": speed},
             "absolute": True,
             "order": "sorted",
@@ -153,14 +141,6 @@ def environment_config(options: Options) -> dict[str, Any]:
         "neighbour_vehicles_connected_lanes": options.connected_lanes,
         "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
     }
-
-
-class _Entry(NamedTuple):
-    """Facts of a vehicle that are lost once it has driven a part of its route."""
-
-    identity: int
-    origin: int
-    destination: int
 
 
 # Of an ego with continuous actions, which highway-env gives no target lane and no route.
@@ -196,8 +176,9 @@ class _WatchedRoad(RegulatedRoad):
             neighbour_vehicles_connected_lanes=road.neighbour_vehicles_connected_lanes,
         )
         self.ego: Any = None
-        self.contact, self.touched = int(Contact.NONE), -1
-        self._entries: dict[Any, _Entry] = {}
+        self.contact, self.touched = int(roads.Contact.NONE), -1
+        # Identity, origin and destination, which are lost once a part of the route is driven.
+        self._entries: dict[Any, tuple[int, int, int]] = {}
         lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
         self._lane_numbers = {lane: number for number, lane in enumerate(lanes)}
 
@@ -205,9 +186,9 @@ class _WatchedRoad(RegulatedRoad):
         """Number a vehicle that has just entered, and record its origin and destination."""
         destination = getattr(vehicle, "planned", None) or vehicle.route[-1][1]
         origin = vehicle.lane_index[0]
-        entry = _Entry(len(self._entries), int(origin[1:]), int(destination[1:]))
-        self._entries[vehicle] = entry
-        return entry.identity
+        identity = len(self._entries)
+        self._entries[vehicle] = identity, int(origin[1:]), int(destination[1:])
+        return identity
 
     def step(self, dt: float) -> None:
         """Advance by a sub-step; the ego's contacts are determined before it crashes."""
@@ -280,17 +261,13 @@ class HighwayIntersection:
     The state of an episode is recorded at three moments of a step. After a reset all three are
     the initial state.
 
-    Attributes:
-        environment: highway-env's environment itself.
-        before: Vehicles at the decision, VEHICLE (vehicles,).
-        after: Vehicles after the sub-steps, before clearing and spawning,
-            VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
-        terminated: Whether highway-env says that the last step led to a terminal state.
+    `before` has the vehicles at the decision, `after` those after the sub-steps, before clearing
+    and spawning: observation, endings and rewards are of that moment.
     """
 
     def __init__(self, options: Options) -> None:
         self.environment = _WatchedEnv(config=environment_config(options))
-        self.terminated = False
+        self.terminated = False  # as highway-env says of the last step
         self.reset()
 
     def reset(self, seed: int | None = None) -> np.ndarray:
@@ -328,7 +305,7 @@ class HighwayIntersection:
 class Reference:
     """One highway-env for each row of the buffers, in the place of the core."""
 
-    def __init__(self, options: Options, buffers: Buffers) -> None:
+    def __init__(self, options: Options, buffers: roads.Buffers) -> None:
         self._buffers, self._settings = buffers, settings_of(options)
         self.rows = [HighwayIntersection(options) for _ in buffers.episodes]
 
@@ -340,7 +317,7 @@ class Reference:
         finds the difference.
         """
         buffers = self._buffers
-        decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
+        decided = np.isin(commands, (roads.DECIDE, roads.DECIDE_AND_RESET))
         observation = np.zeros_like(buffers.reached)
         for row in np.flatnonzero(decided):
             real = self.rows[row]
@@ -349,7 +326,7 @@ class Reference:
             buffers.after[row, : len(real.after)] = real.after
             buffers.present[row] = len(real.after), real.ego_after
             self._write(row)
-        annotated = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
+        annotated = np.where(decided, roads.ANNOTATE, roads.SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
         rows = 0, 0, len(commands)
         step.run(buffers, annotated, seeds, unseeded, unused, self._settings, *rows)
@@ -359,8 +336,8 @@ class Reference:
                 buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
         buffers.reached[decided] = observation[decided]
         buffers.observation[decided] = observation[decided]
-        ended = (commands == DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
-        for row in np.flatnonzero((commands == RESET) | ended):
+        ended = (commands == roads.DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
+        for row in np.flatnonzero((commands == roads.RESET) | ended):
             begun = self.rows[row].reset(int(seeds[row]) if seeded[row] else None)
             buffers.observation[row] = begun.reshape(buffers.observation[row].shape)
             self._write(row)

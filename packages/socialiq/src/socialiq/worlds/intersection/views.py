@@ -48,20 +48,11 @@ class Crossing:
         bend = np.linspace(math.pi, 1.5 * math.pi, 12)
         x = [LANE_WIDTH, *(JUNCTION + _CORNER * np.cos(bend)), reach]
         y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
-        quarter, corners = (
-            list(zip(x, y, strict=True)),
-            [math.pi / 2 * corner for corner in range(4)],
-        )
-        kerb = np.concatenate([Pose(0.0, 0.0, corner).place(quarter)[::-1] for corner in corners])
-        axes.add_artist(
-            Polygon(
-                kerb,
-                facecolor=shapes.ASPHALT,
-                edgecolor=shapes.PAINT,
-                linewidth=1.2,
-                joinstyle="round",
-            )
-        )
+        quarter = list(zip(x, y, strict=True))
+        corners = [Pose(0.0, 0.0, math.pi / 2 * corner) for corner in range(4)]
+        kerb = np.concatenate([corner.place(quarter)[::-1] for corner in corners])
+        look = {"facecolor": shapes.ASPHALT, "edgecolor": shapes.PAINT, "linewidth": 1.2}
+        axes.add_artist(Polygon(kerb, joinstyle="round", **look))
         arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
         centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
         dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
@@ -88,10 +79,8 @@ class Crossing:
         approach, across, leave = (LANES[n] for n in ROUTES[ego["origin"], ego["destination"]])
         start = float(approach["length"]) - shapes.ZONE_APPROACH
         shapes.band(axes, np.concatenate([shapes.way(approach, start), shapes.way(across)]))
-        line = np.concatenate(
-            [shapes.way(approach), shapes.way(across), shapes.way(leave, end=EXIT_DISTANCE)]
-        )
-        shapes.route(axes, line, float(ego["x"]), float(ego["y"]))
+        line = shapes.way(approach), shapes.way(across), shapes.way(leave, end=EXIT_DISTANCE)
+        shapes.route(axes, np.concatenate(line), float(ego["x"]), float(ego["y"]))
 
 
 VIEW: View = Crossing()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -12,9 +12,8 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
-from socialiq.worlds.highway.episodes import RoadBatch, State
-from socialiq.worlds.highway.state import MAX_SPEED, SKIP
-from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.highway.options import MAX_SPEED, SKIP
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import (
     ACCELERATION_RANGE,
@@ -40,12 +39,8 @@ def commands(actions: Float[np.ndarray, "batch value"]) -> list[Float[np.ndarray
     They are computed in highway-env's order of operations and in the actions' own precision;
     float32 rounds differently from float64. Without a second column the wheels stand straight.
     """
-    held = [
-        low + (values - -1) * (high - low) / (1 - -1)
-        for values, (low, high) in zip(
-            actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False
-        )
-    ]
+    ranges = zip(actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False)
+    held = [low + (values - -1) * (high - low) / (1 - -1) for values, (low, high) in ranges]
     return held if len(held) == 2 else [*held, np.zeros(len(actions))]
 
 
@@ -78,41 +73,30 @@ class Batch(RoadBatch):
 
             self._real = Reference(options, self.buffers)
 
-    def _core(self) -> tuple[Any, Any]:
-        from socialiq.worlds.intersection.core import step  # import Numba only when it is needed
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
+        from socialiq.worlds.intersection.core import geometry, step  # import Numba when needed
 
-        return step.run, 0
+        return step.run, 0, geometry.LANES
 
-    def _run(self, commands_of_rows: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         if self._real is not None:
-            self._real.run(commands_of_rows, seeds, seeded, actions)
+            self._real.run(command, seeds, seeded, actions)
             return
         if actions.ndim == 2:  # held in the egos' records
-            rows = np.flatnonzero(commands_of_rows != SKIP)
+            rows = np.flatnonzero(command != SKIP)
             ego = rows, self.buffers.episodes["ego"][rows]
             acceleration, steering = commands(actions[rows])
             self.buffers.vehicles["acceleration"][ego] = acceleration
             self.buffers.vehicles["steering"][ego] = steering
             actions = np.zeros(len(actions), np.int64)
-        super()._run(commands_of_rows, seeds, seeded, actions)
+        super()._run(command, seeds, seeded, actions)
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scenario, on the core."""
         return type(self)(self.options, size, self._threads)
 
-    @property
-    def lanes(self) -> np.ndarray:
-        """Records of the crossing's lanes."""
-        from socialiq.worlds.intersection.core.geometry import LANES
-
-        return LANES
-
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return numbers, or if actions are continuous float32 or float64 in [-1, 1].
-
-        Raises:
-            UserError: If they have another shape or type, or one is out of range or NaN.
-        """
+        """Return numbers, or where actions are continuous floats in [-1, 1]; refuse others."""
         if not self.options.continuous:
             return super()._checked(actions)
         chosen, shape = np.asarray(actions), (self.size, self.options.width)
@@ -126,25 +110,11 @@ class Batch(RoadBatch):
             raise UserError(f"actions must lie between -1 and 1, got {wrong[0]}: clip them")
         return chosen
 
-    def save(self) -> State:
-        """Return a copy of the state of every episode.
-
-        Raises:
-            UserError: On the back end highway_env, whose state is held in Python objects.
-        """
-        if self._real is not None:
-            raise UserError("the state of highway-env can't be saved: use the core")
-        return super().save()
-
-    def restore(self, state: State) -> None:
-        """Restore a saved state; see `RoadBatch.restore`.
-
-        Raises:
-            UserError: If the shapes differ, or on the back end highway_env.
-        """
-        if self._real is not None:
-            raise UserError("the state of highway-env can't be restored: use the core")
-        super().restore(state)
+    @property
+    def _columns(self) -> State:
+        if self._real is not None:  # which holds its state in Python objects
+            raise UserError("the state of highway-env can't be saved or restored: use the core")
+        return super()._columns
 
 
 @dataclass(frozen=True)
@@ -192,7 +162,7 @@ class Intersection(RoadWorld):
         if self.options.continuous and self.options.destination != "straight":
             return None
         sides = env_range(self.options), social_range(self.options)
-        return sum(abs(w) * side.width for w, side in zip(weights, sides, strict=True))
+        return sum(abs(w) * (high - low) for w, (low, high) in zip(weights, sides, strict=True))
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the other populations of drivers, and connected lanes switched the other way."""
@@ -208,18 +178,6 @@ class Intersection(RoadWorld):
 _INSIDE_TURN = 1.3
 """Largest advance along a route per metre driven: on the tightest turn, of radius 9 m, within the
 half-width of a lane, 2 m, of its centre (9 / 7)."""
-
-
-class Range(NamedTuple):
-    """Smallest and largest value."""
-
-    low: float
-    high: float
-
-    @property
-    def width(self) -> float:
-        """Largest difference of two values."""
-        return self.high - self.low
 
 
 def decisions(options: Options) -> int:
@@ -245,7 +203,7 @@ def largest_progress(options: Options) -> float:
     return _INSIDE_TURN * fastest / options.policy_frequency / options.progress_unit
 
 
-def env_range(options: Options) -> Range:
+def env_range(options: Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_env (Eq 4.1), for any driver in any traffic.
 
     Collision and arrival replace the last decision's reward, a timeout adds to it.
@@ -255,13 +213,11 @@ def env_range(options: Options) -> Range:
     high = moved + max(held, 0.0) + options.step_weight
     earlier, late = decisions(options) - 1, options.timeout_weight
     terminal = options.collision_weight, options.arrival_weight
-    return Range(
-        min(earlier * low, 0.0) + min(*terminal, low, low + late),
-        max(earlier * high, 0.0) + max(*terminal, high, high + late),
-    )
+    least = min(earlier * low, 0.0) + min(*terminal, low, low + late)
+    return least, max(earlier * high, 0.0) + max(*terminal, high, high + late)
 
 
-def social_range(options: Options) -> Range:
+def social_range(options: Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_social (Eq 4.2), for any driver in any traffic.
 
     In every decision each other vehicle counts at most once with each of its two signals, which
@@ -272,7 +228,5 @@ def social_range(options: Options) -> Range:
     vehicles = count * options.initial_vehicle_count + count * (count - 1) // 2
     weights = options.yielding_weight, options.disruption_weight
     crash = options.neighbour_collision_weight
-    return Range(
-        vehicles * sum(min(weight, 0.0) for weight in weights) + min(crash, 0.0),
-        vehicles * sum(max(weight, 0.0) for weight in weights) + max(crash, 0.0),
-    )
+    least = vehicles * sum(min(weight, 0.0) for weight in weights) + min(crash, 0.0)
+    return least, vehicles * sum(max(weight, 0.0) for weight in weights) + max(crash, 0.0)

@@ -5,7 +5,6 @@ Functions are unwrapped of the run-time type checks of tests, which Numba can't 
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import hashlib
 import inspect
@@ -13,7 +12,7 @@ import itertools
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = ("network", "options", "scenes", "state")  # that kernels read
+_TABLES = ("network", "options", "scenes")  # that kernels read
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -69,6 +68,10 @@ def entry_point(function: Callable[..., Any]) -> Any:
 def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
     """Call an entry point on equal parts of the rows, each on a thread of its own; 0 takes all.
 
+    Compilation that takes more than a moment is announced on standard error; code that is in the
+    cache loads in less. Only whole lines are written, each at once, so that a progress bar stays
+    below them. Garbage collection, a tenth of the time, waits.
+
     Raises:
         UserError: If there are fewer threads.
     """
@@ -78,8 +81,20 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
     count = min(threads or available, max(rows, 1))
     ends = [rows * interval // count for interval in range(count + 1)]
     if run not in _CALLED:  # not by `run.signatures`, which hashes all types at every call
-        with _announced():
+        begun, collecting = time.monotonic(), gc.isenabled()
+        notice = threading.Timer(_MOMENT, lambda: sys.stderr.write(f"{NOTICE}\n"))
+        notice.daemon = True
+        notice.start()
+        gc.disable()
+        try:
             run(*arguments, 0, 0)
+        finally:
+            if collecting:
+                gc.enable()
+            notice.cancel()
+            notice.join()
+            if time.monotonic() - begun > _MOMENT:
+                sys.stderr.write(f"compiled in {time.monotonic() - begun:.0f} s\n")
         _CALLED.add(run)
     if count == 1:
         run(*arguments, 0, rows)
@@ -88,29 +103,6 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
         intervals = [pool.submit(run, *arguments, *ends_of) for ends_of in itertools.pairwise(ends)]
         for interval in intervals:
             interval.result()
-
-
-@contextlib.contextmanager
-def _announced() -> Iterator[None]:
-    """Say on standard error that code is compiled, if that takes more than a moment.
-
-    Code that is in the cache loads in less. Only whole lines are written, each at once, so that
-    a progress bar stays below them. Garbage collection, a tenth of the time, waits.
-    """
-    begun, collecting = time.monotonic(), gc.isenabled()
-    notice = threading.Timer(_MOMENT, lambda: sys.stderr.write(f"{NOTICE}\n"))
-    notice.daemon = True
-    notice.start()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()
-        notice.cancel()
-        notice.join()
-        if time.monotonic() - begun > _MOMENT:
-            sys.stderr.write(f"compiled in {time.monotonic() - begun:.0f} s\n")
 
 
 def fingerprint(*files: str) -> int:

@@ -4,30 +4,13 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core import geometry, stream
+from socialiq.worlds.highway.core import vehicle as motion
 from socialiq.worlds.highway.core.compile import kernel
-from socialiq.worlds.highway.core.geometry import (
-    VEHICLE_LENGTH,
-    closest_lane,
-    following,
-    heading_at,
-    longitudinal,
-    on_lane,
-    position,
-    reachable,
-)
-from socialiq.worlds.highway.core.vehicle import (
-    MAX_ACCELERATION,
-    SPEED_GAIN,
-    braking_for,
-    clip,
-    desired_gap,
-    free_acceleration,
-    speed_index,
-    steering,
-)
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
+from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import FASTER, LANE_LEFT, LANE_RIGHT, NORMAL, SLOWER, UNIFORM
-from socialiq.worlds.highway.state import Contact
 
 CHANGE_EVERY = 1.0  # s
 LEAST_GAIN = 0.2  # m/s², of a lane change
@@ -44,49 +27,43 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def reset(episode, cars, road, settings):
-    """Start an episode from the current state of the stream."""
-    episode.time = 0.0
-    episode.sub_steps = 0
-    episode.ego = 0
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    """Start an episode from the current state of the stream.
+
+    Of each vehicle are drawn, in highway-env's order: lane, place, speed, destination, driver.
+    """
+    episode.time, episode.sub_steps, episode.ego = 0.0, 0, 0
+    episode.contact, episode.touched = _NO_CONTACT, -1
     episode.vehicles = len(road.entries)
     for slot in range(len(road.entries)):
-        cars[slot].identity = slot
-        _enter(episode, cars[slot], road.entries[slot], road)
+        car, entry = cars[slot], road.entries[slot]
+        car.identity = slot
+        number = entry.lane + 0
+        if entry.lanes > 1:
+            number += stream.up_to(episode, entry.lanes - 1)
+        lane = road.lanes[number]
+        along = entry.along + _spread(episode, entry.spread, entry.along_spread)
+        speed = entry.speed + _spread(episode, entry.spread, entry.speed_spread)
+        x, y = geometry.position(lane, along)
+        _stand(car, x, y, geometry.heading_at(lane, along), speed, road)
+        car.target_speed = entry.target_speed if entry.target_speed > 0 else speed
+        car.timer = ((x + y) * math.pi) % CHANGE_EVERY
+        car.time_headway, car.jam_distance = TIME_HEADWAY, JAM_DISTANCE
+        car.max_acceleration, car.comfort_deceleration = ACCELERATION, DECELERATION
+        car.exponent = EXPONENT
+        car.route, car.destination, car.leg = -1, 0, 0
+        if entry.destination >= 0:
+            car.route = road.lanes[car.lane].road
+            car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
+        if entry.exponent:
+            car.exponent = 3.5 + 1.0 * stream.uniform(episode)
     ego = cars[0]
     ego.exponent = EXPONENT
-    ego.target_speed = settings.target_speeds[speed_index(ego.speed, settings)]
+    ego.target_speed = settings.target_speeds[motion.speed_index(ego.speed, settings)]
     for number in range(len(road.obstacles)):
-        slot = len(road.entries) + number
-        cars[slot].identity = slot
-        x, y = road.obstacles[number, 0], road.obstacles[number, 1]
-        _stand(cars[slot], x, y, 0.0, 0.0, road)
-        cars[slot].obstacle = True
-
-
-@kernel
-def _enter(episode, car, entry, road):
-    """Draw a vehicle's start in highway-env's order: lane, place, speed, destination, driver."""
-    number = entry.lane + 0
-    if entry.lanes > 1:
-        number += stream.up_to(episode, entry.lanes - 1)
-    lane = road.lanes[number]
-    along = entry.along + _spread(episode, entry.spread, entry.along_spread)
-    speed = entry.speed + _spread(episode, entry.spread, entry.speed_spread)
-    x, y = position(lane, along)
-    _stand(car, x, y, heading_at(lane, along), speed, road)
-    car.target_speed = entry.target_speed if entry.target_speed > 0 else speed
-    car.timer = ((x + y) * math.pi) % CHANGE_EVERY
-    car.time_headway, car.jam_distance = TIME_HEADWAY, JAM_DISTANCE
-    car.max_acceleration, car.comfort_deceleration = ACCELERATION, DECELERATION
-    car.exponent = EXPONENT
-    car.route, car.destination, car.leg = -1, 0, 0
-    if entry.destination >= 0:
-        car.route = road.lanes[car.lane].road
-        car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
-    if entry.exponent:
-        car.exponent = 3.5 + 1.0 * stream.uniform(episode)
+        obstacle = cars[len(road.entries) + number]
+        obstacle.identity = len(road.entries) + number
+        _stand(obstacle, road.obstacles[number, 0], road.obstacles[number, 1], 0.0, 0.0, road)
+        obstacle.obstacle = True
 
 
 @kernel
@@ -102,23 +79,19 @@ def _spread(episode, kind, size):
 def _stand(car, x, y, heading, speed, road):
     car.x, car.y, car.heading, car.speed = x, y, heading, speed
     car.along_x, car.along_y = math.cos(heading), math.sin(heading)
-    car.steering = 0.0
-    car.acceleration = 0.0
-    car.target_speed = speed
-    car.push_x = 0.0
-    car.push_y = 0.0
-    car.lane = closest_lane(road.lanes, x, y, heading, 0)
+    car.steering, car.acceleration, car.target_speed = 0.0, 0.0, speed
+    car.push_x, car.push_y = 0.0, 0.0
+    car.lane = geometry.closest_lane(road.lanes, x, y, heading, 0)
     car.target_lane = car.lane
-    car.obstacle = False
-    car.crashed = False
-    car.pushed = False
+    car.obstacle, car.crashed, car.pushed = False, False, False
 
 
 @kernel
-def _at_end(car, lanes):
-    """Whether a vehicle is beyond 2.5 m before the end of its target lane."""
-    lane = lanes[car.target_lane]
-    return longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2
+def _follow_road(car, road):
+    """Select the next lane from 2.5 m before the end of the target lane."""
+    lane = road.lanes[car.target_lane]
+    if longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2:
+        car.target_lane = geometry.following(car, road)
 
 
 @kernel
@@ -129,7 +102,7 @@ def _neighbours(cars, me, number, lanes):
     front, rear, ahead, behind = -1, -1, math.inf, -math.inf
     for slot in range(len(cars)):
         x, y = cars[slot].x, cars[slot].y
-        if slot == me or not on_lane(lane, x, y, 1.0):
+        if slot == me or not geometry.on_lane(lane, x, y, 1.0):
             continue
         along = longitudinal(lane, x, y)
         if here <= along <= ahead:
@@ -149,8 +122,8 @@ def _acceleration(cars, slot, front, exponent, lanes):
         return 0.0
     car = cars[slot]
     lane = lanes[car.lane]
-    free = free_acceleration(car, lane.speed_limit, exponent)
-    return free if front < 0 else free - braking_for(car, cars[front], lane)
+    free = motion.free_acceleration(car, lane.speed_limit, exponent)
+    return free if front < 0 else free - motion.braking_for(car, cars[front], lane)
 
 
 @kernel
@@ -160,11 +133,10 @@ def drive(cars, count, me, road):
     if car.crashed:
         return
     lanes = road.lanes
-    if _at_end(car, lanes):
-        car.target_lane = following(car, road)
+    _follow_road(car, road)
     if road.entries[me].changes:
         _change_lane(cars, count, me, lanes)
-    car.steering = steering(car, lanes[car.target_lane])
+    car.steering = motion.steering(car, lanes[car.target_lane])
     front, _ = _neighbours(cars, me, car.lane, lanes)
     rate = _acceleration(cars, me, front, car.exponent, lanes)
     if car.lane != car.target_lane:
@@ -190,7 +162,7 @@ def _change_lane(cars, count, me, lanes):
             if slot == me or not same:
                 continue
             gap = longitudinal(lane, neighbour.x, neighbour.y) - longitudinal(lane, car.x, car.y)
-            if 0 < gap < desired_gap(car, neighbour):
+            if 0 < gap < motion.desired_gap(car, neighbour):
                 car.target_lane = car.lane
                 return
         return
@@ -203,7 +175,7 @@ def _change_lane(cars, count, me, lanes):
         if not 0 <= number < lane.lanes:
             continue
         candidate = lane.first + number
-        if not reachable(lanes[candidate], car.x, car.y) or abs(car.speed) < LEAST_SPEED:
+        if not geometry.reachable(lanes[candidate], car.x, car.y) or abs(car.speed) < LEAST_SPEED:
             continue
         if _worthwhile(cars, me, here, candidate, lanes):
             car.target_lane = candidate
@@ -217,8 +189,7 @@ def _worthwhile(cars, me, here, candidate, lanes):
     if _acceleration(cars, rear, me, car.exponent, lanes) < -MOST_IMPOSED:
         return False
     after = _acceleration(cars, me, front, car.exponent, lanes)
-    if car.route >= 0 and car.leg == 0:
-        # Its way prescribes the lane on which it began.
+    if car.route >= 0 and car.leg == 0:  # its way prescribes the lane on which it began
         return False
     front, _ = _neighbours(cars, me, here, lanes)
     return not after - _acceleration(cars, me, front, car.exponent, lanes) < LEAST_GAIN
@@ -228,23 +199,21 @@ def _worthwhile(cars, me, here, candidate, lanes):
 def choose(_episode, cars, action, road, settings):
     """Carry out the ego's action: a target lane or a target speed."""
     car = cars[0]
-    if _at_end(car, road.lanes):
-        car.target_lane = following(car, road)
+    _follow_road(car, road)
     if action in (FASTER, SLOWER):
-        level = speed_index(car.speed, settings) + (1 if action == FASTER else -1)
+        level = motion.speed_index(car.speed, settings) + (1 if action == FASTER else -1)
         car.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
     elif action in (LANE_LEFT, LANE_RIGHT):
         lane = road.lanes[car.target_lane]
         number = lane.number + (1 if action == LANE_RIGHT else -1)
         beside = lane.first + clip(number, 0, lane.lanes - 1)
-        if reachable(road.lanes[beside], car.x, car.y):
+        if geometry.reachable(road.lanes[beside], car.x, car.y):
             car.target_lane = beside
 
 
 @kernel
 def control(car, road):
     """Set the ego's steering and an unbounded proportional acceleration for a sub-step."""
-    if _at_end(car, road.lanes):
-        car.target_lane = following(car, road)
-    car.steering = steering(car, road.lanes[car.target_lane])
-    car.acceleration = SPEED_GAIN * (car.target_speed - car.speed)
+    _follow_road(car, road)
+    car.steering = motion.steering(car, road.lanes[car.target_lane])
+    car.acceleration = motion.SPEED_GAIN * (car.target_speed - car.speed)

@@ -65,13 +65,8 @@ def lateral(lane, x, y):
     offset = dx * lane.across_x + dy * lane.across_y
     if lane.amplitude == 0.0:
         return offset
-    return offset - lane.amplitude * math.sin(_swing(lane, longitudinal(lane, x, y)))
-
-
-@kernel
-def _swing(lane, along):
-    """Return the phase of a lane that swings around a straight line, rad."""
-    return lane.pulsation * along + lane.shift
+    phase = lane.pulsation * longitudinal(lane, x, y) + lane.shift
+    return offset - lane.amplitude * math.sin(phase)
 
 
 @kernel
@@ -91,7 +86,7 @@ def position(lane, along):
         x, y = lane.x + along * lane.along_x, lane.y + along * lane.along_y
         if lane.amplitude == 0.0:
             return x, y
-        offset = lane.amplitude * math.sin(_swing(lane, along))
+        offset = lane.amplitude * math.sin(lane.pulsation * along + lane.shift)
         return x + offset * lane.across_x, y + offset * lane.across_y
     phase = lane.sense * along / lane.radius + lane.phase
     return lane.x + lane.radius * math.cos(phase), lane.y + lane.radius * math.sin(phase)
@@ -103,7 +98,8 @@ def heading_at(lane, along):
     if lane.straight:
         if lane.amplitude == 0.0:
             return lane.heading
-        return lane.heading + atan(lane.amplitude * lane.pulsation * math.cos(_swing(lane, along)))
+        phase = lane.pulsation * along + lane.shift
+        return lane.heading + atan(lane.amplitude * lane.pulsation * math.cos(phase))
     return lane.sense * along / lane.radius + lane.phase + math.pi / 2 * lane.sense
 
 
@@ -167,10 +163,7 @@ def _boxed_misfit(lane, x, y, heading, enough):
 
     The misfit in place is the length of a way to the lane, so at least the distance to its box.
     """
-    if (
-        max(lane.low_x - x, x - lane.high_x) > enough
-        or max(lane.low_y - y, y - lane.high_y) > enough
-    ):
+    if max(lane.low_x - x, x - lane.high_x, lane.low_y - y, y - lane.high_y) > enough:
         return math.inf
     return turned_misfit(lane, x, y, heading, enough)
 

@@ -62,10 +62,8 @@ _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
 _OVERRIDE, _ADD = range(len(get_args(Crash)))
 _PROGRESS, _SPEED, _STEP, _COLLISION, _ARRIVAL, _TIMEOUT = range(_N_ENV)
 _YIELDING, _DISRUPTION, _NEIGHBOUR_COLLISION = range(_N_ENV, _N_SIGNALS)
-_NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = (
-    int(kind)
-    for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER)
-)
+_ENDINGS = Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER
+_NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = map(int, _ENDINGS)
 
 
 @kernel
@@ -85,15 +83,8 @@ def env_signals(advance, on_road, speed, ending, settings, signals):
     """Write the signals of r_env (Eq 4.1).
 
     Collision and arrival replace the other signals of the step; a timeout adds to them. To leave
-    the road, where that ends the episode, costs as a collision.
-
-    Args:
-        advance: Metres that the ego advanced along its route.
-        on_road: Whether it is on the road after the decision.
-        speed: Its speed then, m/s.
-        ending: Value of `Ending`.
-        settings: SETTINGS record.
-        signals: All signals in the order of `SIGNALS`, overwritten up to `TIMEOUT`.
+    the road, where that ends the episode, costs as a collision. The ego advanced so many metres
+    along its route; speed, m/s, and whether it is on the road are of the time after the decision.
     """
     signals[:_N_ENV] = 0.0
     if ending in (_COLLIDED, _LEFT):
@@ -111,17 +102,10 @@ def env_signals(advance, on_road, speed, ending, settings, signals):
 
 @kernel
 def social_signals(speed, within, counted, lost, ending, settings, signals, braking):
-    """Write the signals of r_social (Eq 4.2), 0 outside the influence zone.
+    """Write the signals of r_social (Eq 4.2), 0 where the ego is not within the influence zone.
 
-    Args:
-        speed: The ego's speed after the decision, m/s.
-        within: Whether the ego is in the influence zone then.
-        counted: By slot, whether the vehicle is a neighbour that counts.
-        lost: By slot, loss of speed, m/s.
-        ending: Value of `Ending`.
-        settings: SETTINGS record.
-        signals: All signals in the order of `SIGNALS`, overwritten from `YIELDING` on.
-        braking: By slot, whether the loss of speed was charged to the ego; overwritten.
+    By slot are given whether the vehicle is a neighbour that counts, and its loss of speed, m/s;
+    written is whether that was charged to the ego.
     """
     braking[:] = False
     signals[_N_ENV:] = 0.0
@@ -135,20 +119,14 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
     for slot in range(len(counted)):
         if counted[slot]:
             neighbours += 1
-            share = _disruption(lost[slot], settings)
+            loss, share = lost[slot], 0.0
+            if settings.disruption == _LITERAL:
+                loss = max(loss, settings.speed_threshold)
+            if settings.disruption == _LITERAL or loss > settings.speed_threshold:
+                share = min(loss / settings.speed_cap, 1.0)
             signals[_DISRUPTION] += share
             braking[slot] = share > 0
     signals[_YIELDING] = (1.0 - clip(speed / settings.max_speed, 0.0, 1.0)) * neighbours
-
-
-@kernel
-def _disruption(lost, settings):
-    """Return the second term of Eq 4.2 of a neighbour that lost so much speed, m/s."""
-    if settings.disruption == _LITERAL:
-        lost = max(lost, settings.speed_threshold)
-    elif lost <= settings.speed_threshold:
-        return 0.0
-    return min(lost / settings.speed_cap, 1.0)
 
 
 @kernel
@@ -207,17 +185,8 @@ def observe(vehicles, count, ego, along, tie, sight, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 
     Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
-    on the ego's lane, so rounding often decides their order; `tie` makes the list's order
-    decide.
-
-    Args:
-        vehicles: Records of vehicles, and of obstacles.
-        count: Number of these.
-        ego: The ego's slot.
-        along: By slot, the coordinate along the ego's lane, m.
-        tie: Distances closer than this are equal, m.
-        sight: SIGHT record.
-        observation: Rows of seven, float32, overwritten.
+    on the ego's lane, so rounding often decides their order; with `tie`, m, the list's order
+    decides. Coordinates along the ego's lane are given by slot, m.
     """
     observation[:] = 0.0
     me = vehicles[ego]
@@ -252,8 +221,7 @@ def _write(vehicle, x, y, vx, vy, sight, row):
     row[2] = _scaled(vehicle.y - y, sight.y)
     row[3] = _scaled(vehicle.speed * vehicle.along_x - vx, sight.vx)
     row[4] = _scaled(vehicle.speed * vehicle.along_y - vy, sight.vy)
-    row[5] = vehicle.along_x
-    row[6] = vehicle.along_y
+    row[5], row[6] = vehicle.along_x, vehicle.along_y
 
 
 @kernel

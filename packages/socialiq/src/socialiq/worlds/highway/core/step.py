@@ -13,7 +13,7 @@ from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kerne
 from socialiq.worlds.highway.core.geometry import closest_lane, distance, longitudinal, on_lane
 from socialiq.worlds.highway.core.vehicle import advance, collide
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
+from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
 
 _NO_ENDING, _NO_CONTACT = int(Ending.NONE), int(Contact.NONE)
 
@@ -22,7 +22,6 @@ class RoadKernels(NamedTuple):
     """Kernels by which a road differs from others; `road` is its tables."""
 
     lane: Callable[..., Any]  # (number, road) -> record of a lane
-    kind: Callable[..., Any]  # (number, road) -> kind of a lane: APPROACH, EXIT, or another
     coordinate: Callable[..., Any]  # (vehicle, road) -> its metres along the task
     # (vehicles, slot, ego, road) -> whether it entered by the ego's approach
     same_origin: Callable[..., Any]
@@ -101,9 +100,8 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
 
 def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[..., Any]:
     """Return the kernel that writes a decision's results from its two snapshots."""
-    arrived, records = kernels.arrived, kernels.records
-    lane_of, kind, coordinate = kernels.lane, kernels.kind, kernels.coordinate
-    same_origin = kernels.same_origin
+    arrived, records, same_origin = kernels.arrived, kernels.records, kernels.same_origin
+    lane_of, coordinate = kernels.lane, kernels.coordinate
 
     @kernel
     def is_on_road(vehicle, road):
@@ -118,13 +116,13 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
         rewards.env_signals(advanced, is_on_road(ego, road), ego.speed, ending, settings, signals)
         lane = lane_of(ego.lane, road)
         along, travelled = longitudinal(lane, ego.x, ego.y), reached - start
-        within = rewards.in_zone(kind(ego.lane, road), along, lane.length, travelled, settings)
+        within = rewards.in_zone(lane.kind, along, lane.length, travelled, settings)
         counted, lost = np.empty(count, np.bool_), np.empty(count)
         for slot in range(count):
             vehicle = after[slot]
             apart = distance(vehicle.x, vehicle.y, ego.x, ego.y)
             same = same_origin(after, slot, slot_of_ego, road)
-            counts = rewards.counts(apart, same, kind(vehicle.target_lane, road), settings)
+            counts = rewards.counts(apart, same, lane_of(vehicle.target_lane, road).kind, settings)
             counted[slot] = slot != slot_of_ego and counts
             lost[slot] = before[slot].speed - vehicle.speed
         rewards.social_signals(ego.speed, within, counted, lost, ending, settings, signals, braking)
@@ -181,11 +179,6 @@ def _lane(number, road):
 
 
 @kernel
-def _kind(number, road):
-    return road.lanes[number].kind
-
-
-@kernel
 def _coordinate(car, road):
     """Return the metres of the task up to a vehicle, by the first lane of its target road."""
     lane = road.lanes[car.target_lane]
@@ -220,21 +213,9 @@ def _records(_count, cars):
     return len(cars)
 
 
-_carry_out = carry_out_of(
-    RoadKernels(
-        lane=_lane,
-        kind=_kind,
-        coordinate=_coordinate,
-        same_origin=_same_origin,
-        arrived=_arrived,
-        sight=_sight,
-        choose=drivers.choose,
-        sub_step=_sub_step,
-        renew=_renew,
-        reset=drivers.reset,
-        records=_records,
-    )
-)
+_TABLES = _lane, _coordinate, _same_origin, _arrived, _sight
+_CHANGES = drivers.choose, _sub_step, _renew, drivers.reset
+_carry_out = carry_out_of(RoadKernels(*_TABLES, *_CHANGES, _records))
 
 
 def _entry(sources: int):
@@ -253,15 +234,13 @@ run: Any = _entry(fingerprint())
 """Carry out a command for every episode of a batch; the intersection has an equal entry point.
 
 Args:
-    buffers: Arrays read and written, `state.Buffers`.
-    commands: One of `state`'s commands for each episode, int8.
-    entropy: Seed of each episode's stream, uint64.
-    seeded: Whether to begin the stream from that seed, bool.
+    buffers: Arrays read and written, `options.Buffers`.
+    commands: One of `options`' commands for each episode, int8.
+    entropy: Seed of each episode's stream, uint64; it begins where `seeded`, bool.
     actions: The ego's actions, int64. Continuous ones are held in its record instead.
     options: SETTINGS record in an array of one.
     road: Tables of the scene, `scenes.Road`; of the intersection 0.
-    first: First episode of the part to do.
-    end: End of that part.
+    first: First episode of the part to do, up to `end`.
 """
 
 
@@ -277,13 +256,4 @@ def _off_road_entry(sources: int):
 
 
 off_road: Any = _off_road_entry(fingerprint())
-"""Write whether each ego's centre is beyond its closest lane, on any road.
-
-Args:
-    lanes: Records of the road's lanes.
-    vehicles: Records of vehicles, (batch, capacity).
-    present: Number of vehicles and the ego's slot, (batch, 2).
-    off_road: Overwritten, bool (batch,).
-    first: First episode of the part to do.
-    end: End of that part.
-"""
+"""Write whether each ego's centre is beyond its closest lane, on any road, bool (batch,)."""

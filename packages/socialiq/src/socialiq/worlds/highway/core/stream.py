@@ -53,16 +53,14 @@ def seed(episode, entropy):
         value = (value * constant) & _LOW_32
         words[number] = value ^ value >> np.uint64(16)
     high, low = words[0] | words[1] << _WORD, words[2] | words[3] << _WORD
-    episode.state_high = _ZERO
-    episode.state_low = _ZERO
+    episode.state_high, episode.state_low = _ZERO, _ZERO
     start_high, start_low = words[4] | words[5] << _WORD, words[6] | words[7] << _WORD
     episode.increment_high = start_high << _ONE | start_low >> np.uint64(63)
     episode.increment_low = start_low << _ONE | _ONE
     _advance(episode)
     _add(episode, high, low)
     _advance(episode)
-    episode.has_half_word = False
-    episode.half_word = _ZERO
+    episode.has_half_word, episode.half_word = False, _ZERO
 
 
 @kernel
@@ -82,23 +80,16 @@ def _add(episode, high, low):
 
 
 @kernel
-def _high_product(left, right):
-    """Return the upper 64 bits of a 128-bit product."""
-    left_low, left_high = left & _LOW_32, left >> _WORD
-    right_low, right_high = right & _LOW_32, right >> _WORD
-    low = left_low * right_low
-    middle = left_high * right_low + (low >> _WORD)
-    cross = left_low * right_high + (middle & _LOW_32)
-    return left_high * right_high + (middle >> _WORD) + (cross >> _WORD)
-
-
-@kernel
 def _advance(episode):
     """Advance the generator: multiply and add, modulo 2^128."""
     high, low = episode.state_high, episode.state_low
-    episode.state_high = (
-        high * _MULTIPLIER_LOW + low * _MULTIPLIER_HIGH + _high_product(low, _MULTIPLIER_LOW)
-    )
+    # The upper 64 bits of the 128-bit product of both low words, by their halves.
+    left_low, left_high = low & _LOW_32, low >> _WORD
+    right_low, right_high = _MULTIPLIER_LOW & _LOW_32, _MULTIPLIER_LOW >> _WORD
+    middle = left_high * right_low + (left_low * right_low >> _WORD)
+    cross = left_low * right_high + (middle & _LOW_32)
+    upper = left_high * right_high + (middle >> _WORD) + (cross >> _WORD)
+    episode.state_high = high * _MULTIPLIER_LOW + low * _MULTIPLIER_HIGH + upper
     episode.state_low = low * _MULTIPLIER_LOW
     _add(episode, episode.increment_high, episode.increment_low)
 
@@ -172,8 +163,7 @@ def up_to(episode, largest):
 @kernel
 def two_of_four(episode):
     """Return two different integers below 4, as `Generator.choice(4, 2, replace=False)`."""
-    first = up_to(episode, 2)
-    second = up_to(episode, 3)
+    first, second = up_to(episode, 2), up_to(episode, 3)
     if second == first:
         second = 3
     if up_to(episode, 1) == 0:

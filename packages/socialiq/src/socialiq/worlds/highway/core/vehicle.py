@@ -20,7 +20,7 @@ from socialiq.worlds.highway.core.geometry import (
     tan,
     wrap_to_pi,
 )
-from socialiq.worlds.highway.state import MAX_SPEED, Contact
+from socialiq.worlds.highway.options import MAX_SPEED, Contact
 
 LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed
 HEADING_GAIN = 1 / 0.2  # 1/s, heading error to turning rate
@@ -100,11 +100,8 @@ def desired_gap(vehicle, other):
     closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y
     # highway-env negates the product of the maximum and the (negative) comfortable value.
     product = vehicle.max_acceleration * vehicle.comfort_deceleration
-    return (
-        vehicle.jam_distance
-        + vehicle.speed * vehicle.time_headway
-        + vehicle.speed * closing / (2 * math.sqrt(product))
-    )
+    kept = vehicle.jam_distance + vehicle.speed * vehicle.time_headway
+    return kept + vehicle.speed * closing / (2 * math.sqrt(product))
 
 
 @kernel
@@ -128,10 +125,8 @@ def advance(vehicle, dt):
     if vehicle.pushed:
         vehicle.x += vehicle.push_x
         vehicle.y += vehicle.push_y
-        vehicle.crashed = True
-        vehicle.pushed = False
-        vehicle.push_x = 0.0
-        vehicle.push_y = 0.0
+        vehicle.crashed, vehicle.pushed = True, False
+        vehicle.push_x, vehicle.push_y = 0.0, 0.0
     heading = vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt
     if heading != vehicle.heading:  # its unit vector is read by many kernels
         vehicle.heading = heading
@@ -152,18 +147,9 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
     Two vehicles are pushed by half each, a vehicle at an obstacle by the whole. A push takes
     effect, and marks the crash, in the next sub-step; the last push of a vehicle counts.
 
-    Args:
-        vehicles: Records of vehicles, then of obstacles.
-        count: Number of vehicles.
-        records: Number of records.
-        ego: The ego's slot, -1 without one.
-        dt: s of the sub-step.
-        tie: Depths closer than this are equal, m.
-        contact: Last `Contact` of the ego.
-        touched: Identity of what it touched.
-
-    Returns:
-        The ego's `Contact` and the identity of what it touched; as given if nothing.
+    Of so many records the first `count` are vehicles, the others obstacles; there may be no ego,
+    slot -1. Depths closer than `tie`, m, are equal. Returned are the ego's `Contact` and the
+    identity of what it touched, the last ones, as given, if it touches nothing.
     """
     intact = ego >= 0 and not vehicles[ego].crashed
     for first in range(count):
@@ -173,20 +159,15 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
             reach = _REACH if second >= count else _DIAGONAL
             if distance(partner.x, partner.y, car.x, car.y) > reach + car.speed * dt:
                 continue
-            if second >= count:
-                sides = _OBSTACLE, _OBSTACLE
-                overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
-                if will_overlap:
-                    car.push_x, car.push_y, car.pushed = push_x, push_y, True
-            else:
-                sides = VEHICLE_LENGTH, VEHICLE_WIDTH
-                overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
-                if will_overlap:
-                    car.push_x, car.push_y, car.pushed = push_x / 2, push_y / 2, True
-                    partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
+            sides = (_OBSTACLE, _OBSTACLE) if second >= count else (VEHICLE_LENGTH, VEHICLE_WIDTH)
+            overlap, will_overlap, push_x, push_y = _separate(car, partner, sides, dt, tie)
+            if will_overlap and second >= count:
+                car.push_x, car.push_y, car.pushed = push_x, push_y, True
+            elif will_overlap:
+                car.push_x, car.push_y, car.pushed = push_x / 2, push_y / 2, True
+                partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
             if overlap:
-                car.crashed = True
-                partner.crashed = True
+                car.crashed, partner.crashed = True, True
             if intact and (overlap or will_overlap) and (first == ego or second == ego):
                 touching = partner if first == ego else car
                 contact, touched = _who_struck(vehicles[ego], touching), touching.identity
@@ -241,8 +222,7 @@ def _separate(vehicle, partner, sides, dt, tie):
         normal_x = -corners[end, 1] + corners[begin, 1]
         normal_y = corners[end, 0] - corners[begin, 0]
         length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
-        normal_x /= length
-        normal_y /= length
+        normal_x, normal_y = normal_x / length, normal_y / length
         low, high = _project(first, normal_x, normal_y)
         other_low, other_high = _project(second, normal_x, normal_y)
         if _gap(low, high, other_low, other_high) > 0:

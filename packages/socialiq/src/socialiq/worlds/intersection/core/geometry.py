@@ -15,23 +15,19 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, turned_misfit
 from socialiq.worlds.highway.network import APPROACH, EXIT, SHAPE, Shape, arc, straight
-from socialiq.worlds.intersection.options import (
-    SPEED_LIMIT as SPEED_LIMIT,  # kernels read it from here
-)
 
 N_LANES = 20
 ACCESS_LENGTH = 100.0  # of approaches and exits, m
 
 RIGHT, LEFT, STRAIGHT = 1, 2, 3  # a lane's number is 5 * corner + its kind; APPROACH is 0, EXIT 4
 
-LANE = np.dtype([*SHAPE, ("priority", np.int64)], align=True)
+LANE = np.dtype([*SHAPE, ("kind", np.int64), ("priority", np.int64)], align=True)
 """Lane record: a straight line or an arc of a circle."""
 
 
 def _lanes() -> np.ndarray:
     right, half = LANE_WIDTH + 5.0, LANE_WIDTH / 2
-    left = right + LANE_WIDTH
-    outer = right + half
+    left, outer = right + LANE_WIDTH, right + half
     lanes = np.zeros(N_LANES, LANE)
     for corner in range(4):
         angle = math.radians(90 * corner)
@@ -51,7 +47,7 @@ def _lanes() -> np.ndarray:
             lane = lanes[5 * corner + kind]
             for name, value in shape.items():
                 lane[name] = value
-            lane["priority"] = priority - 1 if kind == LEFT else priority
+            lane["kind"], lane["priority"] = kind, priority - 1 if kind == LEFT else priority
     return lanes
 
 
@@ -64,23 +60,15 @@ LANES: Any = _lanes()
 """Lanes in highway-env's order, which decides between equally close lanes."""
 
 
-def turn(origin: int, destination: int) -> int:
-    """Return the number of the lane across the junction from one arm to another."""
-    return 5 * origin + {3: RIGHT, 1: LEFT, 2: STRAIGHT}[(destination - origin) % 4]
-
-
-def exit_of(arm: int) -> int:
-    """Return the number of the lane that leaves the junction by an arm."""
-    return 5 * ((arm + 1) % 4) + EXIT
+_TURNS = {RIGHT: 3, LEFT: 1, STRAIGHT: 2}  # arms from that of origin to that of exit
 
 
 def _routes() -> np.ndarray:
     routes = np.full((4, 4, 3), -1, np.int64)
     for origin in range(4):
-        for destination in range(4):
-            if origin != destination:
-                lanes = 5 * origin, turn(origin, destination), exit_of(destination)
-                routes[origin, destination] = lanes
+        for kind, arms in _TURNS.items():
+            arm = (origin + arms) % 4
+            routes[origin, arm] = 5 * origin, 5 * origin + kind, 5 * ((arm + 1) % 4) + EXIT
     return routes
 
 
@@ -89,26 +77,24 @@ ROUTES = _routes()
 
 
 def _connected() -> tuple[np.ndarray, np.ndarray]:
-    lanes = np.full((N_LANES, 5), -1, np.int64)
-    offsets = np.zeros((N_LANES, 5))
-    for lane in range(N_LANES):
-        following = _following(lane)
-        preceding = [number for number in range(N_LANES) if lane in _following(number)]
-        numbers = [lane, *following, *preceding]
-        shift = [0.0] + [LANES[lane]["length"]] * len(following)
-        shift += [-LANES[lane_before]["length"] for lane_before in preceding]
-        lanes[lane, : len(numbers)] = numbers
-        offsets[lane, : len(numbers)] = shift
+    following: list[list[int]] = []
+    for number in range(N_LANES):
+        corner, kind = divmod(number, 5)
+        if kind == APPROACH:
+            following.append([number + RIGHT, number + LEFT, number + STRAIGHT])
+        elif kind == EXIT:
+            following.append([5 * ((corner - 1) % 4)])
+        else:
+            following.append([int(ROUTES[corner, (corner + _TURNS[kind]) % 4, 2])])
+    lanes, offsets = np.full((N_LANES, 5), -1, np.int64), np.zeros((N_LANES, 5))
+    for number, ahead in enumerate(following):
+        behind = [other for other, after in enumerate(following) if number in after]
+        numbers = [number, *ahead, *behind]
+        shift = [0.0] + [LANES[number]["length"]] * len(ahead)
+        shift += [-LANES[lane_before]["length"] for lane_before in behind]
+        lanes[number, : len(numbers)] = numbers
+        offsets[number, : len(numbers)] = shift
     return lanes, offsets
-
-
-def _following(lane: int) -> list[int]:
-    corner, kind = divmod(lane, 5)
-    if kind == APPROACH:
-        return [lane + RIGHT, lane + LEFT, lane + STRAIGHT]
-    if kind == EXIT:
-        return [5 * ((corner - 1) % 4)]
-    return [exit_of((corner + {RIGHT: 3, LEFT: 1, STRAIGHT: 2}[kind]) % 4)]
 
 
 CONNECTED, CONNECTED_OFFSETS = _connected()

@@ -12,14 +12,15 @@ from socialiq.worlds.highway.core import stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
-from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.highway.state import EPISODE, FEATURES, Contact
-from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
+from socialiq.worlds.highway.options import EPISODE, FEATURES, Contact
+from socialiq.worlds.highway.world import State
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, closest_lane
 from socialiq.worlds.intersection.core.step import ENTRY_SPEED, draw_driver
 from socialiq.worlds.intersection.core.traffic import enforce, follow_road, route_coordinate
 from socialiq.worlds.intersection.options import (
     POSITION_RANGE,
+    SPEED_LIMIT,
     SPEED_RANGE,
     VEHICLE,
     Options,
@@ -34,14 +35,7 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def _imagine(observation, episode, vehicles, settings):
-    """Write a state with the given observation, as `imagined` describes it.
-
-    Args:
-        observation: Rows of seven, the ego first.
-        episode: EPISODE record with a seeded stream; the rest is overwritten.
-        vehicles: VEHICLE records, overwritten as far as there are rows with a vehicle.
-        settings: SETTINGS record.
-    """
+    """Write a state with the given observation, as `imagined` says; the stream is seeded."""
     count = 0
     for row in range(len(observation)):
         if observation[row, 0] < 0.5:
@@ -51,8 +45,7 @@ def _imagine(observation, episode, vehicles, settings):
         vehicle.identity = row
         _route(episode, vehicle, settings.destination if row == 0 else 0)
         if row == 0:
-            level = speed_index(vehicle.speed, settings)
-            vehicle.target_speed = settings.target_speeds[level]
+            vehicle.target_speed = settings.target_speeds[speed_index(vehicle.speed, settings)]
         else:
             draw_driver(episode, vehicle, settings)
             # A moving vehicle aims at its present speed. A held one that has not yielded yet aims
@@ -66,14 +59,9 @@ def _imagine(observation, episode, vehicles, settings):
             vehicle.target_speed = min(vehicle.target_speed, vehicle.desired_speed)
         follow_road(vehicle)
         count += 1
-    episode.time = 0.0
-    episode.sub_steps = settings.warm_up
-    episode.vehicles = count
-    episode.ego = 0
-    episode.start = route_coordinate(vehicles[0], 0)
-    episode.next_identity = count
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    episode.time, episode.sub_steps, episode.vehicles = 0.0, settings.warm_up, count
+    episode.ego, episode.start = 0, route_coordinate(vehicles[0], 0)
+    episode.next_identity, episode.contact, episode.touched = count, _NO_CONTACT, -1
     enforce(vehicles, count, 0, settings)
 
 
@@ -83,17 +71,11 @@ def _place(row, vehicle, tie):
     vehicle.x, vehicle.y = row[1] * POSITION_RANGE, row[2] * POSITION_RANGE
     vehicle.heading = math.atan2(row[6], row[5])
     vehicle.along_x, vehicle.along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
-    along = row[3] * vehicle.along_x + row[4] * vehicle.along_y
-    vehicle.speed = along * SPEED_RANGE
-    vehicle.steering = 0.0
-    vehicle.acceleration = 0.0
-    vehicle.desired_speed = math.inf
-    vehicle.push_x = 0.0
-    vehicle.push_y = 0.0
+    vehicle.speed = (row[3] * vehicle.along_x + row[4] * vehicle.along_y) * SPEED_RANGE
+    vehicle.steering, vehicle.acceleration, vehicle.desired_speed = 0.0, 0.0, math.inf
+    vehicle.push_x, vehicle.push_y = 0.0, 0.0
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, 0, tie)
-    vehicle.yielding = False
-    vehicle.crashed = False
-    vehicle.pushed = False
+    vehicle.yielding, vehicle.crashed, vehicle.pushed = False, False, False
 
 
 @kernel
@@ -105,9 +87,7 @@ def _route(episode, vehicle, destination):
     corner, kind = vehicle.lane // 5, vehicle.lane % 5
     vehicle.target_lane = vehicle.lane
     if kind == EXIT:
-        vehicle.destination = (corner + 3) % 4
-        vehicle.origin = (corner + 1) % 4
-        vehicle.leg = 2
+        vehicle.origin, vehicle.destination, vehicle.leg = (corner + 1) % 4, (corner + 3) % 4, 2
         return
     vehicle.origin = corner
     vehicle.leg = 0 if kind == APPROACH else 1
@@ -152,15 +132,10 @@ def imagined(
 ) -> State:
     """Draw one state for each observation, consistent with it.
 
-    The destinations and parameters of the other vehicles and the later traffic are drawn. Other
-    unobserved quantities take their most likely value: there is no vehicle beyond the rows of the
-    observation, no vehicle has crashed, the ego's target speed is the nearest to its speed, and
-    the time limit is not reached.
-
-    Args:
-        options: Scenario that the driver assumes.
-        observations: Observations, `observed_vehicles` rows of seven numbers, flat.
-        entropy: Seed of each draw. The same seed and observation give the same state.
+    The destinations and parameters of the other vehicles and the later traffic are drawn, by a seed
+    for each. Other unobserved quantities take their most likely value: there is no vehicle beyond
+    the rows of the observation, no vehicle has crashed, the ego's target speed is the nearest to
+    its speed, and the time limit is not reached.
     """
     rows = len(observations)
     rows_seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))

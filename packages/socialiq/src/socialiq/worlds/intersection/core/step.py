@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
     distance,
@@ -15,12 +15,12 @@ from socialiq.worlds.highway.core.geometry import (
     position,
 )
 from socialiq.worlds.highway.core.step import RoadKernels, carry_out_of
-from socialiq.worlds.highway.core.vehicle import collide, speed_index
+from socialiq.worlds.highway.core.vehicle import advance, collide, speed_index
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.core import traffic
-from socialiq.worlds.intersection.core.geometry import LANES, SPEED_LIMIT, closest_lane
-from socialiq.worlds.intersection.options import SIGHT
+from socialiq.worlds.intersection.core.geometry import LANES, closest_lane
+from socialiq.worlds.intersection.options import SIGHT, SPEED_LIMIT
 
 INITIAL_PROBABILITY = 0.6  # of each spawn before the episode, whatever spawn_probability is
 ENTRY_SPEED = 8.0  # m/s, mean
@@ -37,15 +37,8 @@ def _spawn(
 ):
     """Spawn a vehicle with a probability. Draws in highway-env's order, also unused values.
 
-    Args:
-        episode: EPISODE record; its stream, its count of vehicles and identities change.
-        vehicles: VEHICLE records.
-        along: Metres along the approach, before 5 m and the spread are added.
-        position_spread: Standard deviation of the place, m.
-        speed_spread: Standard deviation of the speed, m/s.
-        probability: Probability of an attempt.
-        straight: Whether the vehicle must go straight on.
-        settings: SETTINGS record.
+    It is so many metres along its approach, before 5 m and the spread are added; spreads are
+    standard deviations, m and m/s. It may have to go straight on.
     """
     if stream.uniform(episode) > probability:
         return
@@ -70,26 +63,16 @@ def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
     vehicle = vehicles[episode.vehicles]
     vehicle.x, vehicle.y, vehicle.heading, vehicle.speed = x, y, heading, speed
     vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
-    vehicle.steering = 0.0
-    vehicle.acceleration = 0.0
-    vehicle.target_speed = speed
-    vehicle.desired_speed = math.inf
-    vehicle.time_headway = 0.0
-    vehicle.jam_distance = 0.0
-    vehicle.max_acceleration = 0.0
-    vehicle.comfort_deceleration = 0.0
-    vehicle.exponent = 0.0
-    vehicle.push_x = 0.0
-    vehicle.push_y = 0.0
+    vehicle.steering, vehicle.acceleration = 0.0, 0.0
+    vehicle.target_speed, vehicle.desired_speed = speed, math.inf
+    vehicle.time_headway, vehicle.jam_distance, vehicle.exponent = 0.0, 0.0, 0.0
+    vehicle.max_acceleration, vehicle.comfort_deceleration = 0.0, 0.0
+    vehicle.push_x, vehicle.push_y = 0.0, 0.0
     vehicle.identity = episode.next_identity
     vehicle.lane = closest_lane(x, y, heading, 5 * origin, tie)
     vehicle.target_lane = vehicle.lane
-    vehicle.origin = origin
-    vehicle.destination = destination
-    vehicle.leg = 0
-    vehicle.yielding = False
-    vehicle.crashed = False
-    vehicle.pushed = False
+    vehicle.origin, vehicle.destination, vehicle.leg = origin, destination, 0
+    vehicle.yielding, vehicle.crashed, vehicle.pushed = False, False, False
     episode.vehicles += 1
     episode.next_identity += 1
     return vehicle
@@ -117,32 +100,6 @@ def _draw(episode, field):
     return min(max(value, field[2]), field[3])
 
 
-@inlined_kernel
-def _enter_ego(episode, vehicles, settings):
-    """After the warm-up, add a vehicle near the junction and the ego, and clear space around it."""
-    _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
-    destination = settings.destination
-    if destination == 0:
-        destination = 1 + stream.up_to(episode, 2)
-    lane = LANES[0]
-    x, y = position(lane, 60.0 + 5.0 * (1.0 + stream.normal(episode)))
-    episode.ego = episode.vehicles
-    heading = heading_at(lane, 60.0)
-    ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
-    if not settings.continuous:
-        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
-    count = 0
-    for slot in range(episode.vehicles):
-        vehicle = vehicles[slot]
-        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
-        if slot == episode.ego or not crowding:
-            _move_slot(episode, vehicles, slot, count)
-            count += 1
-    episode.vehicles = count
-
-
 @kernel
 def _move_slot(episode, vehicles, slot, place):
     if place == slot:
@@ -165,7 +122,9 @@ def _sub_step(episode, vehicles, _road, settings):
     if episode.sub_steps % settings.rule_period == 0:
         traffic.enforce(vehicles, count, ego, settings)
     for slot in range(count):
-        traffic.move(vehicles[slot], settings.dt, settings.tie)
+        car = vehicles[slot]
+        advance(car, settings.dt)
+        car.lane = closest_lane(car.x, car.y, car.heading, car.lane, settings.tie)
     contact, touched = episode.contact, episode.touched
     struck = collide(vehicles, count, count, ego, settings.dt, settings.tie, contact, touched)
     episode.contact, episode.touched = struck
@@ -173,21 +132,39 @@ def _sub_step(episode, vehicles, _road, settings):
 
 @kernel
 def _reset(episode, vehicles, road, settings):
-    """Start an episode from the stream: spawns along 80 m of the approaches, warm-up, the ego."""
-    episode.time = 0.0
-    episode.sub_steps = 0
-    episode.vehicles = 0
-    episode.ego = -1
-    episode.next_identity = 0
-    episode.contact = _NO_CONTACT
-    episode.touched = -1
+    """Start an episode from the stream.
+
+    Vehicles spawn along 80 m of the approaches and drive on; then another enters near the junction,
+    and the ego, around which space is cleared.
+    """
+    episode.time, episode.sub_steps, episode.vehicles, episode.ego = 0.0, 0, 0, -1
+    episode.next_identity, episode.contact, episode.touched = 0, _NO_CONTACT, -1
     tries = settings.initial_vehicle_count - 1
     for number in range(tries):
         along = number * (80.0 / tries)
         _spawn(episode, vehicles, along, 1.0, 1.0, INITIAL_PROBABILITY, False, settings)
     for _ in range(settings.warm_up):
         _sub_step(episode, vehicles, road, settings)
-    _enter_ego(episode, vehicles, settings)
+    _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
+    destination = settings.destination
+    if destination == 0:
+        destination = 1 + stream.up_to(episode, 2)
+    lane = LANES[0]
+    x, y = position(lane, 60.0 + 5.0 * (1.0 + stream.normal(episode)))
+    episode.ego = episode.vehicles
+    heading = heading_at(lane, 60.0)
+    ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
+    if not settings.continuous:
+        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
+    episode.contact, episode.touched = _NO_CONTACT, -1
+    count = 0
+    for slot in range(episode.vehicles):
+        vehicle = vehicles[slot]
+        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
+        if slot == episode.ego or not crowding:
+            _move_slot(episode, vehicles, slot, count)
+            count += 1
+    episode.vehicles = count
 
 
 @kernel
@@ -213,11 +190,6 @@ def _lane(number, _road):
 
 
 @kernel
-def _kind(number, _road):
-    return number % 5
-
-
-@kernel
 def _same_origin(vehicles, slot, ego, _road):
     return vehicles[slot].origin == vehicles[ego].origin
 
@@ -232,21 +204,9 @@ def _records(count, _vehicles):
     return count
 
 
-_carry_out = carry_out_of(
-    RoadKernels(
-        lane=_lane,
-        kind=_kind,
-        coordinate=traffic.route_coordinate,
-        same_origin=_same_origin,
-        arrived=traffic.arrived,
-        sight=_sight,
-        choose=traffic.choose,
-        sub_step=_sub_step,
-        renew=_renew,
-        reset=_reset,
-        records=_records,
-    )
-)
+_TABLES = _lane, traffic.route_coordinate, _same_origin, traffic.arrived, _sight
+_CHANGES = traffic.choose, _sub_step, _renew, _reset
+_carry_out = carry_out_of(RoadKernels(*_TABLES, *_CHANGES, _records))
 
 
 def _entry(sources: int):

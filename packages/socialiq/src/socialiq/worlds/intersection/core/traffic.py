@@ -6,36 +6,15 @@ import math
 
 import numpy as np
 
+from socialiq.worlds.highway.core import geometry
+from socialiq.worlds.highway.core import vehicle as motion
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
-from socialiq.worlds.highway.core.geometry import (
-    LANE_WIDTH,
-    VEHICLE_LENGTH,
-    VEHICLE_WIDTH,
-    heading_at,
-    lateral,
-    longitudinal,
-    position,
-)
-from socialiq.worlds.highway.core.vehicle import (
-    MAX_ACCELERATION,
-    SPEED_GAIN,
-    advance,
-    braking_for,
-    clip,
-    free_acceleration,
-    speed_index,
-    steering,
-)
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
+from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.intersection.core.geometry import (
-    CONNECTED,
-    CONNECTED_OFFSETS,
-    LANES,
-    ROUTES,
-    SPEED_LIMIT,
-    closest_lane,
-)
-from socialiq.worlds.intersection.options import FASTER, IDLE, VEHICLE
+from socialiq.worlds.intersection.core import geometry as crossing
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES
+from socialiq.worlds.intersection.options import FASTER, IDLE, SPEED_LIMIT, VEHICLE
 
 LEG_COUNT = 3
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
@@ -62,23 +41,23 @@ def leader(vehicles, count, me, lane_number, settings):
     """Return the slot of the nearest vehicle ahead on a lane, -1 if none; the last of equals."""
     lane = LANES[lane_number]
     here = longitudinal(lane, vehicles[me].x, vehicles[me].y)
-    searched = CONNECTED.shape[1] if settings.connected_lanes else 1
+    searched = crossing.CONNECTED.shape[1] if settings.connected_lanes else 1
     front, nearest = -1, math.inf
     for slot in range(count):
         if slot == me:
             continue
         x, y = vehicles[slot].x, vehicles[slot].y
         for column in range(searched):
-            number = CONNECTED[lane_number, column]
+            number = crossing.CONNECTED[lane_number, column]
             if number < 0:
                 break
             connected = LANES[number]
-            if abs(lateral(connected, x, y)) > LANE_WIDTH / 2 + 1:
+            if abs(geometry.lateral(connected, x, y)) > geometry.LANE_WIDTH / 2 + 1:
                 continue
             along = longitudinal(connected, x, y)
             if not -VEHICLE_LENGTH <= along < connected.length + VEHICLE_LENGTH:
                 continue
-            along += CONNECTED_OFFSETS[lane_number, column]
+            along += crossing.CONNECTED_OFFSETS[lane_number, column]
             if here <= along <= nearest + settings.tie:
                 front, nearest = slot, along
             break
@@ -92,10 +71,10 @@ def idm_acceleration(vehicles, me, front):
     The gap is measured along the closest lane, also to a leader on the target lane.
     """
     vehicle = vehicles[me]
-    free = free_acceleration(vehicle, SPEED_LIMIT, vehicle.exponent)
+    free = motion.free_acceleration(vehicle, SPEED_LIMIT, vehicle.exponent)
     if front < 0:
         return free
-    return free - braking_for(vehicle, vehicles[front], LANES[vehicle.lane])
+    return free - motion.braking_for(vehicle, vehicles[front], LANES[vehicle.lane])
 
 
 @inlined_kernel
@@ -105,20 +84,13 @@ def drive(vehicles, count, me, settings):
     if vehicle.crashed:
         return
     follow_road(vehicle)
-    vehicle.steering = steering(vehicle, LANES[vehicle.target_lane])
+    vehicle.steering = motion.steering(vehicle, LANES[vehicle.target_lane])
     front = leader(vehicles, count, me, vehicle.lane, settings)
     acceleration = idm_acceleration(vehicles, me, front)
     if vehicle.lane != vehicle.target_lane:
         front = leader(vehicles, count, me, vehicle.target_lane, settings)
         acceleration = min(acceleration, idm_acceleration(vehicles, me, front))
     vehicle.acceleration = clip(acceleration, -MAX_ACCELERATION, MAX_ACCELERATION)
-
-
-@inlined_kernel
-def move(vehicle, dt, tie):
-    """Advance a vehicle by a sub-step, and find its closest lane."""
-    advance(vehicle, dt)
-    vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
 
 
 @kernel
@@ -130,7 +102,7 @@ def choose(episode, vehicles, action, _road, settings):
     follow_road(vehicle)
     if action != IDLE:
         change = 1 if action == FASTER else -1
-        level = speed_index(vehicle.speed, settings) + change
+        level = motion.speed_index(vehicle.speed, settings) + change
         vehicle.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
 
 
@@ -138,8 +110,8 @@ def choose(episode, vehicles, action, _road, settings):
 def control(vehicle):
     """Set steering and an unbounded proportional acceleration for a sub-step."""
     follow_road(vehicle)
-    vehicle.steering = steering(vehicle, LANES[vehicle.target_lane])
-    vehicle.acceleration = SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
+    vehicle.steering = motion.steering(vehicle, LANES[vehicle.target_lane])
+    vehicle.acceleration = motion.SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
 
 
 @kernel
@@ -167,7 +139,7 @@ def route_coordinate(vehicle, _road):
 N_PREDICTIONS = 11  # every quarter of a second up to 2.75 s
 PREDICTION_STEP = 0.25  # s
 LONG = 1.5 * VEHICLE_LENGTH  # of the rectangle around a predicted vehicle, m
-WIDE = 0.9 * VEHICLE_WIDTH
+WIDE = 0.9 * geometry.VEHICLE_WIDTH
 _SURELY_APART = VEHICLE_LENGTH * VEHICLE_LENGTH * (1 + 1e-9)
 
 
@@ -193,8 +165,7 @@ def enforce(vehicles, count, ego, settings):
             if slot == ego or vehicles[slot].yielding:
                 continue
             if _meet(predictions[first], predictions[second]):
-                vehicles[slot].yielding = True
-                vehicles[slot].target_speed = 0.0
+                vehicles[slot].yielding, vehicles[slot].target_speed = True, 0.0
 
 
 @kernel
@@ -234,10 +205,8 @@ def _predict(vehicle, predictions):
                 along -= lane.length
                 leg += 1
                 lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
-        x, y = position(lane, along)
-        predictions[number, 0] = x
-        predictions[number, 1] = y
-        predictions[number, 2] = heading_at(lane, along)
+        predictions[number, 0], predictions[number, 1] = geometry.position(lane, along)
+        predictions[number, 2] = geometry.heading_at(lane, along)
 
 
 @kernel
@@ -247,9 +216,8 @@ def _predict_held(vehicle, predictions):
     ahead[0] = vehicle
     ahead[0].acceleration = 0.0
     for number in range(N_PREDICTIONS):
-        advance(ahead[0], PREDICTION_STEP)
-        predictions[number, 0] = ahead[0].x
-        predictions[number, 1] = ahead[0].y
+        motion.advance(ahead[0], PREDICTION_STEP)
+        predictions[number, 0], predictions[number, 1] = ahead[0].x, ahead[0].y
         predictions[number, 2] = ahead[0].heading
 
 
@@ -261,9 +229,8 @@ def _meet(mine, theirs):
         squared = dx * dx + dy * dy
         if squared > _SURELY_APART or math.sqrt(squared) > VEHICLE_LENGTH:
             continue
-        if _has_point_inside(mine[number], theirs[number]):
-            return True
-        if _has_point_inside(theirs[number], mine[number]):
+        first, second = mine[number], theirs[number]
+        if _has_point_inside(first, second) or _has_point_inside(second, first):
             return True
     return False
 

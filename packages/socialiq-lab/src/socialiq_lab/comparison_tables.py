@@ -1,0 +1,275 @@
+"""Rows of a comparison's policies in gridworlds, and the tables and the figure that follow."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.figure import Figure
+
+from socialiq.evaluation.exact import (
+    READOUTS,
+    Ground,
+    Metrics,
+    Readout,
+    action_table,
+    evaluate_exactly,
+    mean_of,
+)
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
+from socialiq.learners.collect import from_env
+from socialiq.learners.iq_learn import config as presets
+from socialiq.plotting.style import figure
+from socialiq.results_folder import Results, from_csv
+from socialiq.types import Row
+from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.gym import GridWorldEnv
+from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
+from socialiq_lab.comparison_runs import Arena
+from socialiq_lab.jobs import Job
+from socialiq_lab.tables import column, groups, matching, mean, spread
+
+ROWS = "rows.csv"
+"""File of a job: a row for each policy and angle."""
+
+EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
+"""Episodes of each expert, as in the worlds' own studies; the 5x5 world is deterministic."""
+
+
+@dataclass(frozen=True)
+class GridRuns:
+    """Configuration of a job: runs of a method in a gridworld, at target angles in degrees.
+
+    `updates` are of each network; the rates are of methods whose settings have none.
+    """
+
+    world: str
+    method: str
+    updates: int
+    angles: tuple[float, ...]
+    settings: tuple[Setting, ...]
+    seeds: tuple[int, ...]
+    learning_rate: float
+    polyak: float
+    chunk: int = 200
+
+    @classmethod
+    def of(
+        cls,
+        config: Any,
+        phase: str,
+        world: str,
+        method: Method,
+        settings: tuple[Setting, ...],
+        updates: int,
+        **options: Any,
+    ) -> Any:
+        """Return a comparison's runs of a method in one phase."""
+        develops = phase == DEVELOPMENT
+        angles = config.development_angles if develops else config.angles
+        seeds = config.development_seeds if develops else config.seeds
+        rates = config.learning_rate, config.polyak
+        return cls(world, method.name, updates, angles, settings, seeds, *rates, **options)
+
+    def arena(self, ground: Ground, on_progress: Callable[[float], None]) -> Arena:
+        """Return the inputs of a method, with an equal mixture of trajectories for each seed."""
+        rates = {"learning_rate": self.learning_rate, "polyak": self.polyak}
+        return Arena(
+            presets.TABLE_C1,
+            dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
+            self.updates,
+            trajectory_datasets(ground.table, self.seeds, EPISODES_EACH[self.world]),
+            ground.table.world,
+            lambda steps: from_env(GridWorldEnv(self.world), steps),
+            lambda report: on_progress(0.9 * report.done / report.total),
+            chunk=self.chunk,
+        )
+
+
+def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> list[Row]:
+    """Return the rows of a file that the jobs of a phase have written, in the jobs' order."""
+    folders = [work / job.name for job in jobs if phase in job.name.split("/")]
+    paths = [folder / file for folder in folders if (folder / file).is_file()]
+    return [row for path in paths for row in from_csv(path)]
+
+
+def chances(
+    ground: Ground, policy: Any, angle: float, readout: Readout
+) -> Float[np.ndarray, "state action"]:
+    """Return action probabilities at an angle in degrees.
+
+    Of a policy, one with `at`, or a table of probabilities by angle.
+    """
+    if isinstance(policy, Mapping):
+        table = policy[angle]
+        greedy = np.eye(table.shape[1])[table.argmax(axis=1)]
+        return greedy if readout == "greedy" else table
+    turned = policy.at(angle) if hasattr(policy, "at") else policy
+    return action_table(turned, ground.part, readout)
+
+
+def rows_of(
+    ground: Ground, method: Method, label: Row, seed: int, policy: Any, angles: Sequence[float]
+) -> list[Row]:
+    """Return a policy's exact metrics and its regret at each angle in degrees that it serves.
+
+    `label` has the columns of every row; the policy is as of `chances`.
+    """
+    rows: list[Row] = []
+    for angle, readout in itertools.product(angles, method.readouts):
+        metrics = evaluate_exactly(ground.part, chances(ground, policy, angle, readout))
+        labels = {"target_angle": angle, "readout": readout, "seed": seed}
+        regret = ground.optimum.regret(metrics, angle)
+        values = {"value": metrics.value(angle), "regret": regret}
+        rows.append(label | labels | metrics._asdict() | values)
+    return rows
+
+
+def references(world: str, angles: Sequence[float]) -> list[Row]:
+    """Return the regrets of each demonstrator, and of value iteration, at each angle.
+
+    A learner that only chooses among the demonstrators can't be better than the best of them.
+    """
+    ground = Ground.of(world)
+    reachable = ground.table.mdp.reachable()
+
+    def regret(of: float, at: float) -> float:
+        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, of)[reachable])
+        return ground.optimum.regret(metrics, at)
+
+    return [
+        {"world": world, "target_angle": angle, "value_iteration": regret(angle, angle)}
+        | {mode: regret(mode_angle, angle) for mode, mode_angle in MODES.items()}
+        for angle in angles
+    ]
+
+
+def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
+    """Return, for each world and method, the setting with the greatest mean J(α).
+
+    J*(α) is the same for all settings, so this is also the least mean regret. Of equal ones the
+    first is chosen.
+
+    Args:
+        rows: Rows of the development seeds, settings in the order of their grid.
+        setting: Column of the setting.
+    """
+    chosen: dict[tuple[str, str], Any] = {}
+    for (world, method), group in groups(rows, "world", "method").items():
+        values = {
+            setting_value: round(mean(of_setting, "value"), 9)
+            for (setting_value,), of_setting in groups(group, setting).items()
+        }
+        chosen[world, method] = max(values, key=values.__getitem__)
+    return chosen
+
+
+def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:
+    """Return means over seeds; α̂ is that of the mean totals, low and high are of single seeds.
+
+    Args:
+        rows: Rows of single policies, with metrics, `value` and `regret`.
+        keys: Columns by which rows belong together.
+        also: Further columns to average.
+    """
+    pooled: list[Row] = []
+    for values, group in groups(rows, *keys).items():
+        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
+        row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)} | metrics._asdict()
+        for name in ("value", "regret"):
+            ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")
+            if all(one_row[name] != "" for one_row in group):
+                ends = spread(group, name)
+            row |= {name: ends["mean"], f"{name}_low": ends["low"], f"{name}_high": ends["high"]}
+        pooled.append(row | {name: mean(group, name) for name in also})
+    return pooled
+
+
+def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
+    """Return mean J(α), mean regret and worst regret of each method over all target angles.
+
+    Regrets are empty where the optimum is unknown.
+
+    Args:
+        pooled: Rows of `means`.
+        keys: Columns by which rows belong together, without the angle.
+    """
+    rows = []
+    for values, group in groups(pooled, *keys).items():
+        row = dict(zip(keys, values, strict=True)) | {"angles": len(group)}
+        row["value"] = mean(group, "value")
+        has_regret = group[0]["regret"] != ""
+        row["regret"] = mean(group, "regret") if has_regret else ""
+        rows.append(row | {"worst_regret": max(column(group, "regret")) if has_regret else ""})
+    return rows
+
+
+TITLES = {"regret": "regret J*(α) - J(α)", "value": "mean total J(α)"}
+
+
+def quantity(results: Results, world: str) -> str:
+    """Return the column of a figure: regret where the optimum is known, else the value."""
+    rows = matching(results.tables["pooled"], world=world)
+    return "value" if "" in column(rows, "regret") else "regret"
+
+
+def angle_figure(
+    results: Results, world: str, labels: Mapping[str, str], readouts: Sequence[str] = READOUTS
+) -> Figure:
+    """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
+
+    Args:
+        results: With a table `pooled` of `means`.
+        world: The world.
+        labels: Label of each method.
+        readouts: Action selections, a panel for each.
+    """
+    rows = matching(results.tables["pooled"], world=world)
+    rows = [row for row in rows if row["readout"] in readouts]
+    name = quantity(results, world)
+    methods = list(dict.fromkeys(column(rows, "method")))
+    angles = sorted(set(column(rows, "target_angle")))
+    picture = figure(3.4 + 0.75 * len(readouts) * len(angles), 1.4 + 0.42 * len(methods))
+    panels = np.ravel(picture.subplots(1, len(readouts), sharey=True, squeeze=False))
+    values, colors = column(rows, name), matplotlib.colormaps["viridis"]
+    norm = Normalize(min(values), max(values))
+    if name == "regret":  # small regrets matter, and differ by orders of magnitude
+        norm, colors = PowerNorm(0.4, 0.0, max(max(values), 1e-6)), colors.reversed()
+    image: Any = None
+    for axes, readout in zip(panels, readouts, strict=True):
+        field = np.full((len(methods), len(angles)), np.nan)
+        for row in matching(rows, readout=readout):
+            down, across = methods.index(row["method"]), angles.index(row["target_angle"])
+            field[down, across] = row[name]
+            red, green, blue = colors(norm(row[name]))[:3]
+            ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"
+            shape = {"ha": "center", "va": "center", "fontsize": 6, "color": ink}
+            axes.text(across, down, _number_and_range(row, name), **shape)
+        image = axes.imshow(field, aspect="auto", norm=norm, cmap=colors)
+        axes.set_xticks(range(len(angles)), [f"{angle:g}" for angle in angles])
+        axes.set_xlabel("target angle (degrees)")
+        axes.set_title(readout, fontsize=10)
+    panels[0].set_yticks(range(len(methods)), [labels[method] for method in methods])
+    label = f"{TITLES[name]} (units of reward)"
+    bar = picture.colorbar(image, ax=list(panels), label=label, shrink=0.7)
+    if name == "regret":
+        bar.set_ticks([tick for tick in (0, 0.1, 0.5, 1, 2, 5, 10, 20) if tick <= max(values)])
+    seeds = rows[0]["seeds"]
+    title = f"{world}: mean over {seeds} seeds, below it the range of seeds"
+    picture.suptitle(title, fontsize=11)
+    return picture
+
+
+def _number_and_range(row: Row, name: str) -> str:
+    value, low, high = (f"{row[key]:.2f}" for key in (name, f"{name}_low", f"{name}_high"))
+    value, low, high = ("0" if text in ("0.00", "-0.00") else text for text in (value, low, high))
+    differs = row[f"{name}_high"] - row[f"{name}_low"] >= 0.005
+    return f"{value}\n{low} to {high}" if differs else value

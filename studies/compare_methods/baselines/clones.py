@@ -1,0 +1,307 @@
+"""Clones, offline: of outcomes (RvS, PEDA), of optimal actions (CFGRL), of the best rows (DWBC).
+
+RvS (Emmons et al. 2022; PEDA, Zhu et al. 2023): one network clones every demonstration given the
+pair of totals (G_env, G_social) of its episode. At an angle it is asked for the best pair that was
+demonstrated there. As in RvS the outcome is constant over an episode; returns that are counted
+down, as PEDA has them, would need a policy with memory.
+
+CFGRL (Frans et al. 2025): one network clones the demonstrations twice, without a condition,
+π̂(a|s), and given that the advantage A(s, a) of R(α) is 0 or more, π̂(a|s, o = 1). With the
+guidance weight w the policy is
+
+    π_w(a|s) ∝ π̂(a|s) (π̂(a|s, o = 1) / π̂(a|s))^w ∝ π̂(a|s) p(o = 1|s, a)^w,
+
+which is better the larger w is, as long as both clones are right.
+
+DWBC (Xu et al. 2022): the best share of the episodes by R(α) are the expert's, E; all of them are
+the other set, O, which holds more of what the expert would do. A discriminator d(s, a, log π(a|s))
+learns which rows are E's from positive and unlabelled rows, and gives the clone's rows their
+weights.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+from scipy.linalg import block_diag
+
+from socialiq.learners import settings
+from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.state import TrainState
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
+from socialiq.social.angle import score, weights
+from socialiq.types import RewardPair, Transitions
+from studies.compare_methods.baselines.shared import (
+    Baseline,
+    Carry,
+    EpisodeLearner,
+    Loss,
+    log_likelihood,
+    of_taken,
+    totals_of,
+)
+
+
+class ConditionedClone(Baseline):
+    """A clone with two further inputs; `draw` returns rows and their conditions."""
+
+    has_target: ClassVar[bool] = False
+
+    def network(self, key: PRNGKeyArray) -> DialNetwork:
+        """Draw a network whose two further inputs are the condition."""
+        return self.conditioned_network(key)
+
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
+        """Negative log-likelihood of the demonstrated actions under the conditions."""
+        rows, condition = batch
+        logits = jax.vmap(network)(rows.observation, condition)
+        loss = -jnp.mean(log_likelihood(logits, rows.action))
+        return loss, {"loss": loss}
+
+
+@dataclass(frozen=True)
+class OutcomeHyperparameters(settings.LearnerHyperparameters):
+    """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
+
+    quantile: settings.Share = 1.0
+    """Quantile of R(α) among the demonstrated episodes of the one whose outcome is asked for."""
+
+
+@dataclass(frozen=True)
+class OutcomePolicy:
+    """Clone that is asked for an outcome; `at` returns the policy of one angle.
+
+    Attributes:
+        network: Its two further inputs are the outcome, scaled.
+        totals: Outcome of every demonstrated episode, (episode, 2).
+        quantile: Quantile of R(α) that is asked for.
+        record: JSON-compatible record.
+    """
+
+    network: DialNetwork
+    totals: Float[np.ndarray, "episode 2"]
+    quantile: float
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def at(self, angle: float) -> QPolicy:
+        """Return the policy that is asked for the best outcome at an angle in degrees."""
+        scores = score(weights(angle), RewardPair(*self.totals.T))
+        rank = round(self.quantile * (len(scores) - 1))
+        mean, scale = scaling(self.totals)
+        condition = (self.totals[np.argsort(scores, kind="stable")[rank]] - mean) / scale
+        fixed = self.network.at(RewardPair(*jnp.asarray(condition, jnp.float32)))
+        return QPolicy.of(fixed, 1.0, {**self.record, "angle": angle})
+
+
+def scaling(
+    totals: Float[np.ndarray, "episode 2"],
+) -> tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]]:
+    """Return mean and standard deviation of the outcomes; a spread of 0 counts as 1."""
+    spread = totals.std(axis=0)
+    return totals.mean(axis=0), np.where(spread > 0.0, spread, 1.0)
+
+
+class OutcomeConditioned(ConditionedClone):
+    """Clone of demonstrations given their episodes' outcomes.
+
+    Attributes:
+        scales: Mean and spread of the outcomes of each set, (set, 2, 2).
+    """
+
+    scales: Any = None
+
+    Hyperparameters: ClassVar[type] = OutcomeHyperparameters
+    name: ClassVar[str] = "outcome_conditioned"
+    target_kind: ClassVar[str] = "trajectory"
+
+    @classmethod
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> OutcomeConditioned:
+        """Make the learner of sets of demonstrations, each row with its episode's totals."""
+        scales = jnp.asarray([scaling(totals_of(data)) for data in datasets], jnp.float32)
+        return dataclasses.replace(super().of(static, datasets), scales=scales)
+
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
+        """Draw demonstrations with their outcomes, scaled."""
+        rows, key = super().draw(hyperparameters, state, carry)
+        mean, scale = self.scales[hyperparameters.dataset]
+        pairs = zip(rows.target, mean, scale, strict=True)
+        return (
+            rows,
+            RewardPair(*((total - middle) / spread for total, middle, spread in pairs)),
+        ), key
+
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> OutcomePolicy:  # noqa: ARG002
+        """Return the clone with the outcomes of its demonstrations."""
+        first, end = self.table.start_bounds[hyperparameters.dataset + jnp.arange(2)]
+        starts = self.table.starts[int(first) : int(end)]
+        totals = np.stack([np.asarray(total[starts]) for total in self.table.columns.target], 1)
+        record = self.record(hyperparameters)
+        return OutcomePolicy(state.network, totals, hyperparameters.quantile, record)
+
+
+@dataclass(frozen=True)
+class GuidanceConfig(settings.LearnerConfig):
+    """Choices that shape the program."""
+
+    advantage: Literal["advantage", "advantage_fitted"] = "advantage"
+    """V of the advantage: by states that are seen again, or by a fitted network."""
+
+
+@dataclass(frozen=True)
+class GuidanceHyperparameters(settings.LearnerHyperparameters):
+    """Numbers of one run, all traced."""
+
+    guidance: settings.NotNegative = 3.0
+    """w: 0 is the plain clone, 1 the clone of actions with o = 1."""
+    dropped: settings.Share = 0.2
+    """Share of rows that are learned without their condition."""
+
+
+class GuidedCloning(ConditionedClone):
+    """A clone with and without the condition of optimality; its policy is their product.
+
+    A condition is (1, o), or (0, 0) of a row that is learned without it.
+    """
+
+    StaticConfig: ClassVar[type] = GuidanceConfig
+    Hyperparameters: ClassVar[type] = GuidanceHyperparameters
+    name: ClassVar[str] = "guidance"
+
+    @classmethod
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> GuidedCloning:
+        """Make the learner of sets of demonstrations, with their advantages."""
+        table = ExpertTable.of(datasets, static.advantage, 0.99)
+        return cls(static, (int(datasets[0].observation.shape[1]), datasets[0].n_actions), table)
+
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
+        """Draw demonstrations, and the rows that show their condition."""
+        rows, key = super().draw(hyperparameters, state, carry)
+        key, for_drop = jax.random.split(key)
+        draws = jax.random.uniform(for_drop, rows.action.shape)
+        is_shown = (draws >= hyperparameters.dropped).astype(jnp.float32)
+        optimal = score(hyperparameters.weights, rows.target) >= 0.0
+        return (rows, RewardPair(is_shown, is_shown * optimal)), key
+
+    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
+        """Return the guided policy; its logits are those of π_w."""
+        record = self.record(hyperparameters)
+        plain, optimal = (
+            QPolicy.of(state.network.at(RewardPair(value, value)), 1.0, record)
+            for value in (jnp.zeros(()), jnp.ones(()))
+        )
+        return guided(plain, optimal, hyperparameters.guidance)
+
+
+def guided(plain: QPolicy, optimal: QPolicy, guidance: float) -> QPolicy:
+    """Return one network with the logits (1 - w) plain + w optimal, both of the same layers."""
+    share = 1.0 - guidance
+    matrices = list(zip(plain.weights, optimal.weights, strict=True))
+    biases = list(zip(plain.biases, optimal.biases, strict=True))
+    if len(matrices) == 1:
+        combined = [share * a + guidance * b for a, b in matrices]
+    else:
+        ends = np.concatenate([share * matrices[-1][0], guidance * matrices[-1][1]], axis=1)
+        inner = [np.asarray(block_diag(a, b), np.float32) for a, b in matrices[1:-1]]
+        combined = [np.concatenate(matrices[0]), *inner, ends]
+    shifts = [np.concatenate(pair) for pair in biases[:-1]]
+    shifts.append(share * biases[-1][0] + guidance * biases[-1][1])
+    return dataclasses.replace(plain, weights=tuple(combined), biases=tuple(shifts))
+
+
+CLIPPED = 0.1, 0.9
+"""Bounds of DWBC's d in the weights, as in the paper."""
+
+
+@dataclass(frozen=True)
+class DWBCConfig(settings.LearnerConfig):
+    """Choices that shape the program."""
+
+    parts: settings.Count = 3
+    """One part in so many of the episodes are the expert's."""
+
+
+@dataclass(frozen=True)
+class DWBCHyperparameters(settings.LearnerHyperparameters):
+    """Numbers of one run, all traced."""
+
+    expert_weight: settings.NotNegative = 7.5
+    """α of the paper: weight of the plain likelihood of E's rows."""
+    positive_share: settings.NotNegative = 0.5
+    """η of the paper: how much E's rows count in the discriminator's loss."""
+
+
+class DWBCNetworks(NamedTuple):
+    """The clone's logits, and the discriminator's, whose further inputs are log π(a|s) and 0."""
+
+    policy: QNetwork
+    discriminator: DialNetwork
+
+
+class DiscriminatorWeighted(EpisodeLearner):
+    """A clone whose rows are weighted by a discriminator; carries the weights of E's rows."""
+
+    StaticConfig: ClassVar[type] = DWBCConfig
+    Hyperparameters: ClassVar[type] = DWBCHyperparameters
+    name: ClassVar[str] = "discriminator_weighted_bc"
+    has_target: ClassVar[bool] = False
+
+    def network(self, key: PRNGKeyArray) -> DWBCNetworks:
+        """Draw both networks."""
+        discriminator = self.conditioned_network(jax.random.fold_in(key, 1))
+        return DWBCNetworks(super().network(key), discriminator)
+
+    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
+        """Draw the networks, and select the expert's rows: those of the best level."""
+        state, key = super().initialise(hyperparameters)
+        count = self.static.parts
+        run = hyperparameters.weights, hyperparameters.dataset
+        levels = jnp.append(self.episodes.levels(*run, count), count)
+        best = levels[self.episodes.of_row] == 0
+        return state, Carry(key, jnp.cumsum(best / jnp.sum(best)))
+
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
+        """Draw as many rows of E and of O."""
+        of_all, key = super().draw(hyperparameters, state, carry.key)
+        key, for_expert = jax.random.split(key)
+        expert = self.table.sample_weighted(for_expert, carry.known, self.static.batch_size)
+        return (expert, of_all), carry._replace(key=key)
+
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
+        """Loss of the discriminator, and the weighted one of the clone (their Eq 17).
+
+        α E_E[-log π] - E_E[-log π η / (d (1 - d))] + E_O[-log π / (1 - d)]
+        """
+        run, logits, likelihoods, chances = hyperparameters, [], [], []
+        for rows in batch:
+            likelihood = log_likelihood(jax.vmap(network.policy)(rows.observation), rows.action)
+            told = jax.lax.stop_gradient(likelihood)  # the clone learns nothing from d
+            inputs = rows.observation, RewardPair(told, jnp.zeros_like(told))
+            logit = of_taken(jax.vmap(network.discriminator)(*inputs), rows.action)
+            likelihoods.append(likelihood)
+            logits.append(logit)
+            chances.append(jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(logit)), *CLIPPED))
+        share, (expert, of_all), (expert_chance, chance) = run.positive_share, likelihoods, chances
+        weight = run.expert_weight - share / (expert_chance * (1.0 - expert_chance))
+        terms = {
+            "discriminator": discriminator_loss(logits[0], logits[1], share),
+            "clone": -jnp.mean(weight * expert) - jnp.mean(of_all / (1.0 - chance)),
+        }
+        total = terms["discriminator"] + terms["clone"]
+        return total, terms | {"loss": total}
+
+
+def discriminator_loss(
+    expert: Float[Array, " batch"], others: Float[Array, " batch"], share: Array | float
+) -> Float[Array, ""]:
+    """η E_E[-log d] + E_O[-log (1 - d)] - η E_E[-log (1 - d)], of logits (their Eq 10)."""
+    positive = jax.nn.softplus(-expert) - jax.nn.softplus(expert)
+    return jnp.mean(share * positive) + jnp.mean(jax.nn.softplus(others))
