@@ -27,13 +27,7 @@ from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import groups, mean
 from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.trait.choice_model import (
-    evaluate,
-    family_trait,
-    reward_scale,
-    tabulate_family,
-    value_scale,
-)
+from socialiq_recordings.trait import choice_model
 from socialiq_recordings.trait.hierarchy import Direction, direction
 from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
 from socialiq_recordings.trait.planted import before
@@ -230,7 +224,7 @@ def strength_of(config: Any) -> float:
     """Return β of planners per unit of return, from drivers who choose at random."""
     at_random = Population("planner", np.full(config.drivers, config.mean), 0.0)
     decided = drive(at_random, DialPolicy.load(DIAL), 2, config.first_episode)
-    return config.strength / reward_scale(choices_of(decided, 2, 2))
+    return config.strength / choice_model.reward_scale(choices_of(decided, 2, 2))
 
 
 def inferred(config: Any, decided: Decided, source: str, used: int, seed: int) -> Models:
@@ -255,11 +249,11 @@ def fit_family(
     decisions = decisions._replace(log_base=base_of(policies, decisions.seen))
     sample = sample_of(choices_of(decisions, episodes, used))
     values = np.stack([policy.q_values(decisions.seen) for policy in policies], axis=2)
-    trait = family_trait(angle, scale=value_scale(values))
-    every = tabulate_family(values, sample.table.grid, trait, RANDOM)
+    trait = choice_model.family_trait(angle, scale=choice_model.value_scale(values))
+    every = choice_model.tabulate_family(values, sample.table.grid, trait, RANDOM)
     of_chosen = every.at(np.arange(len(sample.table)), sample.table.chosen)
-    gain = progress_trait(scale=reward_scale(sample.table))
-    of_gain = evaluate(sample.table, gain)
+    gain = progress_trait(scale=choice_model.reward_scale(sample.table))
+    of_gain = choice_model.evaluate(sample.table, gain)
     return models_of(sample, trait, of_chosen, gain, of_gain, seed, every=every)
 
 
