@@ -178,12 +178,7 @@ class Training:
 def train_and_score(
     run: Training, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Write what `scored` returns."""
-    write_json(folder / ROWS, scored(run, progress))
-
-
-def scored(run: Training, progress: ProgressCallback) -> list[Row]:
-    """Train; return the mean return of each policy and of each set's ensemble."""
+    """Train; write the mean return of each policy and of each set's ensemble."""
     source, method = run.source, RECIPES[run.method]
     sets = source.thinned(source.whole(), method.mirrored)
     callbacks = Callbacks(on_report=lambda report: progress(report.done / report.total))
@@ -206,7 +201,7 @@ def scored(run: Training, progress: ProgressCallback) -> list[Row]:
         entries = {str(seed): [policy] for seed, policy in zip(run.seeds, policies, strict=True)}
         for seed, voters in (entries | {"ensemble": policies}).items():
             rows.append(label | {"seed": seed, "mean_return": score(voters)})
-    return rows
+    write_json(folder / ROWS, rows)
 
 
 @dataclass(frozen=True)
@@ -220,13 +215,7 @@ class Inspection:
 def inspect(
     run: Inspection, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Write what `inspected` returns."""
-    write_json(folder / ROWS, inspected(run))
-    progress(1.0)
-
-
-def inspected(run: Inspection) -> list[Row]:
-    """Return each set's expert return, and of CartPole cycle, spread and linear fits' returns."""
+    """Write each set's expert return, and of CartPole cycle, spread and linear fits' returns."""
     source, sets = run.source, run.source.whole()
     rows: list[Row] = []
     for number, (episodes, data) in enumerate(zip(sets, source.thinned(sets, False), strict=True)):
@@ -243,7 +232,8 @@ def inspected(run: Inspection) -> list[Row]:
 
                 row[f"linear_{shrinkage:g}"] = source.score(act)
         rows.append(row)
-    return rows
+    write_json(folder / ROWS, rows)
+    progress(1.0)
 
 
 def cycle(episodes: Demonstrations) -> tuple[int, float]:

@@ -135,7 +135,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "comparisons": comparison_rows(rows),
         "coverage": coverage(config, pieces),
         "runs": rows,
-        "points": [row for piece in pieces for row in point_rows(piece)],
+        "points": [
+            {"task": piece.task, "method": piece.method, "seed": piece.seed}
+            | {"angle": angle, "first": first, "second": second}
+            for piece in pieces
+            for angle, (first, second) in zip(
+                piece.angles or [""] * len(piece.totals), piece.totals, strict=True
+            )
+        ],
         "fronts": [
             {"task": task, "first": first, "second": second}
             for task in exact
@@ -248,16 +255,6 @@ def _row(label: Row, measures: Row) -> Row:
     names = [name + end for name in COMPARED for end in ("", "_least", "_largest")]
     label = {name: label[name] for name in ("task", "method", "runs", "steps")}
     return label | {name: measures.get(name, "") for name in (*names, *MEASURES[2:])}
-
-
-def point_rows(piece: Piece) -> list[Row]:
-    """Return a row for each policy of a piece."""
-    label = {"task": piece.task, "method": piece.method, "seed": piece.seed}
-    angles = piece.angles or [""] * len(piece.totals)
-    return [
-        label | {"angle": angle, "first": first, "second": second}
-        for angle, (first, second) in zip(angles, piece.totals, strict=True)
-    ]
 
 
 def missing(results: Results) -> Sequence[View]:

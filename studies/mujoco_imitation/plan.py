@@ -7,15 +7,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from socialiq.demonstrations import files
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.learners.settings import check_counts
-from socialiq.storage import read_json, shipped, write_atomically
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.storage import read_json, shipped
 from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job, ProgressCallback
 from studies.mujoco_imitation import runs
 from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
-from studies.mujoco_imitation.tasks import TASKS, make_env
+from studies.mujoco_imitation.tasks import TASKS, make_env, played
 
 COUNTS = (1, 5, 25)
 """Trajectories of a set of demonstrations, as in the tables."""
@@ -131,34 +133,44 @@ ABLATED = ("Hopper", 5)
 
 
 @dataclass(frozen=True)
-class Kept:
-    """An expert that is there already: the results folder, and the SHA-256 of its files."""
+class Showing:
+    """Trajectories of an expert from a seed on: the set of one imitation seed.
+
+    Of an expert that is there already, `pieces` is its results folder, `sha256` that of its files.
+    """
 
     task: str
-    folder: str
-    sha256: str
+    trajectories: int
+    seed: int
+    pieces: str = ""
+    sha256: str = ""
 
 
-def keep(
-    expert: Kept, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
+def show(
+    showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Copy an expert's files.
+    """Write whole trajectories of the expert's mean actions.
 
     Raises:
-        UserError: If they have changed since the plan was made.
+        UserError: If the expert has changed since the plan was made.
     """
-    files = expert_of(committed(expert.folder), expert.task)
-    if _sha256(files) != expert.sha256:
-        raise UserError(
-            f"{expert.folder} has changed since the study began: give the command again"
-        )
-    for name, content in files.items():
-        write_atomically(folder / name, content)
+    if showing.pieces:
+        if _sha256(committed(showing.pieces), showing.task) != showing.sha256:
+            raise UserError(
+                f"{showing.pieces} has changed since the study began: give the command again"
+            )
+        expert = shipped(Path(showing.pieces)) / FOLDER / f"{showing.task}_{POLICY}"
+    else:
+        expert = next(iter(inputs.values())) / POLICY
+    policy = ActorPolicy.load(expert)
+    episodes = played(TASKS[showing.task], policy, showing.trajectories, showing.seed)
+    files.save(folder / runs.SHOWN, episodes)
     progress(1.0)
 
 
-def _sha256(files: Mapping[str, bytes]) -> str:
-    return hashlib.sha256(b"".join(files[name] for name in sorted(files))).hexdigest()
+def _sha256(pieces: Pieces, task: str) -> str:
+    expert = expert_of(pieces, task)
+    return hashlib.sha256(b"".join(expert[name] for name in sorted(expert))).hexdigest()
 
 
 def cells(config: Config) -> Iterator[tuple[str, str, int]]:
@@ -195,7 +207,7 @@ def plan(config: Config) -> list[Job]:
             seeds = tuple(s for s in config.seeds if name_of(task, method, count, s) not in there)
             if of_task == task and seeds:
                 missing[method, count] = seeds
-        expert = f"expert/{task}"
+        source, inputs = (config.pieces, _sha256(there, task)), ()
         if not expert_of(there, task):
             settings = TASKS[task].expert
             recipe = runs.Expert(
@@ -208,21 +220,19 @@ def plan(config: Config) -> list[Job]:
                 episodes=config.expert_episodes,
                 evaluation_seed=config.evaluation_seed,
             )
-            planned.append(Job(expert, runs.train_expert, recipe, cost=300.0))
-        elif missing:
-            copied = Kept(task, config.pieces, _sha256(expert_of(there, task)))
-            planned.append(Job(expert, keep, copied, cost=1.0))
+            planned.append(Job(f"expert/{task}", runs.train_expert, recipe, cost=300.0))
+            source, inputs = (), (f"expert/{task}",)
         for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
             first = config.data_seed + max(COUNTS) * seed
-            showing = runs.Showing(task, max(config.trajectories), first)
-            planned.append(Job(_shown(task, seed), runs.show, showing, (expert,), cost=5.0))
+            showing = Showing(task, max(config.trajectories), first, *source)
+            planned.append(Job(_shown(task, seed), show, showing, inputs, cost=5.0))
         for (method, count), seeds in missing.items():
             evaluation = config.updates, config.episodes, config.evaluation_seed
             run = runs.Imitation(task, method, count, seeds, *evaluation)
-            inputs = tuple(_shown(task, seed) for seed in seeds)
+            sets = tuple(_shown(task, seed) for seed in seeds)
             cost = len(seeds) * (90.0 if runs.RECIPES[method].online else 15.0)
             name = "runs/" + name_of(task, method, count, seeds[0]).removesuffix(".json")
-            planned.append(Job(name, runs.imitate, run, inputs, cost=cost))
+            planned.append(Job(name, runs.imitate, run, sets, cost=cost))
     return planned
 
 

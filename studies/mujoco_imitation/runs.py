@@ -32,7 +32,7 @@ from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.jobs import ProgressCallback
 from socialiq_lab.registry import declaration
-from studies.mujoco_imitation.tasks import TASKS, ExpertSettings, Task, make_env, played, returns
+from studies.mujoco_imitation.tasks import TASKS, ExpertSettings, Task, make_env, returns
 
 POLICY, RECORD, SHOWN = "expert.safetensors", "expert.json", "shown.safetensors"
 
@@ -173,25 +173,6 @@ def _resumable(checkpoint: Path, progress: ProgressCallback, monitor: Any = None
         checkpoint=checkpoint,
         resume=checkpoint.is_file(),
     )
-
-
-@dataclass(frozen=True)
-class Showing:
-    """Trajectories of an expert from a seed on: the set of one imitation seed."""
-
-    task: str
-    trajectories: int
-    seed: int
-
-
-def show(
-    showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
-    """Write whole trajectories of the expert's mean actions."""
-    policy = ActorPolicy.load(next(iter(inputs.values())) / POLICY)
-    episodes = played(TASKS[showing.task], policy, showing.trajectories, showing.seed)
-    files.save(folder / SHOWN, episodes)
-    progress(1.0)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.ground import Ground, with_clock
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.storage import packaged_results
+from socialiq.storage import packaged_results, read_json
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
@@ -360,7 +360,7 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
         assert metrics.r_social == pytest.approx(their["r_social"], abs=2e-6)
 
 
-def test_the_sets_of_classic_control_are_the_committed_ones():
+def test_the_sets_of_classic_control_are_the_committed_ones(tmp_path):
     """Two sets of each protocol: what is kept, its spread, and the linear fit that identifies."""
     committed = store.load(packaged_results() / "classic-control")
     one = (1,)
@@ -370,7 +370,8 @@ def test_the_sets_of_classic_control_are_the_committed_ones():
     jobs = [job for job in control.plan(wanted) if job.stage == "data"]
     compared = 0
     for job in jobs:
-        for place, row in enumerate(control_runs.inspected(job.config)):
+        job.work(job.config, tmp_path, {}, lambda _share: None)
+        for place, row in enumerate(read_json(tmp_path / control_runs.ROWS)):
             theirs = next(
                 one
                 for one in committed.tables["data"]
@@ -384,12 +385,13 @@ def test_the_sets_of_classic_control_are_the_committed_ones():
 
 
 @pytest.mark.slow
-def test_five_trajectories_are_enough_for_both_learners():
+def test_five_trajectories_are_enough_for_both_learners(tmp_path):
     """Of five trajectories every committed policy balances: two sets, one seed, made again."""
     committed = store.load(packaged_results() / "classic-control").summary["CartPole"]["rows"]["5"]
     wanted = control.Config(tasks=("CartPole",), trajectories=(5,), sets=2, seeds=(10,), episodes=5)
     for job in control.plan(wanted):
         if job.name in ("runs/CartPole-rows-5/iq_learn", "runs/CartPole-rows-5/cloning"):
-            rows = control_runs.scored(job.config, lambda _share: None)
+            job.work(job.config, tmp_path, {}, lambda _share: None)
+            rows = read_json(tmp_path / control_runs.ROWS)
             assert committed[job.config.method]["worst"] == 500
             assert {row["mean_return"] for row in rows} == {500.0}

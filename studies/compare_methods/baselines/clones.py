@@ -276,8 +276,11 @@ class DiscriminatorWeighted(EpisodeLearner):
         return (expert, of_all), carry._replace(key=key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
-        """Loss of the discriminator, and the weighted one of the clone."""
-        logits, likelihoods, chances = [], [], []
+        """Loss of the discriminator, and the weighted one of the clone (their Eq 17).
+
+        α E_E[-log π] - E_E[-log π η / (d (1 - d))] + E_O[-log π / (1 - d)]
+        """
+        run, logits, likelihoods, chances = hyperparameters, [], [], []
         for rows in batch:
             likelihood = log_likelihood(jax.vmap(network.policy)(rows.observation), rows.action)
             told = jax.lax.stop_gradient(likelihood)  # the clone learns nothing from d
@@ -286,10 +289,11 @@ class DiscriminatorWeighted(EpisodeLearner):
             likelihoods.append(likelihood)
             logits.append(logit)
             chances.append(jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(logit)), *CLIPPED))
-        share = hyperparameters.positive_share
+        share, (expert, of_all), (expert_chance, chance) = run.positive_share, likelihoods, chances
+        weight = run.expert_weight - share / (expert_chance * (1.0 - expert_chance))
         terms = {
             "discriminator": discriminator_loss(logits[0], logits[1], share),
-            "clone": weighted_loss(likelihoods, chances, share, hyperparameters.expert_weight),
+            "clone": -jnp.mean(weight * expert) - jnp.mean(of_all / (1.0 - chance)),
         }
         total = terms["discriminator"] + terms["clone"]
         return total, terms | {"loss": total}
@@ -301,18 +305,3 @@ def discriminator_loss(
     """η E_E[-log d] + E_O[-log (1 - d)] - η E_E[-log (1 - d)], of logits (their Eq 10)."""
     positive = jax.nn.softplus(-expert) - jax.nn.softplus(expert)
     return jnp.mean(share * positive) + jnp.mean(jax.nn.softplus(others))
-
-
-def weighted_loss(
-    likelihoods: Sequence[Float[Array, " batch"]],
-    chances: Sequence[Float[Array, " batch"]],
-    share: Array | float,
-    expert_weight: Array | float,
-) -> Float[Array, ""]:
-    """α E_E[-log π] - E_E[-log π η / (d (1 - d))] + E_O[-log π / (1 - d)] (their Eq 17).
-
-    Of log π and the clipped d, each of E's rows and of O's; `share` is η, `expert_weight` α.
-    """
-    (expert, of_all), (expert_chance, chance) = likelihoods, chances
-    opposing = share / (expert_chance * (1.0 - expert_chance))
-    return -jnp.mean((expert_weight - opposing) * expert) - jnp.mean(of_all / (1.0 - chance))

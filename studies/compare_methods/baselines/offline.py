@@ -87,7 +87,10 @@ class ImplicitQLearning(Baseline):
         return IQLNetworks(*networks)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
-        """Losses of V (Eq 5), Q (Eq 6) and the policy (Eq 7); none has another's gradient."""
+        """Losses of V, Q and the policy (Eq 5 to 7); none has another's gradient.
+
+        That of V is ``E[|τ - 1(u < 0)| u²]`` of the differences u = Q - V.
+        """
         observation, action = batch.observation, batch.action
         steady = of_taken(jax.vmap(target_network.values)(observation), action)
         value = jax.vmap(network.state_value)(observation)[:, 0]
@@ -102,20 +105,14 @@ class ImplicitQLearning(Baseline):
         weight = jnp.minimum(jnp.exp(sharpness * advantage), LARGEST_WEIGHT)
         cloned = log_likelihood(jax.vmap(network.policy)(observation), action)
         difference = jax.lax.stop_gradient(steady) - value
+        asymmetry = jnp.abs(hyperparameters.expectile - (difference < 0))
         terms = {
-            "state_value": expectile_loss(difference, hyperparameters.expectile),
+            "state_value": jnp.mean(asymmetry * jnp.square(difference)),
             "values": jnp.mean(jnp.square(target - q)),
             "policy": -jnp.mean(weight * cloned),
         }
         total = sum(terms.values(), jnp.zeros(()))
         return total, terms | {"loss": total}
-
-
-def expectile_loss(
-    difference: Float[Array, " batch"], expectile: Float[Array, ""] | float
-) -> Float[Array, ""]:
-    """``E[|τ - 1(u < 0)| u²]`` of differences u (IQL's Eq 5)."""
-    return jnp.mean(jnp.abs(expectile - (difference < 0)) * jnp.square(difference))
 
 
 @dataclass(frozen=True)

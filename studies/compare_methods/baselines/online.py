@@ -73,11 +73,14 @@ class LSIQ(IQLearn):
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
         """Half the squared distances of demonstrations and of own transitions to their targets.
 
-        V(s') lies within ±1/(c (1 - γ)); after the end it is that of the absorbing state.
+        V(s') lies within ±1/(c (1 - γ)). After the end it is that of the absorbing state, whose
+        reward is 1/c and -1/c by their shares of those that end.
         """
         largest, discount = 1.0 / hyperparameters.regularisation, hyperparameters.discount
         bound = largest / (1.0 - discount)
-        absorbing = absorbing_reward(batch.expert.ending, batch.replay.ending, largest)
+        sides = (batch.expert.ending, batch.replay.ending)
+        ends = [jnp.sum(ending != int(Ending.NONE)) for ending in sides]
+        absorbing = largest * (ends[0] - ends[1]) / jnp.maximum(ends[0] + ends[1], 1)
         terms = {}
         for name, rows, reward in (
             ("expert", batch.expert, largest),
@@ -94,17 +97,6 @@ class LSIQ(IQLearn):
             terms[name] = jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2
         total = terms["expert"] + terms["own"]
         return total, terms | {"loss": total}
-
-
-def absorbing_reward(
-    expert: Array, own: Array, largest: Float[Array, ""] | float
-) -> Float[Array, ""]:
-    """Return the least-squares reward of the state after the end: 1/c and -1/c by their shares.
-
-    Of the endings (values of `types.Ending`) of demonstrations and of own transitions, and of 1/c.
-    """
-    ended = [jnp.sum(ending != int(Ending.NONE)) for ending in (expert, own)]
-    return largest * (ended[0] - ended[1]) / jnp.maximum(ended[0] + ended[1], 1)
 
 
 @dataclass(frozen=True)

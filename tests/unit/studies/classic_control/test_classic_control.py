@@ -9,6 +9,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json
 from socialiq.types import Ending
 from socialiq_lab.registry import declaration
 from studies.classic_control import runs, study
@@ -199,7 +200,7 @@ def test_sets_are_of_trajectories_of_their_own() -> None:
     ]
 
 
-def test_a_run_has_a_row_for_each_policy_and_one_for_their_ensemble(monkeypatch) -> None:
+def test_a_run_has_a_row_for_each_policy_and_one_for_their_ensemble(monkeypatch, tmp_path) -> None:
     """Two sets and two seeds; each policy pushes to its own side, and the ensemble by the mean."""
 
     def taking(values) -> QPolicy:
@@ -212,7 +213,9 @@ def test_a_run_has_a_row_for_each_policy_and_one_for_their_ensemble(monkeypatch)
     monkeypatch.setattr(runs, "learn", lambda *_inputs: trained)
     monkeypatch.setattr(runs.Source, "score", lambda _self, act: float(act(np.zeros((1, 4)))[0]))
     source = runs.Source("CartPole", "rows", 1, 2, 50_000_000, 1, 0)
-    rows = runs.scored(runs.Training(source, "cloning", (5, 6), 1), lambda _share: None)
+    training = runs.Training(source, "cloning", (5, 6), 1)
+    runs.train_and_score(training, tmp_path, {}, lambda _share: None)
+    rows = read_json(tmp_path / runs.ROWS)
     assert [(one["set"], one["seed"]) for one in rows] == [
         (number, seed) for number in (0, 1) for seed in ("5", "6", "ensemble")
     ]

@@ -77,8 +77,9 @@ def test_each_job_stands_after_its_inputs() -> None:
 
 def test_what_is_there_is_not_planned_again(folder) -> None:
     jobs = plan.plan(Config(**SMALL, pieces=folder))
-    (expert,) = (job for job in jobs if job.stage == "expert")
-    assert isinstance(expert.config, plan.Kept)
+    assert all(job.stage != "expert" for job in jobs)
+    shown = [job for job in jobs if job.stage == "shown"]
+    assert {(job.config.pieces, job.inputs) for job in shown} == {(folder, ())}
     seeds = {
         (job.config.method, job.config.trajectories): job.config.seeds
         for job in jobs
@@ -91,16 +92,20 @@ def test_what_is_there_is_not_planned_again(folder) -> None:
     assert left == [] == plan.plan(Config(**SMALL, pieces=folder, new=False))
 
 
-def test_an_expert_is_kept_only_if_it_is_the_planned_one(folder, tmp_path) -> None:
-    jobs = plan.plan(Config(**SMALL, pieces=folder))
-    target = tmp_path / "job"
-    target.mkdir()
-    plan.keep(jobs[0].config, target, {}, lambda _share: None)
-    assert (target / "expert.safetensors").read_bytes() == b"weights"
-    place = tmp_path / "results" / "pieces" / "Hopper_expert.safetensors"
-    place.write_bytes(b"others")
+def test_an_expert_shows_episodes_only_if_it_is_the_planned_one(
+    folder, tmp_path, monkeypatch
+) -> None:
+    job = next(job for job in plan.plan(Config(**SMALL, pieces=folder)) if job.stage == "shown")
+    read = []
+    monkeypatch.setattr(plan.ActorPolicy, "load", read.append)
+    monkeypatch.setattr(plan, "played", lambda *_inputs: None)
+    monkeypatch.setattr(plan.files, "save", lambda *_inputs: None)
+    plan.show(job.config, tmp_path, {}, lambda _share: None)
+    expert = tmp_path / "results" / "pieces" / "Hopper_expert.safetensors"
+    assert read == [expert]
+    expert.write_bytes(b"others")
     with pytest.raises(UserError, match="has changed since the study began"):
-        plan.keep(jobs[0].config, target, {}, lambda _share: None)
+        plan.show(job.config, tmp_path, {}, lambda _share: None)
 
 
 def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:

@@ -8,7 +8,6 @@ from studies.compare_methods.baselines.clones import (
     DWBCConfig,
     DWBCHyperparameters,
     discriminator_loss,
-    weighted_loss,
 )
 
 
@@ -25,13 +24,6 @@ def test_the_discriminator_estimates_the_ratio_of_densities() -> None:
     best = jnp.log(jnp.array([0.75 / 0.25, 0.25 / 0.75]))
     np.testing.assert_allclose(jax.grad(loss)(best), 0.0, atol=1e-6)
     assert jnp.abs(jax.grad(loss)(best + 0.5)).max() > 0.01
-
-
-def test_the_weights_by_hand() -> None:
-    """d = 1/2: -(7.5 - 0.5 / 0.25) log π of E's row, -2 log π of O's."""
-    half = jnp.array([0.5])
-    found = weighted_loss([jnp.array([-1.0]), jnp.array([-3.0])], [half, half], 0.5, 7.5)
-    assert found == pytest.approx(5.5 + 6.0)
 
 
 @pytest.mark.slow

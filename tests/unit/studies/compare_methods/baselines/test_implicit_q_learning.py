@@ -10,7 +10,6 @@ from studies.compare_methods.baselines.offline import (
     IQLHyperparameters,
     IQLNetworks,
     ValueConfig,
-    expectile_loss,
 )
 
 LEARNER = ImplicitQLearning(ValueConfig(), (1, 2))
@@ -36,8 +35,12 @@ def test_a_bandit_of_two_actions_has_its_known_solution(constant, rows_of, expec
     assert max(float(jnp.abs(leaf).max()) for leaf in jax.tree.leaves(jax.grad(loss)(off))) > 0.01
 
 
-def test_the_expectile_loss_by_hand() -> None:
-    assert expectile_loss(jnp.array([2.0, -1.0]), 0.9) == pytest.approx((0.9 * 4 + 0.1 * 1) / 2)
+def test_the_expectile_loss_by_hand(constant, rows_of) -> None:
+    """Q - V is 2 and -1."""
+    network = IQLNetworks(constant(2.0, -1.0), constant(0.0), constant(0.0, 0.0))
+    run = stack([IQLHyperparameters(90.0, expectile=0.9)])[0]
+    _, terms = LEARNER.loss(network, network, rows_of([0, 1], [0.0, 0.0]), run)
+    assert terms["state_value"] == pytest.approx((0.9 * 4 + 0.1 * 1) / 2)
 
 
 def test_q_follows_the_value_of_the_next_state(constant, rows_of) -> None:

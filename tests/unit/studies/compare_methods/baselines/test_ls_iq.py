@@ -1,4 +1,3 @@
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -9,7 +8,6 @@ from studies.compare_methods.baselines.online import (
     LSIQ,
     LSIQConfig,
     LSIQHyperparameters,
-    absorbing_reward,
 )
 
 
@@ -39,9 +37,15 @@ def test_the_loss_by_hand(constant, rows_of, fixed: bool) -> None:
     assert terms["own"] == pytest.approx((1 - (-2 + 0.5 * -4)) ** 2 / 2)
 
 
-def test_the_absorbing_state_has_the_mean_reward_of_those_that_end_there() -> None:
-    """Three demonstrations and one own transition end: 2 (3 - 1) / 4."""
-    ended, goes_on = int(Ending.ARRIVAL), int(Ending.NONE)
-    expert = jnp.array([ended, ended, ended, goes_on])
-    assert absorbing_reward(expert, jnp.array([ended, goes_on]), 2.0) == pytest.approx(1.0)
-    assert absorbing_reward(jnp.array([goes_on]), jnp.array([goes_on]), 2.0) == 0.0
+@pytest.mark.parametrize(("own_ends", "value"), [(True, 2.0), (False, 4.0)])
+def test_the_absorbing_state_has_the_mean_reward_of_those_that_end_there(
+    constant, rows_of, own_ends: bool, value: float
+) -> None:
+    """Three demonstrations end, and one own row or none: 2 (3 - 1) / 4 = 1, and 2; γ = 0.5."""
+    expert = rows_of([0, 0, 0], [0.0] * 3)
+    own = rows_of([0], [0.0], ending=int(Ending.ARRIVAL) if own_ends else 0)
+    learner = LSIQ(LSIQConfig(prior="none", fixed_target=False), (1, 2))
+    run = stack([LSIQHyperparameters(regularisation=0.5, discount=0.5)])[0]
+    network = constant(0.0, 0.0)
+    _, terms = learner.loss(network, network, Batches(expert, own, None), run)
+    assert terms["expert"] == pytest.approx((2 + 0.5 * value) ** 2 / 2)

@@ -45,7 +45,8 @@ def test_the_learned_reward_ranks_the_demonstrators(table5) -> None:
     data = trajectory_datasets(table5, [0], 1)
     static = TREXConfig(hidden=(16,), batch_size=8, updates=300, prior="none")
     numbers = [dataclasses.replace(IQLearnHyperparameters(), angle=0.0, learning_rate=0.01)]
-    trained = TREX.of(static, data, table5.world).train(numbers)
+    learner = dataclasses.replace(TREX.of(static, data), simulator=table5.world)
+    trained = learner.train(numbers)
     assert trained.failures == ()
     network = network_of(trained.networks, 0)
     values = np.array([network.reward(row) for row in jnp.asarray(data[0].observation)])
