@@ -11,10 +11,10 @@ import time
 from typing import Any
 
 from socialiq.errors import UserError
+from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.continuous.config import SACConfig, SACHyperparameters
-from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.train import acting_in, train
+from socialiq.learners.continuous.train import train
 from socialiq.worlds.environment import make_environment
 
 SIZES = {"small": (64, 64), "standard": (256, 256)}
@@ -62,10 +62,11 @@ def ours(width: int, batch: int) -> float:
         random_steps=WARM_UP,
     )
     runs, stamps = [SACHyperparameters()], []
-    acting = acting_in(lambda: make_environment("Pendulum-v1", continuous=True), static, runs)
+    acting = acting_in(
+        lambda: make_environment("Pendulum-v1", continuous=True), static, runs, ROUND
+    )
     callbacks = Callbacks(on_report=lambda _: stamps.append(time.perf_counter()))
     train(
-        SoftActorCritic,
         static,
         runs,
         sizes=(3, 1),

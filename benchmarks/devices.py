@@ -16,10 +16,9 @@ import jax
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.rollout import record
+from socialiq.evaluation.rollout import record, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.types import Simulator

@@ -17,13 +17,12 @@ import numpy as np
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.road_training import CHUNK, source_of
-from socialiq.evaluation.rollout import record
+from socialiq.evaluation.rollout import record, trajectory_datasets
+from socialiq.learners.acting import dials, soft
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import Behaviour, Collector, soft
-from socialiq.learners.dial.acting import acting
+from socialiq.learners.collect import Behaviour, Collector
 from socialiq.learners.dial.config import (
     QUICK,
     RUNS,
@@ -33,7 +32,7 @@ from socialiq.learners.dial.config import (
     DialPreset,
 )
 from socialiq.learners.dial.train import train as train_dial
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
@@ -127,7 +126,7 @@ def _grid_dial(run: DialPreset, seeds: Sequence[int] = (0,)) -> tuple[Trains, in
 
 def _quick_regrets() -> list[float]:
     """Of the quick dial by seed: exact greedy regret, the mean over 0, 15, ..., 90 degrees."""
-    ground = with_clock(Ground.of("crossing7"), clock=True)
+    ground = Ground.of("crossing7").with_clock(clock=True)
     trains, updates = _grid_dial(QUICK, QUICK_SEEDS)
     trained = trains(updates, Callbacks(), CHUNK)
     regrets = []
@@ -165,7 +164,7 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
 
     def dial(updates: int, callbacks: Callbacks, chunk: int) -> Any:
         shorter = dataclasses.replace(dial_config, updates=updates)
-        acts = collector(acting(shorter, [hyperparameters]))
+        acts = collector(dials(shorter, [hyperparameters]))
         return train_dial(
             shorter, [hyperparameters], data, callbacks=callbacks, chunk=chunk, before_chunk=acts
         )

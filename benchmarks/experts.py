@@ -134,14 +134,14 @@ def updates_per_second() -> float:
     import jax
     import jax.numpy as jnp
 
-    from socialiq.learners import replay
     from socialiq.learners.dqn import DQN, DQNConfig, DQNHyperparameters
+    from socialiq.learners.expert_table import Replay
     from socialiq.learners.state import stack
 
     static = DQNConfig(hidden=HIDDEN, batch_size=BATCH, replay_capacity=20_000)
     hyperparameters, learner = stack([DQNHyperparameters()])[0], DQN(static, (70, 3))
     state, carry = learner.initialise(hyperparameters)
-    full = replay.Replay(carry.replay.columns, jnp.asarray(static.replay_capacity))
+    full = Replay(carry.replay.columns, jnp.asarray(static.replay_capacity))
     carry = carry._replace(replay=full)
 
     @jax.jit

@@ -14,9 +14,9 @@ import numpy as np
 
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
-from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.gym import JunctionBatch
+from socialiq_recordings.world.recorded_world import WorldConfig
 
 EACH, FRAMES, SPEED, HEADWAY = 20, 150, 8.0, 2.0
 BATCH, DECISIONS = 64, 300
@@ -39,10 +39,8 @@ def run(repeats: int) -> dict[str, Any]:
         rng = np.random.default_rng(repeat)
         begin = time.process_time()
         for _ in range(DECISIONS):
-            ended = batch.step(rng.integers(0, world.n_actions, BATCH)).ending != 0
+            batch.step(rng.integers(0, world.n_actions, BATCH))
             present.append(float(batch.traffic.n_present.mean()))
-            if ended.any():
-                batch.reset(rows=ended)
         rates.append(BATCH * DECISIONS / (time.process_time() - begin))
     return {
         "decisions_per_s": statistics.median(rates),

@@ -18,8 +18,8 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.learners.iq_learn import presets
+from socialiq.evaluation.rollout import trajectory_datasets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.mdp.solve import value_iteration

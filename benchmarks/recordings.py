@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.readers.column_map import read_map
-from socialiq_recordings.readers.import_file import import_file
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import RoadNetwork
 

@@ -18,8 +18,8 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import as_csv
 from socialiq.types import Ending, Policy, Row
-from socialiq_recordings.world.batch import AS_DRIVER, JunctionBatch
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.gym import JunctionBatch
+from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
 
 ANGLES = (0.0, 30.0, 60.0, 90.0)
 OUTCOMES = {"arrival": 1, "collision": 2, "timeout": 3, "closed_line": 4}
@@ -33,7 +33,7 @@ def drive(world: RecordedWorld, policy: Policy | None, seeds: range) -> Row:
     seen, totals, ending = batch.reset(list(seeds)), np.zeros((size, 2)), np.zeros(size, int)
     while live.any():
         action = np.full(size, AS_DRIVER) if policy is None else policy.predict(seen)[0]
-        made = batch.step(np.asarray(action, np.int64), rows=live)
+        made = batch.step(np.asarray(action, np.int64), auto_reset=False, rows=live)
         totals[live] += np.stack(made.rewards, axis=1)[live]
         ending[live] = made.ending[live]
         live &= made.ending == int(Ending.NONE)

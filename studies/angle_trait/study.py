@@ -27,11 +27,10 @@ from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import groups, mean
 from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.trait import choice_model
+from socialiq_recordings.trait import traits
 from socialiq_recordings.trait.hierarchy import Direction, direction
 from socialiq_recordings.trait.models import Models, contrasts, fit_models, models_of, sample_of
-from socialiq_recordings.trait.planted import before
-from socialiq_recordings.trait.traits import progress_trait
+from socialiq_recordings.trait.power import before
 
 DIAL = packaged_results() / "intersection-dial" / "dial.safetensors"
 """The dial whose policies drive; its middle ends the rollouts."""
@@ -152,11 +151,9 @@ def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
     return ChoiceTable(
         driver=driver,
         chain=driver,
-        site=np.zeros_like(driver),
         time=time,
         half=half,
         conflict=np.ones(len(row), bool),
-        moving=np.ones(len(row), bool),
         grid=grid,
         log_base=log_base,
         r_env=env,
@@ -224,7 +221,7 @@ def strength_of(config: Any) -> float:
     """Return β of planners per unit of return, from drivers who choose at random."""
     at_random = Population("planner", np.full(config.drivers, config.mean), 0.0)
     decided = drive(at_random, DialPolicy.load(DIAL), 2, config.first_episode)
-    return config.strength / choice_model.reward_scale(choices_of(decided, 2, 2))
+    return config.strength / traits.reward_scale(choices_of(decided, 2, 2))
 
 
 def inferred(config: Any, decided: Decided, source: str, used: int, seed: int) -> Models:
@@ -233,6 +230,33 @@ def inferred(config: Any, decided: Decided, source: str, used: int, seed: int) -
     if source == "returns":
         return fit_models(choices_of(decided, episodes, used), seed, config.step)
     return fit_family(decided, episodes, used, DialPolicy.load(OTHER_DIAL), seed, config.step)
+
+
+def value_scale(values: Float[np.ndarray, "decision candidate value"]) -> float:
+    """Return the typical difference of value between candidates; 1 if there is none."""
+    variance = values.var(axis=1, where=np.isfinite(values)) if values.size else np.zeros(1)
+    scale = float(np.sqrt(variance.mean()))
+    return scale if scale > traits.LEAST_SCALE else 1.0
+
+
+def tabulate_family(
+    values: Float[np.ndarray, "decision candidate value"],
+    grid: Float[np.ndarray, " candidate"],
+    trait: traits.Trait,
+    random: float,
+) -> traits.Tabulated:
+    """Return log p(a | s) of every candidate, and the mean candidate, by β and angle of a family.
+
+    p(a | s) = (1 - ε) softmax(β Q_α(s, .))(a) + ε / n, with ε = `random` the share of choices at
+    random among the n candidates. One whose value Q_α(s, a) is minus infinity is none.
+    """
+    finite = np.isfinite(values)[:, :, None, :]
+    score = trait.shared[:, None] * np.where(finite, values[:, :, None, :], 0.0)
+    chance = softmax(np.where(finite, score, -np.inf), axis=1)
+    mixed = (1 - random) * chance + random / finite.sum(axis=1, keepdims=True)
+    chance = np.where(finite, mixed, 0.0)
+    log_p = np.log(np.maximum(chance, np.finfo(np.float64).tiny))
+    return traits.Tabulated(log_p, np.einsum("dcsv,c->dsv", chance, grid))
 
 
 def fit_family(
@@ -249,18 +273,18 @@ def fit_family(
     decisions = decisions._replace(log_base=base_of(policies, decisions.seen))
     sample = sample_of(choices_of(decisions, episodes, used))
     values = np.stack([policy.q_values(decisions.seen) for policy in policies], axis=2)
-    trait = choice_model.family_trait(angle, scale=choice_model.value_scale(values))
-    every = choice_model.tabulate_family(values, sample.table.grid, trait, RANDOM)
+    trait = traits.family_trait(angle, scale=value_scale(values))
+    every = tabulate_family(values, sample.table.grid, trait, RANDOM)
     of_chosen = every.at(np.arange(len(sample.table)), sample.table.chosen)
-    gain = progress_trait(scale=choice_model.reward_scale(sample.table))
-    of_gain = choice_model.evaluate(sample.table, gain)
+    gain = traits.progress_trait(scale=traits.reward_scale(sample.table))
+    of_gain = traits.evaluate(sample.table, gain)
     return models_of(sample, trait, of_chosen, gain, of_gain, seed, every=every)
 
 
 def directions(models: Models) -> list[Direction]:
     """Return the inferred angle of each driver, with its interval."""
-    posteriors = models.angle.drivers.sum(axis=1)
-    return [direction(models.trait.value, density, CONFIDENCE) for density in posteriors]
+    posteriors, grid = models.angle.drivers.sum(axis=1), models.angle.population.trait.value
+    return [direction(grid, density, CONFIDENCE) for density in posteriors]
 
 
 def population_row(models: Models, angle: Float[np.ndarray, " driver"], seed: int) -> Row:
@@ -280,7 +304,8 @@ def recovery(models: Models, angle: Float[np.ndarray, " driver"]) -> Row:
     """Return how the inferred angles compare with the planted ones; 0 for no correlation."""
     posteriors = directions(models)
     means = np.array([entry.angle for entry in posteriors])
-    half_step = (models.trait.value[1] - models.trait.value[0]) / 2
+    grid = models.angle.population.trait.value
+    half_step = (grid[1] - grid[0]) / 2
     covered = [
         entry.low - half_step <= truth <= entry.high + half_step
         for entry, truth in zip(posteriors, angle, strict=True)

@@ -12,12 +12,12 @@ import numpy as np
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
 from socialiq.audit.request import ATLAS
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.q_policy import QPolicy
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 from socialiq.worlds.registry import make
@@ -110,7 +110,7 @@ def trained_in_gridworld(
     baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
     baseline.policy(0).save(folder / "baseline.safetensors")
     static, dial_numbers, clock, _ = RUNS["online"]
-    clocked = with_clock(ground, clock)
+    clocked = ground.with_clock(clock)
     world = clocked.table.world
     data = trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
     static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates[1])

@@ -12,7 +12,7 @@ from socialiq.audit.profile.profile import Margin
 from socialiq.audit.verdict.bounds import episodes_needed
 from socialiq.audit.verdict.calibration import preimage
 from socialiq.audit.verdict.decision import Decision
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights, score
 from socialiq.statistics.intervals import clopper_pearson
 from socialiq.types import RewardPair, Row

@@ -16,9 +16,9 @@ from socialiq.demonstrations.variants import with_images
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import settings
+from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import acting_in
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained

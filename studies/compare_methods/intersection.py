@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.road_training import source_of
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically

@@ -6,18 +6,15 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
+from socialiq.learners import acting, cql
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import cql
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.acting import acting
+from socialiq.learners.dial import offline as regularised
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.learners.offline import config as regularised
-from socialiq.learners.offline.train import train_together
 from socialiq.nn.q_network import network_of
 from socialiq_lab import comparison_runs as runs_of_methods
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
@@ -40,17 +37,17 @@ def _multi_intention(arena: Arena, runs: Sequence[Run]) -> list[Any]:
 
 def _regularised(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     """Train the behaviour-regularised dial, whose stages share the updates."""
-    preset = regularised.PRESETS["offline-regularised"]
+    preset, numbers = dial.OfflineDialConfig(), dial.OfflineDialHyperparameters()
     names = ("hidden", "activation", "view", "batch_size")
-    share = arena.updates // (2 + preset.structure.critic_factor)  # behaviour and dial: one each
+    share = arena.updates // (2 + preset.critic_factor)  # behaviour and dial: one each
     static = dataclasses.replace(
-        preset.structure,
+        preset,
         **{name: getattr(arena.structure, name) for name in names},
         updates=max(share, 1),
     )
-    stages = train_together(
+    stages = regularised.train(
         static,
-        [dataclasses.replace(preset.numbers, seed=run.seed, **dict(run.setting)) for run in runs],
+        [dataclasses.replace(numbers, seed=run.seed, **dict(run.setting)) for run in runs],
         [arena.datasets[run.dataset] for run in runs],
         lambda _stage: arena.callbacks(),
         arena.chunk,
@@ -96,7 +93,7 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     collector = Collector(
         [inferring(source, pair) for pair in zip(rewards[::2], rewards[1::2], strict=True)],
         [entry.seed for entry in dial_numbers],
-        acting(shape, dial_numbers),
+        acting.dials(shape, dial_numbers),
     )
     options = second.callbacks(), second.chunk, collector
     front = train_dial(shape, dial_numbers, [], None, second.sizes, *options)
@@ -120,7 +117,7 @@ LEARNERS: Mapping[str, Learner] = {
     "guidance": offline(clones.GuidedCloning, advantage="advantage"),
     "pareto_irl": _pareto_irl,
     "rl": runs_of_methods.reinforcement,
-    "thesis": iq_learn(prior="reward", target_kind=presets.GRID.target_kind),
+    "thesis": iq_learn(prior="reward", target_kind=iq.GRID.target_kind),
     "dial_offline": runs_of_methods.dialled(*_preset("offline"), "discount"),
     "dial_regularised": _regularised,
     "dial_online": runs_of_methods.dialled(*_preset("online-clockless"), "discount"),

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.social.angle import exact_weights
 from socialiq_lab.comparison import Method
 from socialiq_lab.comparison_runs import Arena, Run

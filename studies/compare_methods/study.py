@@ -14,9 +14,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.ground import Ground
-from socialiq.learners.iq_learn import presets
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import MODES
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.settings import check_counts, check_widths
 from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically

@@ -15,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
-from socialiq.learners.iq_learn import losses, presets
+from socialiq.learners.iq_learn import config as presets
+from socialiq.learners.iq_learn import losses
 from socialiq.results_folder import Results, as_csv
 from socialiq.social.angle import angle_difference, score, weights
 from socialiq.storage import write_atomically

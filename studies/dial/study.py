@@ -17,10 +17,13 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
-from socialiq.evaluation.exact import READOUTS, action_table
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, exact_regret, regret_at, with_clock
-from socialiq.evaluation.rollout import rollout_totals
+from socialiq.evaluation.exact import (
+    READOUTS,
+    Ground,
+    action_table,
+    exact_regret,
+)
+from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS, RUNS
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
@@ -62,7 +65,7 @@ class Config:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Train every run, evaluate it exactly at each degree, and set its mixtures."""
     ground = Ground.of("crossing7")
-    grounds = {clock: with_clock(ground, clock) for clock in (True, False)}
+    grounds = {clock: ground.with_clock(clock) for clock in (True, False)}
     data = {
         clock: trajectory_datasets(grounds[clock].table, config.seeds, config.episodes_each)
         for clock in grounds
@@ -279,7 +282,7 @@ def budget_tables(
             {"budget": epsilon, "seed": seed, "angle": angle}
             | {"multiplier": float(trained.kept[run])}
             | {"log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean())}
-            | {f"regret_{way}": regret_at(ground, dial, angle, way) for way in READOUTS}
+            | {f"regret_{way}": ground.regret(dial, angle, way) for way in READOUTS}
         )
     path: list[Row] = [
         {

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.evaluation.exact import action_table, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results

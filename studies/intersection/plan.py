@@ -9,10 +9,10 @@ from typing import Any
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.view import CHOICES
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.worlds.intersection.options import Options

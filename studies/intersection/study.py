@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import OUTCOMES, REWARDS, policy_row
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import OUTCOMES, REWARDS, policy_row
 from socialiq.evaluation.front import support_intervals
+from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results, from_csv
 from socialiq.social.angle import angle_difference, angle_of

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from socialiq.demonstrations import files
-from socialiq.evaluation.episode_rows import outcome_row
-from socialiq.evaluation.episodes import Episodes
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import Episodes, outcome_row
+from socialiq.evaluation.rollout import MODES
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.storage import load_arrays
 from socialiq.types import Row

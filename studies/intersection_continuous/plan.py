@@ -13,13 +13,11 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation import road_training as road
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.acting import actors_together
+from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous import config as actors
-from socialiq.learners.continuous.acting import ActorVectorCollector
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.continuous.train import train
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
@@ -217,22 +215,20 @@ def train_runs(
             ),
         )
     elif isinstance(structure, bc.CloningConfig):
-        program = partial(BehaviourCloning.train_on, structure, numbers, data)
+        program = partial(GaussianCloning.train_on, structure, numbers, data)
     elif isinstance(structure, actors.TD3BCConfig):
-        program = partial(train, TD3BC, structure, numbers, data)
+        program = partial(train, structure, numbers, data)
     else:
-        soft = isinstance(structure, actors.SACConfig)
         clock = structure.times > 0
         env = learning_env(world, len(numbers) * config.environments, clock)
         rounds = -(-road.CHUNK * structure.env_steps_per_update // config.environments)
         program = partial(
             train,
-            SoftActorCritic if soft else ContinuousIQLearn,
             structure,
             numbers,
             data,
             sizes=(world.n_features + clock, config.options.width),
-            before_chunk=ActorVectorCollector(env, rounds, structure, numbers),
+            before_chunk=VectorCollector(env, rounds, numbers, actors_together(structure, numbers)),
         )
     files = [run_file(getattr(run, "angle", 0.0), run.seed) for run in numbers]
     fit(program, folder, on_progress, files)

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.evaluation.episode_rows import policy_row
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.episodes import policy_row
 from socialiq.evaluation.front import hypervolume
 from socialiq.types import Row
 from socialiq_lab.intersection import rows as intersection

@@ -19,9 +19,8 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.front import hypervolume
 from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
+from socialiq.learners import policy_iteration
 from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
-from socialiq.learners.policy_iteration import dial as dial_iteration
-from socialiq.learners.policy_iteration import train as policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq.results_folder import load
 from socialiq.storage import packaged_results
@@ -107,7 +106,7 @@ class Config:
     families: tuple[str, ...] = (DIALS, AGENTS)  # that are trained and driven, of `FAMILIES`
     recipe: DialConfig = INTERSECTION.structure  # of a dial with a clock
     recipe_numbers: DialHyperparameters = INTERSECTION.numbers
-    iteration: dial_iteration.DialIterationConfig = ITERATION  # begins with such a dial
+    iteration: policy_iteration.DialIterationConfig = ITERATION  # begins with such a dial
     iteration_numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
     ablation_updates: int = 6_000  # gradient steps of each ablation
     planned_seeds: int = 1

@@ -1,8 +1,7 @@
 """Offline learning in the intersection: demonstrations and their reward pairs, no step in a world.
 
-One dial of `learners.offline` beside the demonstrators, clones and IQ-Learn, all with the network
-that reads the vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also
-trained online, in the world.
+One offline dial beside the demonstrators, clones and IQ-Learn, all with the network that reads the
+vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also trained online.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.iq_learn import presets
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.settings import check_counts
 from socialiq.results_folder import Results
 from socialiq.types import Row

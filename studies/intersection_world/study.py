@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.episode_rows import outcome_row, reward_row
-from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of, outcome_row, reward_row
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.highway.render import episode_scenes, filmstrip

@@ -20,21 +20,19 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.learners.collect import Act, Collector, from_env
+from socialiq.learners.acting import Driver, drawing
+from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous import train as actors
-from socialiq.learners.continuous.acting import drawing
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.standardise import EXPLORED, Standardisation, explored
 from socialiq.learners.dial import train as dials
-from socialiq.learners.dial.acting import Driver
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import train as iq_learn
 from socialiq.learners.kernel import Trained
 from socialiq.provenance import versions
 from socialiq.storage import write_atomically
+from socialiq.types import Act
 from socialiq.worlds.environment import action_size, sizes
 from socialiq_lab.jobs import ProgressCallback
 from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task
@@ -141,7 +139,7 @@ def actor_dials(
     numbers = [
         dataclasses.replace(base, seed=seed, dataset=number) for number, seed in enumerate(seeds)
     ]
-    return _collected(task, ContinuousIQLearn, static, numbers, datasets)
+    return _collected(task, static, numbers, datasets)
 
 
 def soft_actors(
@@ -158,7 +156,7 @@ def soft_actors(
     static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
     base = dataclasses.replace(ACTOR_NUMBERS, discount=task.discount)
     numbers = [dataclasses.replace(base, seed=seed, angle=angle) for seed, angle in runs]
-    return _collected(task, SoftActorCritic, static, numbers, changes=changes)
+    return _collected(task, static, numbers, changes=changes)
 
 
 def _shared(task: Task, updates: int) -> dict[str, Any]:
@@ -175,7 +173,6 @@ def _demonstrated(task: Task, updates: int, **changes: Any) -> config.ActorIQLea
 
 def _collected(
     task: Task,
-    learner: Any,
     static: Any,
     numbers: Sequence[Any],
     datasets: Sequence[Demonstrations] = (),
@@ -189,7 +186,7 @@ def _collected(
     env = task.make()
     shape = sizes(env)[0], action_size(env)
     options: dict[str, Any] = {"chunk": ACTOR_ROUND, "before_chunk": collect}
-    return _policies(actors.train(learner, static, numbers, datasets, None, shape, **options))
+    return _policies(actors.train(static, numbers, datasets, None, shape, **options))
 
 
 @dataclass(frozen=True)
@@ -263,7 +260,7 @@ def trained(task: Task, method: str, seeds: Sequence[int]) -> tuple[list[Any], i
             raise UserError(f"{task.steps} steps are too few: {EXPLORED} are taken at random")
         changes = [Standardisation.of(explored(task.make(), seed)) for seed in seeds]
         policies = soft_actors(task, steps, [(seed, 0.0) for seed in seeds], True, changes)
-        dials_of = [change.dial(dial) for change, dial in zip(changes, policies, strict=True)]
+        dials_of = [change.policy(dial) for change, dial in zip(changes, policies, strict=True)]
         return dials_of, EXPLORED + steps, settings
     if method == EXPERTS:
         steps = task.steps // count // size * size
@@ -318,7 +315,7 @@ def train_trio(
     if task.continuous:
         offline = {"online": False, "value_term": "value_expert", "chi2_on": "expert"}
         actor = _demonstrated(task, 3000, **offline)
-        return _by_seed(_policies(actors.train(ContinuousIQLearn, actor, numbers, datasets)))
+        return _by_seed(_policies(actors.train(actor, numbers, datasets)))
     static = iq.IQLearnConfig(
         prior="shifted_chi2",
         target_kind="instantaneous",

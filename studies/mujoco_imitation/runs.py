@@ -15,15 +15,13 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.acting import acting_in, drawing
+from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config
-from socialiq.learners.continuous.acting import drawing
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.standardise import Standardisation
-from socialiq.learners.continuous.train import acting_in, train
+from socialiq.learners.continuous.train import train
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
@@ -149,13 +147,12 @@ def train_expert(
     env = make_env(task)
     assert env.observation_space.shape and env.action_space.shape
     train(
-        SoftActorCritic,
         static,
         runs,
         sizes=(env.observation_space.shape[0], env.action_space.shape[0]),
         callbacks=_resumable(checkpoint, progress, judge),
         chunk=static.updates_per_round,
-        before_chunk=acting_in(lambda: make_env(task), static, runs),
+        before_chunk=acting_in(lambda: make_env(task), static, runs, static.updates_per_round),
     )
     checkpoint.unlink(missing_ok=True)
     expert = ActorPolicy.load(folder / POLICY)
@@ -262,7 +259,7 @@ def learn(
         for number, seed in enumerate(seeds)
     ]
     if isinstance(method.static, bc.CloningConfig):
-        trained = BehaviourCloning.train_on(method.static, runs, datasets, callbacks)
+        trained = GaussianCloning.train_on(method.static, runs, datasets, callbacks)
     else:
         options: dict[str, Any] = {"callbacks": callbacks}
         if method.online:
@@ -270,8 +267,8 @@ def learn(
             sources = [from_env(make(), chunk, continuous=True) for make in makers]
             options |= {"chunk": chunk}
             options["before_chunk"] = Collector(sources, seeds, drawing(method.static, 1))
-        trained = train(ContinuousIQLearn, method.static, runs, datasets, **options)
+        trained = train(method.static, runs, datasets, **options)
     policies = [trained.policy(run) for run in range(len(runs))]
     if not changes:
         return policies
-    return [change.actor(policy) for change, policy in zip(changes, policies, strict=True)]
+    return [change.policy(policy) for change, policy in zip(changes, policies, strict=True)]

@@ -16,10 +16,8 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.logged import Chances, Logged
-from socialiq.evaluation.off_policy import Evaluator, OffPolicy
-from socialiq.evaluation.rollout import rollout_table
+from socialiq.evaluation.off_policy import Chances, Evaluator, Logged, OffPolicy
+from socialiq.evaluation.rollout import MODES, rollout_table
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import score, weights
 from socialiq.types import Row

@@ -13,10 +13,9 @@ from matplotlib.patches import Rectangle
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
-from socialiq.evaluation.exact import action_table
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
-from socialiq.evaluation.ground import Ground
-from socialiq.learners.iq_learn import presets
+from socialiq.evaluation.exact import Ground, action_table
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy

@@ -19,9 +19,9 @@ from socialiq.demonstrations import files as tables
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.objective import Critic, ensemble_values
-from socialiq.learners.offline.train import STAGES, recorded
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import STAGES, recorded
+from socialiq.learners.dial.offline_losses import Critic, ensemble_values
 from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
@@ -30,14 +30,12 @@ from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Ending, RewardPair, Row
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_recordings.readers.import_file import import_file
-from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import WorldConfig
-from socialiq_recordings.world.practice import Practice, train_with_practice
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.gym import JunctionBatch
+from socialiq_recordings.world.practice import Practice, train_with_practice, visit
+from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
 from socialiq_recordings.world.replay import replay
-from socialiq_recordings.world.rollouts import visit
 from studies.recorded_junction_practice.planted import rules
 
 RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
@@ -220,8 +218,8 @@ def compared(
     observation, rows = jnp.asarray(visited.observation), np.arange(len(visited.time))
     direction = RewardPair(*(jnp.full(len(rows), weight) for weight in weights(config.angle)))
     values = np.asarray(ensemble_values(critics, observation, time, direction, unit).mean(axis=0))
-    believed, earned = values[..., 0], visited.branched.returns[..., 0]
-    fault = visited.branched.at_fault
+    believed, earned = values[..., 0], visited.returns[..., 0]
+    fault = visited.at_fault
     decisive = fault.any(axis=1) & ~fault.all(axis=1)
     row: Row = {"states": len(rows), "decisive": float(decisive.mean())}
     row |= {"value": float(believed[rows, visited.action].mean())}

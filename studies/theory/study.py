@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.prediction import NEXT_VALUES
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups

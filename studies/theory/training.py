@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS, action_table
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.prediction import (
     NEXT_VALUES,
     NextValue,
@@ -19,7 +18,7 @@ from socialiq.evaluation.prediction import (
     problem_of,
     target_norm,
 )
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
-from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.rollout import rollout_table
-from socialiq.learners.iq_learn import presets
+from socialiq.evaluation.exact import Metrics, Optimum, evaluate_exactly
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode, rollout_table
+from socialiq.learners.iq_learn import config as presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.results_folder import Results
 from socialiq.social.angle import angle_of, exact_weights, score, weights

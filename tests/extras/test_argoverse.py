@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from socialiq.errors import UserError
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.readers.argoverse import read_map
-from socialiq_recordings.readers.import_file import import_file
 from socialiq_recordings.recording import RoadUser
 
 NAME = "0a0a2bb7-c4f4-44cd-958a-9ee15cb34aca"
@@ -76,7 +76,9 @@ def test_a_scenario_with_its_map(tmp_path):
     assert tracks.road_user[0] == RoadUser.CAR and tracks.source["track_ids"] == ["AV"]
     np.testing.assert_allclose(tracks.x, 0.8 * np.arange(50))
     assert found.skipped == {"construction": 50}
-    assert [(one.identity, one.reason[:8]) for one in found.refused] == [("42", "frame 10")]
+    assert [(one.identity, one.reason[:17]) for one in found.refused] == [
+        ("42", "row 60: frame 10 ")
+    ]
     road = found.recording.road.lanelets
     assert list(road) == [1, 2] and road[1].successors == (2,)
     np.testing.assert_allclose(road[1].left, [[0, 1.8], [10, 1.8], [20, 1.8]])
@@ -88,7 +90,7 @@ def test_a_scenario_with_its_map(tmp_path):
         ({"heading": None}, "no column heading"),
         ({"object_type": ["dragon"] * 149}, "object type 'dragon' is unknown"),
         ({"timestep": ["x"] * 149}, "as Parquet"),
-        ({"position_x": [np.nan] * 149}, "no track that can be used"),
+        ({"position_x": [np.nan] * 149}, "no track can be used; the first, 42: "),
     ],
 )
 def test_damaged_scenarios_are_one_line(tmp_path, changes, line):

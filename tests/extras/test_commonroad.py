@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
+from socialiq_recordings.physics import wrapped_heading
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.readers.commonroad_xml import TYPES
-from socialiq_recordings.readers.motion import wrapped
 
 OWN = sorted((Path(__file__).parents[2] / "examples" / "recordings").glob("*.xml"))
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
@@ -55,7 +55,7 @@ def test_tracks_are_those_of_commonroad_io(theirs, path):
     np.testing.assert_array_equal(tracks.frame, frame)
     np.testing.assert_array_equal(tracks.x, x)
     np.testing.assert_array_equal(tracks.y, y)
-    np.testing.assert_array_equal(tracks.heading, wrapped(heading))
+    np.testing.assert_array_equal(tracks.heading, wrapped_heading(heading))
     np.testing.assert_array_equal(tracks.vx, velocity * np.cos(heading + slip))
     np.testing.assert_array_equal(tracks.vy, velocity * np.sin(heading + slip))
 

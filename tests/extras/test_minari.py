@@ -19,7 +19,7 @@ from socialiq.datasets.minari import read_minari, write_minari
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 
 # Minari's own: authors that are not named, a temporary folder that it forgets.
 OF_MINARI = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::ResourceWarning")

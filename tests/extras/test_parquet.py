@@ -17,7 +17,7 @@ from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 
 
 @pytest.fixture(scope="module")

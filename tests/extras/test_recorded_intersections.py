@@ -1,6 +1,5 @@
 """The twelve recorded CommonRoad scenarios, where the environment names their folder."""
 
-import dataclasses
 import os
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from socialiq_recordings import census
 from socialiq_recordings.identity.identify import identify
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.recorded_world import WorldConfig
 from socialiq_recordings.world.replay import replay
 
 RESULTS = Path(__file__).parents[2] / "results" / "recordings"
@@ -55,12 +54,12 @@ def test_the_census_counts_every_vehicle_once(recordings):
     made = build(recordings, WorldConfig())
     drivers = census.drivers_of(made.world, replay(made.world))
     committed = load(RESULTS)
-    population = dataclasses.asdict(census.population_of(drivers, made.identified))
+    population = census.population_of(drivers, made.identified)
     # `data import` leaves out one track that the reader still has.
     assert abs(population["drivers"] - committed.summary["population"]["drivers"]) <= 1
     rows = {(row["recording"], row["identity"]): row for row in committed.tables["drivers"]}
-    compared = [one for one in drivers if one.recording.startswith("USA_Peach")]
+    compared = [one for one in drivers if one["recording"].startswith("USA_Peach")]
     assert len(compared) > 10
     for driver in compared:
-        row = rows[driver.recording, driver.identity]
-        assert (driver.decisions, driver.ending) == (row["decisions"], row["ending"])
+        row = rows[driver["recording"], driver["identity"]]
+        assert (driver["decisions"], driver["ending"]) == (row["decisions"], row["ending"])

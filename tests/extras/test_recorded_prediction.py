@@ -22,7 +22,7 @@ from socialiq_recordings.identity.identify import identify
 from socialiq_recordings.prediction import study
 from socialiq_recordings.prediction.models import TRIVIAL
 from socialiq_recordings.prediction.situations import clocks_of, situations_of
-from socialiq_recordings.readers.import_file import import_file
+from socialiq_recordings.readers import import_file
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 RESULTS = Path(__file__).parents[2] / "results" / "recordings-prediction"

@@ -21,13 +21,12 @@ from socialiq.worlds.intersection.policies import policy
 from socialiq_recordings import files, simulated
 from socialiq_recordings.export import write_commonroad, write_csv
 from socialiq_recordings.readers.column_map import read_map
-from socialiq_recordings.readers.commonroad import read_commonroad
-from socialiq_recordings.readers.commonroad_road import road_of
+from socialiq_recordings.readers.commonroad import read_commonroad, road_of
 from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, lanes_of
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.recorded_world import WorldConfig
 from socialiq_recordings.world.replay import replay
 
 DRIVERS = ("gap_3s", "random", "go", "stop_line", "gap_2s")
@@ -94,8 +93,8 @@ def test_ngsim_is_as_close_as_its_columns_allow(episodes, tmp_path):
 
 def test_the_simulators_road_has_its_conflicts():
     lanes = lanes_of(simulated.road())
-    assert len(lanes.junctions) == 1
-    assert len(lanes.junctions[0]) == 12  # every way over it, no arm
+    assert len(set(lanes.junction_of.values())) == 1
+    assert len(lanes.junction_of) == 12  # every way over it, no arm
     first = simulated.FIRST_LANELET
 
     def kind(one, other):

@@ -157,12 +157,9 @@ def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed
         discount=NUMBERS.discount,
     )
     run = stack([settings])[0]
-    slope, _ = jax.grad(cql.conservative_loss, has_aux=True)(
-        problem.network,
-        problem.target_network,
-        problem.expert,
-        run,
-        cql.CQLConfig(endings=shape.endings, batch_size=SIZE),
+    config = cql.CQLConfig(endings=shape.endings, batch_size=SIZE)
+    slope, _ = jax.grad(cql.ConservativeQ(config, (1, 1)).loss, has_aux=True)(
+        problem.network, problem.target_network, problem.expert, run
     )
     assert_equal(problem.gradient(shape), 2 * KAPPA * flat(slope))
 

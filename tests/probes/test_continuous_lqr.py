@@ -15,8 +15,6 @@ import pytest
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.actor_critic import draw_actions, drawn_values, soft_value
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import network_of
 from socialiq.types import Ending, RewardPair, Step
@@ -109,7 +107,7 @@ def test_soft_actor_critic_has_the_gain_and_the_value() -> None:
         learning_rate=2e-3,
         polyak=0.02,
     )
-    trained = train(SoftActorCritic, static, [run], simulator=Line(), chunk=4000)
+    trained = train(static, [run], simulator=Line(), chunk=4000)
     assert gain_of(trained.policy(0)) == pytest.approx(GAIN, abs=0.05)
     wanted = CONSTANT - P * STATES[:, 0] ** 2
     assert np.abs(learnt_values(trained) - wanted).max() < 0.15  # of values from -1.86 to -0.32
@@ -154,5 +152,5 @@ def test_iq_learn_from_the_optimal_driver_has_its_gain() -> None:
     run = config.ActorIQLearnHyperparameters(
         0.0, temperature=TEMPERATURE, discount=DISCOUNT, learning_rate=2e-3, polyak=0.02
     )
-    trained = train(ContinuousIQLearn, static, [run], [driven(400)], chunk=2000)
+    trained = train(static, [run], [driven(400)], chunk=2000)
     assert gain_of(trained.policy(0)) == pytest.approx(GAIN, abs=0.05)

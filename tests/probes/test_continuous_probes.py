@@ -10,10 +10,8 @@ from scipy.special import softmax
 from scipy.stats import norm
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.continuous import config
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.sac import TD3BC, SoftActorCritic
 from socialiq.learners.continuous.train import train
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train as train_discrete
@@ -98,7 +96,7 @@ def test_the_soft_optimum_of_a_bandit_is_boltzmanns() -> None:
     )
     numbers = {"strength": 4.0, "temperature": 0.4, "learning_rate": 5e-3, "polyak": 0.05}
     runs = [config.SACHyperparameters(angle, **numbers) for angle in (0.0, 90.0)]
-    trained = train(SoftActorCritic, static, runs, simulator=Bandit(), chunk=1200)
+    trained = train(static, runs, simulator=Bandit(), chunk=1200)
     for run, reward in enumerate((env_reward(GRID), social_reward(GRID))):
         wanted = moments(np.exp(4.0 * reward / 0.4))
         assert shown(trained.policy(run)) == pytest.approx(wanted, abs=0.03)
@@ -132,7 +130,7 @@ def test_continuous_iq_learn_finds_the_fixed_point_of_the_objective() -> None:
         value_term="value_expert",
         actions_per_state=4,
     )
-    trained = train(ContinuousIQLearn, static, [IQ], [table(demonstrated())], chunk=1500)
+    trained = train(static, [IQ], [table(demonstrated())], chunk=1500)
     assert shown(trained.policy(0)) == pytest.approx(optimum(), abs=0.03)
 
 
@@ -158,9 +156,9 @@ def test_with_many_cells_the_discrete_learner_has_the_same_policy() -> None:
 
 
 def test_the_clone_has_the_density_of_the_data() -> None:
-    static = BehaviourCloning.StaticConfig(hidden=(16,), batch_size=128, updates=800)
-    run = BehaviourCloning.Hyperparameters(learning_rate=3e-3)
-    trained = BehaviourCloning.train_on(static, [run], [table(demonstrated())], chunk=800)
+    static = GaussianCloning.StaticConfig(hidden=(16,), batch_size=128, updates=800)
+    run = GaussianCloning.Hyperparameters(learning_rate=3e-3)
+    trained = GaussianCloning.train_on(static, [run], [table(demonstrated())], chunk=800)
     mean, deviation = trained.policy(0).gaussian(ONLY_STATE)
     assert mean[0, 0] == pytest.approx(0.2, abs=0.05)
     assert deviation[0, 0] == pytest.approx(0.5, abs=0.05)
@@ -177,7 +175,7 @@ def test_td3_bc_stands_where_distance_and_value_balance() -> None:
         config.TD3BCHyperparameters(90.0, q_weight=weight, learning_rate=3e-3)
         for weight in (0.0, 0.05, 1.0)
     ]
-    trained = train(TD3BC, static, runs, [table(demonstrated())], chunk=800)
+    trained = train(static, runs, [table(demonstrated())], chunk=800)
     cloned, between, best = (
         float(trained.policy(run).predict(ONLY_STATE)[0][0, 0]) for run in range(3)
     )

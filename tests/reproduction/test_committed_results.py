@@ -13,8 +13,8 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results, read_json
 from socialiq.to_json import rounded
@@ -333,7 +333,7 @@ def test_the_ceiling_of_the_demonstrations_is_the_same(committed, support):
         if (row["support"], row["seed"]) == (support, 30)
     ]
     angles = [angle for angle, _ in theirs]
-    ground = with_clock(Ground.of("crossing7"), True)
+    ground = Ground.of("crossing7").with_clock(True)
     (data,) = trajectory_datasets(ground.table, [30], committed["dial"].config["episodes_each"])
     ceiling = support_ceiling(data, ground.part, timed=support == "timed")
     again = ceiling_regrets(ceiling, ground.optimum, angles)
@@ -350,7 +350,7 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
     angles = [row["angle"] for row in theirs]
     swept = sweep(
         DialPolicy.load(folder / "dial.safetensors"),
-        with_clock(Ground.of("crossing7"), clock=True).part,
+        Ground.of("crossing7").with_clock(clock=True).part,
         "greedy",
         angles,
     )

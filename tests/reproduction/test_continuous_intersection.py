@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq import results_folder as store
-from socialiq.evaluation.episode_rows import outcome_row, reward_row
-from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.episodes import episodes_of, outcome_row, reward_row
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import ContinuousOptions

@@ -29,14 +29,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from socialiq.learners import settings
-from socialiq.learners.collect import Act, Source
+from socialiq.learners.collect import Source
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import config, losses
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
-from socialiq.types import Ending, RewardPair, Transitions
+from socialiq.types import Act, Ending, RewardPair, Transitions
 from studies.compare_methods.baselines.shared import (
     Episodes,
     Loss,

@@ -1,5 +1,6 @@
 """Audits at a recorded junction: the crossing made by hand."""
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -17,7 +18,7 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending
 from socialiq_recordings.world.gym import RecordedJunctionEnv
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
 
 
 class Wait:
@@ -99,7 +100,7 @@ def test_strata_count_the_other_rows():
 def test_the_hash_is_of_the_content_and_not_of_the_path(made, world_file, tmp_path):
     copy, other = tmp_path / "copy.safetensors", tmp_path / "other.safetensors"
     copy.write_bytes(world_file.read_bytes())
-    made.world.with_config(duration=10.0).save(other)
+    dataclasses.replace(made.world, config=WorldConfig(duration=10.0)).save(other)
     hashes = [scenario_sha256(world_of(str(path), {})) for path in (world_file, copy, other)]
     assert hashes[0] == hashes[1] != hashes[2]
 
@@ -140,7 +141,9 @@ def test_an_audit_from_the_command_line(world_file, tmp_path, monkeypatch, capsy
 def test_a_wrong_world_is_one_line(made, world_file, tmp_path, monkeypatch, capsys, change, line):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "w.safetensors").write_bytes(world_file.read_bytes())
-    made.world.with_config(duration=10.0).save(tmp_path / "other.safetensors")
+    dataclasses.replace(made.world, config=WorldConfig(duration=10.0)).save(
+        tmp_path / "other.safetensors"
+    )
     (tmp_path / "junk.safetensors").write_bytes(b"junk")
     assert main(["profile", "new", "--world", "w.safetensors", "--angle", "0"]) == 0
     declared = (tmp_path / "profile.toml").read_text()

@@ -6,8 +6,8 @@ from socialiq.errors import UserError
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import RoadNetwork
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.lines import closures_of
+from socialiq_recordings.world.recorded_world import WorldConfig
 
 
 def test_vehicles_areas_and_stretches_of_the_crossing(made):

@@ -10,7 +10,8 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import RECORDED_JUNCTION
 from socialiq.worlds.environment import make_environment
-from socialiq_recordings.world.batch import AS_DRIVER, JunctionBatch
+from socialiq_recordings.world.gym import JunctionBatch
+from socialiq_recordings.world.recorded_world import AS_DRIVER
 from socialiq_recordings.world.replay import replay
 
 ENV = RECORDED_JUNCTION
@@ -77,7 +78,7 @@ def endings(world, action: int, seeds: range) -> np.ndarray:
     batch, live = driven(world, action, seeds), np.ones(len(seeds), bool)
     found = np.zeros(len(seeds), int)
     while live.any():
-        made = batch.step(np.full(len(seeds), action), rows=live)
+        made = batch.step(np.full(len(seeds), action), auto_reset=False, rows=live)
         found[live] = made.ending[live]
         live &= made.ending == 0
     return found

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.types import Ending
 from socialiq_recordings.world.practice import ANGLES, Practice, record, train_with_practice
 from socialiq_recordings.world.replay import replay

@@ -1,3 +1,4 @@
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ def test_a_file_gives_the_same_world(made, world):
 def resealed(world: RecordedWorld, path: Path, **changes: np.ndarray) -> Path:
     """Write a file with another content and the right hash of it."""
     header = {
-        "config": world.config.as_header(),
+        "config": dataclasses.asdict(world.config),
         "max_speed": world.max_speed,
         "provenance": world.provenance,
     }

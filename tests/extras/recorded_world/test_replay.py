@@ -7,7 +7,7 @@ from socialiq.types import Ending
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.world import compare
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import LEVELS, WorldConfig
+from socialiq_recordings.world.recorded_world import LEVELS, WorldConfig
 from socialiq_recordings.world.replay import replay
 
 
@@ -38,13 +38,12 @@ def test_overlapping_episodes_begin_between_the_decisions(world):
 
 def test_too_short_a_view_demonstrates_nothing(crossing):
     short = build([crossing], WorldConfig()).world
-    long = short.with_config(policy_rate=1)
-    road = long.road._replace(
-        state=long.road.state[:: len(long.road.state) // 3][:3],
+    road = short.road._replace(
+        state=short.road.state[:: len(short.road.state) // 3][:3],
         state_first=np.arange(4),
     )
     with pytest.raises(UserError, match="nothing is demonstrated"):
-        replay(type(short)(road, long.config, 10.0, long.provenance))
+        replay(type(short)(road, short.config, 10.0, short.provenance))
 
 
 def test_simulated_traffic_starts_as_recorded(made):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.types import Ending
-from socialiq_recordings.world.batch import JunctionBatch
-from socialiq_recordings.world.rollouts import branch, visit
+from socialiq_recordings.world.gym import JunctionBatch
+from socialiq_recordings.world.practice import visit
 
 SEEDS = np.arange(4) + 50_000_000
 
@@ -20,27 +20,24 @@ def wait(observation: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("policy", [go, wait])
 def test_an_action_is_worth_what_driving_on_earns(world, policy):
-    batch, driven = JunctionBatch(world, 4), JunctionBatch(world, 4)
-    batch.reset(SEEDS)
-    before = batch.observation
-    found = branch(batch, np.arange(4), policy)
-    np.testing.assert_array_equal(batch.observation, before)  # episodes are not changed
+    visited, driven = visit(JunctionBatch(world, 4), policy, SEEDS), JunctionBatch(world, 4)
+    np.testing.assert_array_equal(visited.observation[:4], driven.reset(SEEDS))
     for first in (0, 5):
         driven.reset(SEEDS)
         action, running = np.full(4, first), np.ones(4, bool)
         total, fault = np.zeros((4, 2)), np.zeros(4, bool)
         while running.any():
-            made = driven.step(action, rows=running)
+            made = driven.step(action, auto_reset=False, rows=running)
             total[running] += np.column_stack(made.rewards)[running]
             fault |= running & (made.ending == Ending.COLLISION) & (made.contact == 1)
             running &= made.ending == Ending.NONE
             action = policy(driven.observation)
-        np.testing.assert_allclose(found.returns[:, first], total, atol=1e-12)
-        np.testing.assert_array_equal(found.at_fault[:, first], fault)
+        np.testing.assert_allclose(visited.returns[:4, first], total, atol=1e-12)
+        np.testing.assert_array_equal(visited.at_fault[:4, first], fault)
 
 
 def test_every_visited_state_is_branched(world):
     found = visit(JunctionBatch(world, 4), wait, SEEDS)
-    assert len(found.observation) == len(found.time) == len(found.branched.returns)
+    assert len(found.observation) == len(found.time) == len(found.returns)
     assert (found.time == 0).sum() == 4 and (found.action == 0).all()
-    assert found.branched.returns.shape[1:] == (world.n_actions, 2)
+    assert found.returns.shape[1:] == (world.n_actions, 2)

@@ -60,7 +60,7 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
     capsys.readouterr()
     other = ("--world", f"{WORLD}-steering", "--out", str(tmp_path / "other"))
     assert main(["train", "iq-learn", str(data), *SMALL, *other]) == 2
-    assert "they belong to two worlds" in capsys.readouterr().err
+    assert "they belong to another world" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
 

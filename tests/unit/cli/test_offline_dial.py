@@ -10,7 +10,6 @@ from socialiq.cli.train import offline_dial
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.callbacks import Stopped
-from socialiq.learners.offline.config import PRESETS
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
 
@@ -97,7 +96,3 @@ def test_demonstrations_of_another_world_are_refused(crossing, tmp_path, capsys)
     arguments = ["train", "offline-dial", str(crossing), "--world", "intersection"]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
     assert "they belong to another world" in capsys.readouterr().err
-
-
-def test_the_presets_are_known() -> None:
-    assert set(PRESETS) == {"offline-regularised"}

@@ -65,7 +65,7 @@ def test_csv_needs_a_column_map_and_has_one(tmp_path, capsys):
 
 
 def files_of_example():
-    from socialiq_recordings.readers.import_file import import_file
+    from socialiq_recordings.readers import import_file
 
     return import_file(EXAMPLES[0])[0].recording
 

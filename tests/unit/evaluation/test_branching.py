@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from socialiq.errors import UserError
-from socialiq.evaluation.branching import Branching, branched_returns, equivalent_actions
+from socialiq.evaluation.branching import branched_returns, equivalent_actions
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.types import Ending, RewardPair
+from socialiq.evaluation.road_training import CHUNK, dial_labeller
+from socialiq.learners.policy_iteration import DialIterationConfig
+from socialiq.types import Ending
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Batch
@@ -51,29 +52,6 @@ def test_the_policys_own_action_gives_its_episode():
     np.testing.assert_allclose(found.social[:, FASTER], alone.social)
 
 
-def test_the_worth_of_actions_counts_at_each_decision():
-    """The first action has its own, also where two actions are one; later ones that of `follow`."""
-    batch, own = batch_after((SLOWER,) * 4), np.array([1.0, 2.0, 4.0])
-    plain = branched_returns(batch, follow)
-
-    def worth(seen):
-        return RewardPair(np.tile(own, (len(seen), 1)), np.zeros((len(seen), 3)))
-
-    found = branched_returns(batch, follow, worth=worth)
-    for action in range(len(ACTIONS)):
-        copy = Batch(Options(), batch.size)
-        copy.restore(batch.save())
-        running, chosen = np.ones(batch.size, bool), np.full(batch.size, action)
-        wanted = np.zeros(batch.size)
-        while running.any():
-            wanted[running] += own[chosen[running]]
-            made = copy.step(chosen, auto_reset=False, rows=running)
-            running &= made.ending == int(Ending.NONE)
-            chosen = follow(made.observation)
-        np.testing.assert_allclose(found.env[:, action] - plain.env[:, action], wanted)
-    np.testing.assert_array_equal(found.social, plain.social)
-
-
 def test_actions_that_select_one_speed_are_equivalent():
     """After SLOWER and some seconds at rest: SLOWER and IDLE both keep the target speed 0."""
     batch = batch_after((SLOWER,) * 4)
@@ -83,30 +61,35 @@ def test_actions_that_select_one_speed_are_equivalent():
     assert (same[:, FASTER] == FASTER).all()
 
 
+def labeller(clock=False):
+    return dial_labeller(DialIterationConfig(states_per_update=1), Options(), 50, clock)
+
+
 def test_labeller_leaves_no_trace_between_calls():
-    label = Branching(Options(), states=50, episodes=20)
-    one = label(follow, follow, np.random.default_rng(3))
-    label(follow, follow, np.random.default_rng(4))
-    again = label(follow, follow, np.random.default_rng(3))
-    assert one.observation.shape == (50, 70) and one.returns.env.shape == (50, 3)
-    np.testing.assert_array_equal(one.observation, again.observation)
-    np.testing.assert_array_equal(one.returns.social, again.returns.social)
+    def at_any_angle(observation):
+        return follow(observation[:, :-1])
+
+    label = labeller()
+    once = label(at_any_angle, at_any_angle, np.random.default_rng(3))
+    label(at_any_angle, at_any_angle, np.random.default_rng(4))
+    again = label(at_any_angle, at_any_angle, np.random.default_rng(3))
+    assert once.observation.shape == (CHUNK, 71) and once.returns.env.shape == (CHUNK, 3)
+    np.testing.assert_array_equal(once.observation, again.observation)
+    np.testing.assert_array_equal(once.returns.social, again.returns.social)
 
 
-def test_with_a_clock_observations_end_with_the_time():
-    label = Branching(Options(), states=60, episodes=20, clock=True)
-    times = []
+def test_with_a_clock_observations_have_the_time_before_the_angle():
+    times, angles = [], []
 
-    def late(seen):
-        times.append(seen[:, -1])
-        return np.where(seen[:, -1] >= 2, FASTER, SLOWER)
+    def late(observation):
+        times.append(observation[:, -2].max())
+        angles.append(set(observation[:, -1].tolist()))
+        return np.where(observation[:, -2] >= 2, FASTER, SLOWER)
 
-    found = label(late, late, np.random.default_rng(3))
-    assert found.observation.shape == (60, 71)
-    assert found.observation[:, -1].reshape(3, 20).T.tolist() == [[0, 1, 2]] * 20
-    assert max(one.max() for one in times) > 2  # rollouts go on from the time of the state
-
-
-def test_no_states_are_refused():
-    with pytest.raises(UserError, match="states must be at least 1"):
-        Branching(Options(), states=0)
+    labelled = labeller(clock=True)(late, late, np.random.default_rng(3))
+    assert labelled.observation.shape == (CHUNK, 72)
+    assert labelled.observation[:, -2].reshape(4, 50).T.tolist() == [[0, 1, 2, 3]] * 50
+    assert max(times) > 3  # rollouts go on from the time of the state
+    by_episode = labelled.observation[:, -1].reshape(4, 50)
+    np.testing.assert_array_equal(by_episode, np.tile(by_episode[0], (4, 1)))
+    assert all(driven <= set(by_episode[0].tolist()) for driven in angles)

@@ -7,7 +7,6 @@ from socialiq.evaluation.context import (
     consistent,
     decision_loss,
     evaluate_by_rule,
-    loss_by_angle,
     planned,
     state_angles,
 )
@@ -49,7 +48,6 @@ def test_at_a_constant_angle_the_loss_is_the_regret(
         regret = best.regret(evaluate_exactly(table, policy), angle)
         found = evaluate_by_rule(table, policy, rule)
         assert found.loss.sum() == pytest.approx(regret, abs=1e-9)
-        assert loss_by_angle(table, policy, rule, (angle,)).sum() == pytest.approx(regret, abs=1e-9)
 
 
 @pytest.mark.parametrize("world", WORLDS)

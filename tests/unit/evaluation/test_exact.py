@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly, exact_monitor
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import (
+    Metrics,
+    Optimum,
+    action_table,
+    evaluate_exactly,
+    exact_monitor,
+)
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy

@@ -11,10 +11,8 @@ from scipy.spatial import ConvexHull
 
 from socialiq.errors import UserError
 from socialiq.evaluation.front import (
-    best_at,
     expected_utility,
     hypervolume,
-    regret_at,
     support_intervals,
     utilities,
     utility_losses,
@@ -97,9 +95,6 @@ def test_who_is_the_best_at_an_angle_supports_it(points, angle):
         within = any(low + 1e-6 < angle + turn < high - 1e-6 for turn in (0.0, 360.0))
         if within:
             assert values[number] == pytest.approx(values.max(), abs=1e-9)
-        regret = regret_at(cloud, angle)[name]
-        assert regret == pytest.approx(values.max() - values[number], abs=1e-9)
-    assert regret_at(cloud, angle)[best_at(cloud, angle)] == 0.0
 
 
 def test_they_are_the_intervals_of_the_front():
@@ -111,19 +106,6 @@ def test_they_are_the_intervals_of_the_front():
     for vertex, corner in enumerate(corners):
         expected = polygon.supporting_interval(vertex)
         assert found[f"p{corner}"] == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("angle", "best", "regrets"),
-    [(0.0, "ego", (0.0, 2.25, 7.12)), (90.0, "alt", (3.76, 1.08, 0.0))],
-)
-def test_regret_by_hand(angle, best, regrets):
-    assert best_at(TABLE_A1, angle) == best
-    assert tuple(regret_at(TABLE_A1, angle).values()) == pytest.approx(regrets)
-
-
-def test_the_first_of_those_that_tie_is_named():
-    assert best_at({"a": (1.0, 5.0), "b": (2.0, 5.0)}, 90.0) == "a"
 
 
 @pytest.mark.parametrize("points", [{}, {"a": (np.nan, 0.0)}])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.evaluation.exact import Metrics, mean_of
 from socialiq.types import Ending, RewardPair
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.iq_learn import config as iq
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
 from socialiq_lab import comparison, comparison_tables
 from socialiq_lab.comparison_runs import Arena, Run, in_programs, runs_of, trained

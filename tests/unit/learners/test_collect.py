@@ -1,11 +1,15 @@
+from collections.abc import Callable
+
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import socialiq  # noqa: F401 - registers the worlds
 from socialiq.errors import UserError
-from socialiq.learners.collect import Collector, from_env, soft
+from socialiq.learners.acting import soft
+from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import IQLearn, train
@@ -22,8 +26,10 @@ def crossing7() -> gymnasium.Env:
     return gymnasium.make("socialiq/Crossing7-v1")
 
 
-def collector(steps: int = STEPS) -> Collector:
-    return Collector([from_env(crossing7(), steps) for _ in RUNS], [3, 4], soft([1.0, 1.0]))
+def collector(steps: int = STEPS) -> Callable[[Runs, int], Runs]:
+    """A collector that is given copies, because it takes the memory of what it is given."""
+    collect = Collector([from_env(crossing7(), steps) for _ in RUNS], [3, 4], soft([1.0, 1.0]))
+    return lambda runs, done: collect(jax.tree.map(jnp.copy, runs), done)
 
 
 @pytest.fixture(name="runs", scope="module")

@@ -10,7 +10,6 @@ from socialiq.learners.cql import (
     ConservativeQ,
     CQLConfig,
     CQLHyperparameters,
-    conservative_loss,
 )
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Endings
@@ -62,7 +61,8 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
     )
     hyperparameters = CQLHyperparameters(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
     run = stack([hyperparameters])[0]
-    loss, terms = conservative_loss(network, target_network, batch, run, CQLConfig(endings=endings))
+    learner = ConservativeQ(CQLConfig(endings=endings), (1, 2))
+    loss, terms = learner.loss(network, target_network, batch, run)
     error = 1 + 2 * np.log(3) - 0.5 * follows - 1.2
     assert terms["bellman"] == pytest.approx(error**2 / 2, rel=1e-5)
     assert terms["conservative"] == pytest.approx(0.7 * 2 * np.log(4 / 3), rel=1e-5)

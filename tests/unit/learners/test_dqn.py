@@ -11,7 +11,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
-from socialiq.learners.collect import Act, Source
+from socialiq.learners.collect import Source
 from socialiq.learners.dqn import (
     DQNConfig,
     DQNHyperparameters,
@@ -25,7 +25,7 @@ from socialiq.learners.dqn import (
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Trained
 from socialiq.nn.q_network import QNetwork
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Act, Ending, RewardPair
 
 CHUNK, SEEN = 40, np.eye(2, dtype=np.float32)
 STRUCTURE = DQNConfig(

@@ -12,7 +12,7 @@ from socialiq.learners.behaviour_cloning import (
     CloningConfig,
     CloningHyperparameters,
 )
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.state import TrainState, stack
 from socialiq.nn.q_network import QNetwork, network_of

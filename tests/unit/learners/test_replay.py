@@ -3,8 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners import replay
-from socialiq.learners.expert_table import Batch
+from socialiq.learners.expert_table import Batch, Replay
 from socialiq.types import RewardPair
 
 CAPACITY = 5
@@ -18,15 +17,15 @@ def transitions(first: int, count: int) -> Batch:
     return Batch(real[:, None] * jnp.ones(2), number, real[:, None] + jnp.ones(2), number % 5, pair)
 
 
-def filled(count: int) -> replay.Replay:
-    ring = replay.empty(CAPACITY, 2)
+def filled(count: int) -> Replay:
+    ring = Replay.empty(CAPACITY, Batch.empty(2))
     for number in range(count):
-        ring = replay.add(ring, jax.tree.map(lambda column: column[0], transitions(number, 1)))
+        ring = Replay.add(ring, jax.tree.map(lambda column: column[0], transitions(number, 1)))
     return ring
 
 
 def test_an_empty_ring_has_room_and_nothing_added() -> None:
-    ring = replay.empty(CAPACITY, 2)
+    ring = Replay.empty(CAPACITY, Batch.empty(2))
     assert ring.columns.observation.shape == (CAPACITY, 2)
     assert ring.added == 0
 
@@ -47,13 +46,13 @@ def test_a_full_ring_forgets_the_oldest(count: int, numbers: list[int]) -> None:
 @pytest.mark.parametrize("count", [1, 4, 5, 8, 13])
 def test_adding_many_is_adding_one_by_one(assert_same, before: int, count: int) -> None:
     """Also more than the ring holds: the newest stay."""
-    together = replay.add_many(filled(before), transitions(before, count))
+    together = Replay.add_many(filled(before), transitions(before, count))
     assert_same(together, filled(before + count))
 
 
 def test_sampling_draws_evenly_and_only_what_was_added() -> None:
-    drawn = replay.sample(filled(3), jax.random.key(0), 3000)
+    drawn = Replay.sample(filled(3), jax.random.key(0), 3000)
     np.testing.assert_allclose(np.bincount(drawn.action) / 3000, [1 / 3] * 3, atol=0.04)
-    drawn = replay.sample(filled(7), jax.random.key(0), 500)
+    drawn = Replay.sample(filled(7), jax.random.key(0), 500)
     assert set(drawn.action.tolist()) == {2, 3, 4, 5, 6}
     np.testing.assert_array_equal(drawn.target.env, drawn.action / 2)

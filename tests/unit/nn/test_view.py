@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.nn.q_network import QNetwork, affine_layers, initial_view
+from socialiq.nn.q_network import QNetwork, affine_layers, encoding
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import (
     CHOICES,
@@ -84,7 +84,7 @@ def test_a_row_without_a_vehicle_counts_for_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("name", POOLED)
 def test_more_empty_rows_change_nothing_in_a_pooled_view(name: str) -> None:
-    drawn = initial_view(jax.random.key(1), name, VEHICLES * ROW)
+    drawn = encoding(jax.random.key(1), VEHICLES * ROW, name)
     assert drawn is not None
     view = drawn.in_numpy()
     rows = observations()
@@ -167,7 +167,7 @@ def test_numpy_forward_equals_the_jax_network(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in NAMES if CHOICES[name]])
 def test_the_width_is_what_the_view_returns(name: str) -> None:
-    view = initial_view(jax.random.key(0), name, VEHICLES * ROW)
+    view = encoding(jax.random.key(0), VEHICLES * ROW, name)
     assert view is not None
     assert view.in_numpy()(flattened(observations())).shape == (6, view.width)
 
@@ -263,7 +263,7 @@ def test_a_policy_keeps_its_places_in_its_file(tmp_path) -> None:
 
 @pytest.mark.parametrize("times", [0, 4])
 def test_only_vehicles_that_are_there_need_to_be_encoded(times: int) -> None:
-    view = initial_view(jax.random.key(2), "set", 35 + bool(times), times)
+    view = encoding(jax.random.key(2), 35 + bool(times), "set", times=times)
     assert view is not None
     random = np.random.default_rng(0)
     rows = random.normal(size=(60, 5, 7)).astype(np.float32)
@@ -282,8 +282,8 @@ def test_only_vehicles_that_are_there_need_to_be_encoded(times: int) -> None:
 def test_a_clock_adds_a_place_for_each_time(name: str) -> None:
     if CHOICES[name] is None:
         return
-    plain = initial_view(jax.random.key(0), name, VEHICLES * ROW)
-    clocked = initial_view(jax.random.key(0), name, VEHICLES * ROW + 1, times=3)
+    plain = encoding(jax.random.key(0), VEHICLES * ROW, name)
+    clocked = encoding(jax.random.key(0), VEHICLES * ROW + 1, name, times=3)
     assert plain is not None and clocked is not None
     rows = flattened(observations(4))
     seen = clocked(np.column_stack([rows, np.array([0.0, 2.0, 1.0, 3.0], np.float32)]))
@@ -292,21 +292,8 @@ def test_a_clock_adds_a_place_for_each_time(name: str) -> None:
     np.testing.assert_allclose(seen[:, 3:], plain(rows), rtol=1e-6)
 
 
-def test_a_clock_that_is_added_is_ignored() -> None:
-    plain = QPolicy.of(
-        QNetwork.initialise(jax.random.key(1), VEHICLES * ROW, (8,), 3, view="set"), 0.5, {}
-    )
-    rows, times = flattened(observations()), np.arange(6, dtype=np.float32)
-    clocked = plain.with_clock(20)
-    seen = np.column_stack([rows, times])
-    np.testing.assert_allclose(clocked.q_values(seen), plain.q_values(rows), rtol=1e-5)
-    assert clocked.network().view.times == 20
-    with pytest.raises(UserError, match="once"):
-        clocked.with_clock(20)
-
-
 def test_a_policy_with_a_clock_is_read_as_it_was_written(tmp_path: Path) -> None:
-    seen = initial_view(jax.random.key(0), "set", VEHICLES * ROW + 1, times=20)
+    seen = encoding(jax.random.key(0), VEHICLES * ROW + 1, "set", times=20)
     assert seen is not None
     layers = affine_layers(jax.random.key(1), (seen.width, 8, 3))
     clocked = QPolicy.of(QNetwork(layers, "relu", seen), 0.5, {})
@@ -316,4 +303,4 @@ def test_a_policy_with_a_clock_is_read_as_it_was_written(tmp_path: Path) -> None
     np.testing.assert_array_equal(again.q_values(rows), clocked.q_values(rows))
     assert again.n_features == VEHICLES * ROW + 1
     with pytest.raises(UserError, match="reads rows of 7"):
-        initial_view(jax.random.key(0), "set", VEHICLES * ROW, times=20)
+        encoding(jax.random.key(0), VEHICLES * ROW, "set", times=20)

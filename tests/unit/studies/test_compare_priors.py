@@ -7,10 +7,10 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.collect import from_env
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import nearest_mode

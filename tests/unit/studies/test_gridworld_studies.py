@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
@@ -83,8 +83,8 @@ def test_agreement_counts_seeds_and_names_the_commonest():
 @pytest.mark.parametrize(("kind", "modes"), [("none", ["baseline"]), ("running", [*MODES])])
 def test_a_tiny_training_has_a_row_for_each_run(kind, modes):
     ground = Ground.of("crossing5")
-    from socialiq.evaluation.expert_demonstrations import demonstrations_by_mode
-    from socialiq.learners.iq_learn import presets
+    from socialiq.evaluation.rollout import demonstrations_by_mode
+    from socialiq.learners.iq_learn import config as presets
 
     data = demonstrations_by_mode(ground.table, dict.fromkeys(MODES, 1), 0)
     merged = poc.equal_trajectories(data, 1, 0)

@@ -7,7 +7,7 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
 from socialiq_lab.intersection.thesis_values import METRICS, POLICIES

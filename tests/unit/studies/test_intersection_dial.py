@@ -8,8 +8,8 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.evaluation.road_training import ITERATION
-from socialiq.learners.dial.acting import stratified
 from socialiq.learners.dial.config import INTERSECTION
+from socialiq.learners.dial.rows import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights

@@ -7,7 +7,7 @@ import pytest
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.learners.offline.config import OfflineDialConfig
+from socialiq.learners.dial.config import OfflineDialConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq_lab.registry import find

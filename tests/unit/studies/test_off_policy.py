@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.off_policy import Estimate, OffPolicy
+from socialiq.evaluation.rollout import MODES
 from studies.off_policy.study import Scene, _estimates, _pooled
 
 

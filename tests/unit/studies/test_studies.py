@@ -10,7 +10,7 @@ from socialiq import results_folder as store
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import sweep
-from socialiq.evaluation.ground import Ground, with_clock
+from socialiq.evaluation.exact import Ground
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.settings import changed
 from socialiq.storage import packaged_results
@@ -50,7 +50,7 @@ def test_the_first_dial_lies_beside_its_results(study, tmp_path):
         return
     save(found, results, tmp_path / found.name, replace=False)
     dial = DialPolicy.load(tmp_path / found.name / "dial.safetensors")
-    part = with_clock(Ground.of("crossing7"), clock=True).part
+    part = Ground.of("crossing7").with_clock(clock=True).part
     swept = sweep(dial, part, "greedy", (0.0, 45.0))
     rows = matching(results.tables["angles"], seed=0, readout="greedy")
     stored = {row["angle"]: row["r_env"] for row in rows}

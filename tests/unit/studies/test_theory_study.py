@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.ground import Ground
+from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory.semi_gradient import demonstrated_policy
 from socialiq_lab.registry import find

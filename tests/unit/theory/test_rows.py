@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.theory.demonstrators import drawn_rows, with_cuts
 from socialiq.theory.objective import Problem

@@ -13,7 +13,7 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import READOUTS, Readout
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.settings import changed
 
 GRIDWORLDS = ("crossing5", "crossing7")

@@ -15,16 +15,16 @@ import jax
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
+from socialiq.learners.acting import dials, soft
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.collect import Act, Collector, Source, soft
+from socialiq.learners.collect import Collector, Source
 from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.acting import DialCollector
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.types import Row
+from socialiq.types import Act, Row
 from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
 
 
@@ -254,7 +254,12 @@ def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shar
             collector = None
             if static.online and arena.world is None:
                 source = arena.source(static.updates, static.environments)
-                collector = DialCollector([source] * len(runs_numbers), static, runs_numbers)
+                collector = Collector(
+                    [source] * len(runs_numbers),
+                    [run.seed for run in runs_numbers],
+                    dials(static, runs_numbers),
+                    static.driven_share > 0,
+                )
             world = arena.world if static.online else None
             options = {"callbacks": arena.callbacks(), "chunk": arena.chunk}
             options["before_chunk"] = collector

@@ -15,12 +15,18 @@ from jaxtyping import Float
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.evaluation.exact import (
+    READOUTS,
+    Ground,
+    Metrics,
+    Readout,
+    action_table,
+    evaluate_exactly,
+    mean_of,
+)
+from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.collect import from_env
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import figure
 from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row

@@ -135,7 +135,7 @@ def _function(module: Any, name: str) -> Callable[..., Any]:
 
 def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Context) -> Findings:
     """Train every variant, then compute the tables and the summary in their order."""
-    from socialiq.evaluation.ground import Ground
+    from socialiq.evaluation.exact import Ground
 
     findings = Findings({}, {})
     if hasattr(module, "compute_tables"):
@@ -232,7 +232,7 @@ def _train(state: State, variant: Mapping[str, Any], module: Any, context: Conte
 
 def _datasets(state: State, declared: Mapping[str, int]) -> list[Demonstrations]:
     """Return a data set for each seed, made at its first use."""
-    from socialiq.evaluation import expert_demonstrations as experts
+    from socialiq.evaluation import rollout as experts
 
     kinds = {
         "trajectories": experts.trajectory_datasets,

@@ -12,12 +12,11 @@ from jaxtyping import Float
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import one_of
 from socialiq.evaluation import exact
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.evaluation.exact import Ground, Metrics, mean_of
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int8, Int32, Int64
+from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
 from socialiq.demonstrations.columns import json_able
 from socialiq.errors import UserError
@@ -43,19 +42,15 @@ STATES: dict[str, type[np.generic]] = {
 }
 """Columns with a row for each state, and their types; also their order in a file."""
 
-FARTHEST = 1e8
-"""m, m/s; no coordinate of the Earth is larger, and centimetres would be lost."""
-
-STEPS = (1e-4, 1e3)
-"""s; shortest and longest time between frames that is read."""
-
 ROAD_USERS: dict[str, type[np.generic]] = {
     "identity": np.int64,
     "road_user": np.int8,
     "length": np.float64,
     "width": np.float64,
 }
-"""Columns with a place for each track."""
+"""Columns with an entry for each track."""
+
+FARTHEST = 1e8  # m, m/s; no coordinate of the Earth is larger, and centimetres would be lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,47 +60,31 @@ class Tracks:
     The rows of a track are adjacent and their frames increase by one; tracks are in the order of
     their numbers, 0, 1, 2, ...
 
-    Attributes:
-        track: Number of the track of each state.
-        frame: Number of the recording's time step.
-        x: Centre, m to the east.
-        y: Centre, m to the north.
-        heading: rad, counter-clockwise from east, in (-π, π].
-        vx: Velocity to the east, m/s.
-        vy: Velocity to the north, m/s.
-        identity: The road user's number in the file that was read, by track.
-        road_user: Value of `RoadUser`, by track.
-        length: m along the heading, by track.
-        width: m, by track.
-        dt: s between frames.
-        recording: Name of the recording, by which data are split.
-        source: Provenance as JSON: file, its SHA-256, format, licence line.
-
     Raises:
         UserError: If a column is invalid; the line names it and its first bad row or track.
     """
 
-    track: Int32[np.ndarray, " state"]
-    frame: Int32[np.ndarray, " state"]
-    x: Float64[np.ndarray, " state"]
-    y: Float64[np.ndarray, " state"]
-    heading: Float64[np.ndarray, " state"]
-    vx: Float64[np.ndarray, " state"]
-    vy: Float64[np.ndarray, " state"]
-    identity: Int64[np.ndarray, " track"]
-    road_user: Int8[np.ndarray, " track"]
-    length: Float64[np.ndarray, " track"]
-    width: Float64[np.ndarray, " track"]
-    dt: float
-    recording: str
-    source: dict[str, Any]
+    track: Int32[np.ndarray, " state"]  # number of the track of each state
+    frame: Int32[np.ndarray, " state"]  # number of the recording's time step
+    x: Float64[np.ndarray, " state"]  # centre, m to the east
+    y: Float64[np.ndarray, " state"]  # centre, m to the north
+    heading: Float64[np.ndarray, " state"]  # rad, counter-clockwise from east, in (-π, π]
+    vx: Float64[np.ndarray, " state"]  # velocity to the east, m/s
+    vy: Float64[np.ndarray, " state"]  # velocity to the north, m/s
+    identity: Int64[np.ndarray, " track"]  # the road user's number in the file that was read
+    road_user: Int8[np.ndarray, " track"]  # value of `RoadUser`, by track
+    length: Float64[np.ndarray, " track"]  # m along the heading, by track
+    width: Float64[np.ndarray, " track"]  # m, by track
+    dt: float  # s between frames
+    recording: str  # name of the recording, by which data are split
+    source: dict[str, Any]  # provenance as JSON: file, its SHA-256, format, licence line
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check every column, and detach `source` from the caller's dict."""
-        _check(self.arrays(), self.dt, self.recording)
+        _check(self)
         object.__setattr__(self, "source", json_able(self.source))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -120,11 +99,7 @@ class Tracks:
         return self.vx * east + self.vy * north, self.vy * east - self.vx * north
 
     def kept(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
-        """Return only these tracks, renumbered.
-
-        Raises:
-            UserError: If none is left.
-        """
+        """Return only these tracks, renumbered; raise a `UserError` if none is left."""
         if not keep.any():
             raise UserError(f"recording {self.recording}: no track is left")
         rows = keep[self.track]
@@ -150,49 +125,41 @@ class Tracks:
         return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
 
 
-def _check(columns: Mapping[str, Any], dt: Any, recording: Any) -> None:
-    """Raise an error for columns that do not form a valid table of tracks.
+def _check(tracks: Tracks) -> None:
+    """Raise an error at the first violation; later checks rely on earlier ones.
 
-    The line names the column, its first bad row or track, and the correction. Later checks rely on
-    earlier ones. Whether the values are physically possible is checked in `recordings.physics`.
-
-    Args:
-        columns: One array for each name of `STATES` and `ROAD_USERS`.
-        dt: s between frames.
-        recording: The recording's name.
-
-    Raises:
-        UserError: At the first violation.
+    Whether the values are physically possible is checked by `plausible.sift`.
     """
-    if not isinstance(dt, float) or not 0 < dt < math.inf:
-        raise UserError(f"dt is {dt!r}: pass the seconds between frames, a float above 0")
-    if not isinstance(recording, str) or not recording.strip():
+    if not isinstance(tracks.dt, float) or not 0 < tracks.dt < math.inf:
+        raise UserError(f"dt is {tracks.dt!r}: pass the seconds between frames, a float above 0")
+    if not isinstance(tracks.recording, str) or not tracks.recording.strip():
         raise UserError("recording must be a non-empty string: data are split by it")
+    columns = tracks.arrays()
     _check_layout(columns, STATES, "states")
     _check_layout(columns, ROAD_USERS, "tracks")
     for name, dtype in (STATES | ROAD_USERS).items():
         if issubclass(dtype, np.floating):
             _refuse(name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out")
-    _check_order(columns)
-    heading = columns["heading"]
-    _refuse(
-        "heading",
-        (heading <= -np.pi) | (heading > np.pi),
-        "outside (-π, π]: give radians, wrapped; are these degrees?",
-    )
+    track, frame = tracks.track.astype(np.int64), tracks.frame.astype(np.int64)
+    steps = np.diff(track)
+    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
+    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
+    count = len(tracks.identity)
+    if track[-1] != count - 1:
+        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {count}")
+    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
+    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
+    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
+    outside = (tracks.heading <= -np.pi) | (tracks.heading > np.pi)
+    _refuse("heading", outside, "outside (-π, π]: give radians, wrapped; are these degrees?")
     for name in ("length", "width"):
         _refuse(name, columns[name] <= 0, "not above 0: give metres", "track")
-    _refuse(
-        "road_user",
-        ~np.isin(columns["road_user"], [int(kind) for kind in RoadUser]),
-        f"unknown: use {', '.join(f'{kind.value} {kind.name}' for kind in RoadUser)}",
-        "track",
-    )
+    kinds = ", ".join(f"{kind.value} {kind.name}" for kind in RoadUser)
+    unknown = ~np.isin(tracks.road_user, [int(kind) for kind in RoadUser])
+    _refuse("road_user", unknown, f"unknown: use {kinds}", "track")
 
 
-def _check_layout(
-    columns: Mapping[str, Any], layout: Mapping[str, type[np.generic]], what: str
-) -> None:
+def _check_layout(columns: dict[str, Any], layout: dict[str, type[np.generic]], what: str) -> None:
     first = next(iter(layout))
     for name, dtype in layout.items():
         column = columns[name]
@@ -215,39 +182,16 @@ def _refuse(name: str, bad: np.ndarray, problem: str, what: str = "row") -> None
         raise UserError(f"column {name}, {what} {int(np.argmax(bad))}: {problem}")
 
 
-def _check_order(columns: Mapping[str, Any]) -> None:
-    track, frame = columns["track"].astype(np.int64), columns["frame"].astype(np.int64)
-    steps = np.diff(track)
-    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
-    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
-    tracks = len(columns["identity"])
-    if track[-1] != tracks - 1:
-        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {tracks}")
-    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
-    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
-    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Recording of one source.
-
-    Attributes:
-        tracks: The tracks.
-        road: The lanelets; None if the source has no map.
-    """
+    """Tracks of one source, and the road, without lanelets if the source has no map."""
 
     tracks: Tracks
     road: RoadNetwork
 
 
 class Refused(NamedTuple):
-    """Track that was left out.
-
-    Attributes:
-        identity: The road user's name in the file.
-        reason: Error and its place.
-    """
+    """Track that was left out: the road user's name in the file, and the error with its row."""
 
     identity: str
     reason: str
@@ -255,30 +199,9 @@ class Refused(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """Recording read from a file.
+    """Recording read from a file."""
 
-    Attributes:
-        recording: The tracks that passed every check, and the road.
-        refused: The other tracks.
-        skipped: Number of the file's elements that are not tracks, by kind.
-        n_states: Number of states read, including those of refused tracks.
-    """
-
-    recording: Recording
-    refused: tuple[Refused, ...]
-    skipped: dict[str, int] = field(default_factory=dict)
-    n_states: int = 0
-
-
-def order_fault(frames: Int[np.ndarray, " state"] | Sequence[int]) -> str:
-    """Return the error in a track's frames, which must increase by one; "" if there is none."""
-    steps = np.diff(np.asarray(frames, np.int64))
-    if (steps == 1).all():
-        return ""
-    index = int(np.argmax(steps != 1))
-    before, after = frames[index], frames[index + 1]
-    if after == before:
-        return f"frame {after} is there twice"
-    if after < before:
-        return f"time goes back: frame {after} follows frame {before}"
-    return f"frame {after} follows frame {before}: a gap of {after - before - 1}"
+    recording: Recording  # the tracks that passed every check, and the road
+    refused: tuple[Refused, ...]  # the other tracks
+    skipped: dict[str, int] = field(default_factory=dict)  # elements that are no tracks, by kind
+    n_states: int = 0  # number of states read, including those of refused tracks

@@ -10,46 +10,27 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.types import Ending, Row
+from socialiq.types import Ending
 from socialiq.view import View
 from socialiq_recordings import files
-from socialiq_recordings.conflicts.encounters import Encounters, Meeting
+from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.measures import known, rows_of
-from socialiq_recordings.readers.import_file import import_file
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.recording import Recording, RoadUser
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.simulated_source import signs_of_simulation
+from socialiq_recordings.simulated import signs_of_simulation
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.config import SUB_STEPS, WorldConfig
+from socialiq_recordings.world.recorded_world import SUB_STEPS, WorldConfig
 from socialiq_recordings.world.replay import replay
 
-CHUNK = 100
-"""Frames in a part that the page fetches."""
-
-COMMONROAD = ".xml"
-
-_SHOWN = ("kind", "complete", "ego_first", "pet")
+CHUNK = 100  # frames in a part that the page fetches
+_NAMES = ("kind", "complete", "ego_first", "pet")
 _NEEDED = ("required_deceleration", "other_required_deceleration")
 _CM = 2  # decimals of metres
 
 
-def load_recording(path: Path) -> Recording:
-    """Read a recording: a file of `socialiq data import`, or a CommonRoad scenario.
-
-    Raises:
-        UserError: If it can't be read; the line names the file.
-    """
-    if path.suffix.lower() == COMMONROAD:
-        (imported,) = import_file(path)
-        return imported.recording
-    return files.load(path)
-
-
 class Traffic:
     """A recording, as the page shows it.
-
-    Args:
-        recording: Tracks and road.
 
     Raises:
         UserError: If it has no state, or Shapely is not installed.
@@ -72,34 +53,31 @@ class Traffic:
         return math.ceil(self.frames / CHUNK)
 
     def part(self, number: int) -> dict[str, Any]:
-        """Return the states of some frames, JSON-compatible.
+        """Return the `frames` of a part, JSON-compatible.
 
-        Args:
-            number: Number of the part.
-
-        Returns:
-            `frames`: for each, a row for each road user: track, x, y in m, heading in rad, speed
-            in m/s.
+        A row for each road user: track, x, y in m, heading in rad, speed in m/s.
         """
-        begin, end = number * CHUNK, min((number + 1) * CHUNK, self.frames)
-        return {"frames": [self._frame(frame) for frame in range(begin, end)]}
-
-    def _frame(self, frame: int) -> list[list[float | int]]:
-        rows, of = self._order[self._at[frame] : self._at[frame + 1]], self._tracks
-        columns = (of.x, of.y, of.heading, np.hypot(of.vx, of.vy))
-        values = np.stack([column[rows] for column in columns], axis=1).round(3).tolist()
-        return [
-            [track, *value] for track, value in zip(of.track[rows].tolist(), values, strict=True)
-        ]
+        of, frames = self._tracks, []
+        for frame in range(number * CHUNK, min((number + 1) * CHUNK, self.frames)):
+            rows = self._order[self._at[frame] : self._at[frame + 1]]
+            columns = (of.x, of.y, of.heading, np.hypot(of.vx, of.vy))
+            values = np.stack([column[rows] for column in columns], axis=1).round(3).tolist()
+            tracks = of.track[rows].tolist()
+            frames.append([[track, *row] for track, row in zip(tracks, values, strict=True)])
+        return {"frames": frames}
 
     def users(self) -> list[dict[str, Any]]:
         """Return the road users by track: name, size in m, and whether each drives."""
         of = self._tracks
-        names = [RoadUser(kind).name.lower() for kind in of.road_user.tolist()]
-        rows = zip(of.identity.tolist(), names, of.length, of.width, strict=True)
+        columns = of.identity.tolist(), of.road_user.tolist(), of.length, of.width
         return [
-            {"name": name, "user": user, "length": round(length, 2), "width": round(width, 2)}
-            for name, user, length, width in rows
+            {
+                "name": name,
+                "user": RoadUser(kind).name.lower(),
+                "length": round(length, 2),
+                "width": round(width, 2),
+            }
+            for name, kind, length, width in zip(*columns, strict=True)
         ]
 
     def lanes(self) -> list[dict[str, Any]]:
@@ -110,33 +88,30 @@ class Traffic:
         ]
 
     def conflicts(self) -> list[dict[str, Any]]:
-        """Return the conflicts of unordered pairs, those that came closest first."""
+        """Return the conflicts of unordered pairs, those that came closest first.
+
+        Frames count from the first of the recording.
+        """
         if not self._recording.road.lanelets:
             return []
         encounters = Encounters(Scene(self._recording))
         pairs = [
             meeting for meeting in encounters.meetings() if meeting.ego.track < meeting.other.track
         ]
-        conflicts = [
-            self._conflict(meeting, row)
-            for meeting, row in zip(pairs, rows_of(encounters, pairs), strict=True)
-        ]
+        conflicts = []
+        for meeting, row in zip(pairs, rows_of(encounters, pairs), strict=True):
+            times = (*meeting.ego_times, *meeting.other_times)
+            ends = (*meeting.frames[:1], *meeting.frames[-1:])
+            conflict = {
+                "tracks": [meeting.ego.track, meeting.other.track],
+                "outline": meeting.area.outline.round(_CM).tolist(),
+                "times": [known(time / self._tracks.dt - self._first) for time in times],
+                "seen": [int(frame) - self._first for frame in ends],
+            }
+            conflicts.append(conflict | {name: row[name] for name in (*_NAMES, *_NEEDED)})
         return sorted(
             conflicts, key=lambda conflict: math.inf if conflict["pet"] is None else conflict["pet"]
         )
-
-    def _conflict(self, meeting: Meeting, row: Row) -> dict[str, Any]:
-        """Return a conflict; frames count from the first of the recording."""
-        times = (*meeting.ego_times, *meeting.other_times)
-        frames = [known(time / self._tracks.dt - self._first) for time in times]
-        both = [int(frame) - self._first for frame in (*meeting.frames[:1], *meeting.frames[-1:])]
-        return {
-            "tracks": [meeting.ego.track, meeting.other.track],
-            "outline": meeting.area.outline.round(_CM).tolist(),
-            "times": frames,
-            "seen": both,
-            **{name: row[name] for name in (*_SHOWN, *_NEEDED)},
-        }
 
     def drivers(self) -> list[dict[str, Any]]:
         """Return the vehicles that drive across a conflict area, with their decisions' rewards."""
@@ -168,23 +143,24 @@ class Traffic:
 
 
 def recording_view(path: Path) -> View:
-    """Return recorded traffic as content of the page.
-
-    Args:
-        path: A file of `socialiq data import`, or a CommonRoad scenario.
+    """Return a file of `socialiq data import`, or a CommonRoad scenario, as content of the page.
 
     Raises:
         UserError: If it can't be read, is empty, or an extra is missing that it needs.
     """
-    recording = load_recording(path)
+    if path.suffix.lower() == ".xml":
+        (imported,) = import_file(path)
+        recording = imported.recording
+    else:
+        recording = files.load(path)
     traffic = Traffic(recording)
     tracks = recording.tracks
     simulated = " Simulated, not human." if signs_of_simulation(tracks) else ""
+    seconds = f"{traffic.frames * tracks.dt:,.0f} s"
     return View(
         kind="traffic",
         title=one_line(tracks.recording, 60),
-        lead=f"{tracks.n_tracks:,} recorded road users in {traffic.frames * tracks.dt:,.0f} s."
-        f"{simulated}",
+        lead=f"{tracks.n_tracks:,} recorded road users in {seconds}.{simulated}",
         data={
             "dt": tracks.dt,
             "frames": traffic.frames,

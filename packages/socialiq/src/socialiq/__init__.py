@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from socialiq.demonstrations.files import save as save_demonstrations
     from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
     from socialiq.errors import UserError
-    from socialiq.evaluation.expert_demonstrations import trajectory_datasets as expert_datasets
     from socialiq.evaluation.rollout import rollout_env
-    from socialiq.learners.collect import acting_in
+    from socialiq.evaluation.rollout import trajectory_datasets as expert_datasets
+    from socialiq.learners.acting import acting_in
     from socialiq.learners.iq_learn.config import IQLearnConfig as StaticConfig
     from socialiq.learners.iq_learn.config import IQLearnHyperparameters as Hyperparameters
     from socialiq.learners.iq_learn.train import train
@@ -79,14 +79,14 @@ _PLACES = {
     "StaticConfig": "learners.iq_learn.config:IQLearnConfig",
     "Transition": "worlds.wrapper",
     "UserError": "errors",
-    "acting_in": "learners.collect",
+    "acting_in": "learners.acting",
     "attainable_set": "mdp.front",
     "audit_policy": "audit.conduct",
     "declare": "audit.profile.template",
     "equal_trajectories": "demonstrations.mixture",
     "equal_transitions": "demonstrations.mixture",
     "estimate_angle": "social.angle",
-    "expert_datasets": "evaluation.expert_demonstrations:trajectory_datasets",
+    "expert_datasets": "evaluation.rollout:trajectory_datasets",
     "load_demonstrations": "demonstrations.files:load",
     "load_policy": "policies.load",
     "make": "worlds.registry",

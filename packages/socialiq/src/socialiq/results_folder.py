@@ -51,7 +51,7 @@ class Results:
     ) -> Results:
         """Round the numbers, leave out empty tables, resolve the configuration, note versions."""
         kept = {name: rounded(rows) for name, rows in tables.items() if rows}
-        settings = dataclasses.asdict(config)
+        settings = config if isinstance(config, dict) else dataclasses.asdict(config)
         return Results(study, settings, kept, rounded(summary), versions(), dict(files or {}))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -237,6 +237,10 @@ class Transitions(Protocol):
 
 ACTION_BOUNDS = "action_bounds"
 """Name, in provenance, of the ends of continuous actions in the units of their origin."""
+
+
+Act = Callable[[np.ndarray], Any]
+"""From observations, (row, feature), to actions, (row,), or continuous ones (row, size)."""
 
 
 def is_unit_box(space: Any) -> bool:

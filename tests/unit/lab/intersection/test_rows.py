@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.episode_rows import outcome_row, policy_row
-from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.episodes import episodes_of, outcome_row, policy_row
 from socialiq.storage import write_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy

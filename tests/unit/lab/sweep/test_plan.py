@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners import cql
-from socialiq.learners.iq_learn.presets import GRID, POC
+from socialiq.learners.iq_learn.config import GRID, POC
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.sweep.plan import read_plan
 

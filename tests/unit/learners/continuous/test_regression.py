@@ -10,7 +10,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners.continuous.config import ActorIQLearnConfig, ActorIQLearnHyperparameters
-from socialiq.learners.continuous.iq_learn import ContinuousIQLearn, regression_terms
+from socialiq.learners.continuous.iq_learn import regression_terms
 from socialiq.learners.continuous.train import train
 from socialiq.learners.iq_learn import losses
 
@@ -53,7 +53,7 @@ def test_its_minimum_is_the_contrast_of_occupancies() -> None:
 
 def test_it_trains_with_bounded_values(line, drives) -> None:
     numbers = ActorIQLearnHyperparameters(chi2_alpha=0.01, discount=0.5)
-    trained = train(ContinuousIQLearn, STATIC, [numbers], [drives], simulator=line, chunk=10)
+    trained = train(STATIC, [numbers], [drives], simulator=line, chunk=10)
     assert trained.failures == ()
     assert {"expert", "own"} <= set(trained.history.values)
     assert not {"chi2", "value"} & set(trained.history.values)

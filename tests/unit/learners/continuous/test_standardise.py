@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
@@ -109,6 +109,6 @@ def test_a_clone_learns_from_features_of_unequal_units(random_drives) -> None:
     runs = [bc.CloningHyperparameters(learning_rate=3e-3)]
     misses = []
     for data, restore in ((change.transitions(shown), change.policy), (shown, lambda one: one)):
-        clone = restore(BehaviourCloning.train_on(static, runs, [data]).policy(0))
+        clone = restore(GaussianCloning.train_on(static, runs, [data]).policy(0))
         misses.append(np.abs(clone.predict(seen)[0] - shown.action).mean())
     assert misses[0] < 0.1 < misses[1]

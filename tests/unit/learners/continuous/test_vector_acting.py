@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.acting import actors_together
+from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous import config
-from socialiq.learners.continuous.acting import ActorVectorCollector
 from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.state import Runs, stack
 from socialiq.worlds.gym import learning_env
@@ -27,7 +28,7 @@ def collected(seeds: tuple[int, ...], rounds: int = 6, done: int = 0) -> Runs:
     env = learning_env(Intersection(ContinuousOptions()), 3 * len(seeds), clock=True)
     none = jnp.zeros(len(seeds), int)
     runs = Runs(state, carry, none, none, none)
-    return ActorVectorCollector(env, rounds, STATIC, numbers)(runs, done)
+    return VectorCollector(env, rounds, numbers, actors_together(STATIC, numbers))(runs, done)
 
 
 def rows_of(runs: Runs, run: int) -> list[np.ndarray]:
@@ -59,6 +60,5 @@ def test_the_first_steps_are_uniform_and_later_ones_follow_the_actor() -> None:
 def test_environments_that_cannot_be_divided_are_refused() -> None:
     env = learning_env(Intersection(ContinuousOptions()), 3)
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
-        ActorVectorCollector(
-            env, 1, STATIC, [config.SACHyperparameters(seed=seed) for seed in (0, 1)]
-        )
+        numbers = [config.SACHyperparameters(seed=seed) for seed in (0, 1)]
+        VectorCollector(env, 1, numbers, actors_together(STATIC, numbers))

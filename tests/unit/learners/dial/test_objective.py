@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners import replay
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.objective import Networks, objective
-from socialiq.learners.dial.rows import (
-    Driven,
-    Rows,
-    at_other_times,
-    draw_directions,
-    draw_rows,
-    empty_ring,
-)
-from socialiq.learners.expert_table import Batch
+from socialiq.learners.dial.rows import Rows, at_other_times, draw_directions, draw_rows
+from socialiq.learners.expert_table import Batch, Replay
 from socialiq.learners.state import stack
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
@@ -231,8 +223,8 @@ def test_own_rows_are_learned_at_the_angle_that_was_driven_as_often_as_asked() -
     static = dataclasses.replace(
         DOUBLE, driven_share=0.6, replay_batch=2000, replay_capacity=8, redraw_times=0
     )
-    ring = empty_ring(static, 3)
-    ring = replay.add_many(ring, Driven.of(batch(), angles(1.0, 1.0, 1.0, 1.0)))
+    rows = batch()._replace(direction=angles(1.0, 1.0, 1.0, 1.0))
+    ring = Replay.empty(8, jax.tree.map(lambda column: column[0], rows)).add_many(rows)
     rows = draw_rows(static, None, jnp.zeros(()), ring, jax.random.key(0))
     degrees = np.degrees(np.arctan2(rows.direction.social, rows.direction.env))
     assert abs((np.abs(degrees - 1.0) < 1e-3).mean() - 0.6) < 0.05  # 4 standard errors

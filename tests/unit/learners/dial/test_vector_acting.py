@@ -9,7 +9,8 @@ from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
 from socialiq.evaluation.road_training import CHUNK, sizes_of, source_of
-from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
+from socialiq.learners.acting import dials, dials_together
+from socialiq.learners.collect import Collector, VectorCollector
 from socialiq.learners.dial.config import INTERSECTION, DialHyperparameters
 from socialiq.learners.dial.train import Dial
 from socialiq.learners.fit import _start_all
@@ -31,8 +32,9 @@ def test_runs_that_act_together_collect_what_each_collects_alone() -> None:
     learner = Dial(STATIC, sizes_of(Options(), clock=True))
     begun = [_start_all(learner, stack(NUMBERS)) for _ in range(2)]
     sources = [source_of(Options(), 4, 1, clock=True) for _ in NUMBERS]
-    alone = DialCollector(sources, STATIC, NUMBERS)(begun[0], 400)
-    together = DialVectorCollector(vector_env(8), CHUNK // 4, STATIC, NUMBERS)(begun[1], 400)
+    alone = Collector(sources, [3, 8], dials(STATIC, NUMBERS), True)(begun[0], 400)
+    acting = dials_together(STATIC, NUMBERS)
+    together = VectorCollector(vector_env(8), CHUNK // 4, NUMBERS, acting)(begun[1], 400)
     one, other = alone.carry.replay, together.carry.replay
     assert one.added.tolist() == other.added.tolist() == [CHUNK, CHUNK]
     for expected, found in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
@@ -43,4 +45,4 @@ def test_runs_that_act_together_collect_what_each_collects_alone() -> None:
 
 def test_environments_that_runs_cannot_share_are_refused() -> None:
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
-        DialVectorCollector(vector_env(3), 1, STATIC, NUMBERS)
+        VectorCollector(vector_env(3), 1, NUMBERS, dials_together(STATIC, NUMBERS))

@@ -7,8 +7,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq_recordings.identity.alignment import Placement
-from socialiq_recordings.identity.duplicates import check_names, refuse_overlaps
-from socialiq_recordings.identity.identify import identify
+from socialiq_recordings.identity.identify import check_names, identify, identify_distinct
 
 MOVED = Placement(1.0, np.array([30.0, 5.0]))
 
@@ -66,7 +65,7 @@ def test_scenarios_of_one_commonroad_map_are_one_site(make):
 
 def test_all_overlaps_are_named_at_once(four):
     with pytest.raises(UserError, match=r"in a and b \(2.0 s, 8 vehicles\): leave"):
-        refuse_overlaps(identify(four))
-    refuse_overlaps(identify(four[1:]))
+        identify_distinct(four, "refuse")
+    assert len(identify_distinct(four[1:], "refuse").names) == 3
     with pytest.raises(UserError, match="two recordings are named 'a'"):
         check_names(["a", "b", "a"])

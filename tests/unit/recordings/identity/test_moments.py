@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq_recordings.identity.alignment import Placement
-from socialiq_recordings.identity.common_motion import Motion, in_common
+from socialiq_recordings.identity.alignment import Motion, Placement, in_common
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

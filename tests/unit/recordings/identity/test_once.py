@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from socialiq_recordings.identity.duplicates import pairs_once, same_moments, tracks_kept
-from socialiq_recordings.identity.identify import Identified, Overlap
+from socialiq_recordings.identity.identify import (
+    Identified,
+    Overlap,
+    pairs_once,
+    same_moments,
+    tracks_kept,
+)
 
 
 def identified(*overlaps):

@@ -13,11 +13,9 @@ def _table(decisions: int = 4) -> ChoiceTable:
     return ChoiceTable(
         driver=whole,
         chain=whole,
-        site=whole,
         time=half,
         half=whole % 2,
         conflict=whole > 1,
-        moving=whole > 0,
         grid=grid,
         log_base=np.full((decisions, 3), -np.log(3.0)),
         r_env=np.tile(grid, (decisions, 1)),

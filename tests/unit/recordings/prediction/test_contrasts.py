@@ -1,11 +1,16 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from socialiq_recordings.prediction.scores import EXTENDED, Held, Predicted, contrasts
+from socialiq_recordings.prediction.situations import Situations
 from socialiq_recordings.prediction.study import ALL_MODELS
 
+Make = Callable[..., Situations]
 
-def _held(holdout: str, chains: int, **gains: float) -> Held:
+
+def _held(situations: Make, holdout: str, chains: int, **gains: float) -> Held:
     """Two moments of each chain, one of a first half; gains over constant speed, nats."""
     count = 2 * chains
     rng = np.random.default_rng(0)
@@ -15,14 +20,14 @@ def _held(holdout: str, chains: int, **gains: float) -> Held:
         for name, gain in {"constant speed": 0.0, **gains}.items()
     ]
     second = np.tile([False, True], chains)
-    chain, flags = np.repeat(np.arange(chains), 2), np.ones(count, bool)
-    return Held(holdout, base, base, chain, chain, flags, ~flags, second, models)
+    chain = np.repeat(np.arange(chains), 2)
+    moments = situations(count, acceleration=base, driven=base, chain=chain, vehicle=chain)
+    return Held(holdout, moments, second, models)
 
 
-def test_every_holdout_and_kind_of_moment_is_corrected_together() -> None:
-    rows = contrasts(
-        [_held("vehicles", 8, clone=0.3, dial=0.5), _held("sites", 8, clone=0.0)], 0, 500
-    )
+def test_every_holdout_and_kind_of_moment_is_corrected_together(situations: Make) -> None:
+    vehicles = _held(situations, "vehicles", 8, clone=0.3, dial=0.5)
+    rows = contrasts([vehicles, _held(situations, "sites", 8, clone=0.0)], 0, 500)
     by = {(r["holdout"], r["moments"], r["model"], r["over"]): r for r in rows}
     assert len(by) == len(rows) == 8  # all and moving: three of vehicles, one of sites
     better = by["vehicles", "moving", "clone", "constant speed"]
@@ -33,8 +38,8 @@ def test_every_holdout_and_kind_of_moment_is_corrected_together() -> None:
     assert same["p_corrected"] == 1.0 and not same["found"]
 
 
-def test_few_chains_find_nothing() -> None:
-    (row, _) = contrasts([_held("vehicles", 5, clone=3.0)], 0, 500)
+def test_few_chains_find_nothing(situations: Make) -> None:
+    (row, _) = contrasts([_held(situations, "vehicles", 5, clone=3.0)], 0, 500)
     assert row["p_corrected"] == 2 / 2**5 and not row["found"]
 
 

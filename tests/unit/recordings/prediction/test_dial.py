@@ -56,7 +56,7 @@ def test_a_density_is_the_mixture_over_levels(situations: Make) -> None:
 def _task(seen: Situations) -> Task:
     first = seen.half() == 0
     last = np.zeros(len(seen))
-    return Task(seen, last, first, seen.rows(first), last[first], following.literature(), 0)
+    return Task(seen, last, first, seen.rows(first), following.literature(), 0)
 
 
 def _planted(situations: Make, angles: list[float], seed: int) -> Situations:

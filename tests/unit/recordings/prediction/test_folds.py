@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq_recordings.prediction.folds import folds, grouped, possible
-from socialiq_recordings.prediction.situations import Situations
+from socialiq_recordings.prediction.situations import Situations, grouped
+from socialiq_recordings.prediction.study import folds, possible
 
 Make = Callable[..., Situations]
 

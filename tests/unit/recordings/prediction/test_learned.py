@@ -6,7 +6,8 @@ import pytest
 
 from socialiq_recordings.prediction import following, learned
 from socialiq_recordings.prediction.choices import rewards
-from socialiq_recordings.prediction.models import MODELS, NAMES, Task, features, residuals
+from socialiq_recordings.prediction.following import features
+from socialiq_recordings.prediction.models import MODELS, Task, residuals
 from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
@@ -35,7 +36,7 @@ def test_moments_become_demonstrations_with_the_rewards_of_their_levels(situatio
 
 def test_features_are_finite_where_nothing_is_there(situations: Make) -> None:
     found = features(situations(3))
-    assert found.shape == (3, len(NAMES)) and np.isfinite(found).all()
+    assert found.shape == (3, 19) and np.isfinite(found).all()
 
 
 @pytest.mark.slow
@@ -53,7 +54,7 @@ def test_learned_policies_predict_a_planted_rule(situations: Make) -> None:
     seen = replace(seen, acceleration=rule)
     idm, first = following.literature(), seen.half() == 0
     last = residuals(idm, seen)
-    task = Task(seen, last, first, seen.rows(first), last[first], idm, 0)
+    task = Task(seen, last, first, seen.rows(first), idm, 0)
     settings = learned.Training(levels=LEVELS, updates=300, hidden=(16,))
     (made,) = learned.trained([task], settings, learned.LEARNED)
     assert set(made) == set(learned.LEARNED)

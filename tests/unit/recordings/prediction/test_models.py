@@ -5,8 +5,14 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.prediction import following, models
-from socialiq_recordings.prediction.density import Forecast
-from socialiq_recordings.prediction.models import MODELS, Fitted, Task, residuals, rollout
+from socialiq_recordings.prediction.models import (
+    MODELS,
+    Fitted,
+    Forecast,
+    Task,
+    residuals,
+    rollout,
+)
 from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
@@ -16,7 +22,7 @@ def _task(train: Situations) -> Task:
     first = train.half() == 0
     idm = following.literature()
     last = residuals(idm, train)
-    return Task(train, last, first, train.rows(first), last[first], idm, 0)
+    return Task(train, last, first, train.rows(first), idm, 0)
 
 
 def _drivers(situations: Make) -> Situations:

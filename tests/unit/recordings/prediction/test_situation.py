@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from socialiq_recordings.prediction.situations import Situations, joined
+from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 
@@ -47,9 +47,3 @@ def test_conflicts_are_cut_in_the_middle_and_other_moments_by_time(situations: M
     assert seen.half().tolist() == [0, 0, 1, 1, 1, 1, 1]
     assert situations(4).half().tolist() == [0, 0, 1, 1]  # without a conflict, of all moments
     assert situations(1).half().tolist() == [1]
-
-
-def test_tables_are_joined_in_order(situations: Make) -> None:
-    one = joined([situations(2), situations(1, speed=[3.0])])
-    assert one.speed.tolist() == [10.0, 10.0, 3.0]
-    assert one.rows(one.speed < 5).time.tolist() == [0.0]

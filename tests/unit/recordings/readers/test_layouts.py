@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq_recordings.readers import import_file
 from socialiq_recordings.readers.column_map import read_map
 from socialiq_recordings.readers.csv_recording import read_csv
-from socialiq_recordings.readers.import_file import import_file
 
 FOOT = 0.3048
 # The header of data.transportation.gov 8ect-6jqj; the other distribution differs in one letter.

@@ -31,11 +31,9 @@ def choices():
         return ChoiceTable(
             driver=driver,
             chain=driver // together,
-            site=np.zeros(count, np.int64),
             time=np.tile(np.arange(each, dtype=np.float64), drivers),
             half=np.tile((np.arange(each) >= each // 2).astype(np.int64), drivers),
             conflict=np.ones(count, bool),
-            moving=np.ones(count, bool),
             grid=grid,
             log_base=base,
             r_env=env,

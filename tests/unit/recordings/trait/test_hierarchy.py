@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from socialiq_recordings.trait.choice_model import evaluate, reward_scale
 from socialiq_recordings.trait.hierarchy import (
     Population,
     direction,
@@ -14,10 +13,9 @@ from socialiq_recordings.trait.hierarchy import (
     population_posterior,
     weighted_quantiles,
 )
-from socialiq_recordings.trait.traits import Trait, angle_trait
+from socialiq_recordings.trait.traits import Trait, angle_trait, evaluate, reward_scale
 
 TWO = Trait(
-    "two values",
     shared=np.array([1.0]),
     value=np.array([0.0, 90.0]),
     weights=np.array([[[1.0, 0.0], [0.0, 1.0]]]),

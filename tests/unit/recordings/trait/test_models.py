@@ -6,33 +6,34 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq_recordings.trait.choice_model import evaluate, log_choice, predict, reward_scale
 from socialiq_recordings.trait.models import (
     RIVALS,
     chains_to_find_anything,
     contrasts,
     fit_models,
+    predict,
     sample_of,
     scores,
 )
-from socialiq_recordings.trait.traits import angle_trait
+from socialiq_recordings.trait.traits import Tabulated, Trait, angle_trait, evaluate, reward_scale
 
 
-def test_one_choice_by_hand():
+def test_one_choice_by_hand(choices):
     """Base 1/2 each, rewards (1, 0) and (0, 2): at weights (1, 0.5) both are equally good."""
-    log_p = log_choice(
-        np.log(np.full((1, 2), 0.5)),
-        np.array([[[1.0, 0.0], [0.0, 2.0]]]),
-        np.array([[1.0, 0.5], [np.log(3.0), 0.0], [0.0, 0.0]]),
-    )
-    np.testing.assert_allclose(np.exp(log_p[0]), [[0.5, 0.5], [0.75, 0.25], [0.5, 0.5]])
+    table, none = choices([0.0], each=1, candidates=2), np.zeros(0)
+    rewards = {"r_env": np.array([[1.0, 0.0]]), "r_social": np.array([[0.0, 2.0]])}
+    table = dataclasses.replace(table, log_base=np.log(np.full((1, 2), 0.5)), **rewards)
+    weights = np.array([[[1.0, 0.5], [np.log(3.0), 0.0], [0.0, 0.0]]])
+    trait = Trait(np.zeros(1), np.zeros(3), weights, none, none, np.zeros((0, 3)))
+    chance = np.exp(Tabulated.of(table, trait).log_p[0, :, 0])
+    np.testing.assert_allclose(chance.T, [[0.5, 0.5], [0.75, 0.25], [0.5, 0.5]])
 
 
 def test_grid_points_are_evaluated_as_the_equation_says(choices):
     table, trait = choices([0.0, 60.0], each=4), angle_trait(60.0, strengths=(0.0, 2.0))
     found = evaluate(table, trait)
-    rewards = np.stack([table.r_env, table.r_social], axis=2)
-    log_p = log_choice(table.log_base, rewards, trait.weights.reshape(-1, 2))
+    every = Tabulated.of(table, trait).log_p
+    log_p = every.reshape(8, 7, -1).transpose(0, 2, 1)
     chosen = np.take_along_axis(log_p, table.chosen[:, None, None], axis=2)[..., 0]
     np.testing.assert_allclose(found.log_likelihood.reshape(8, -1), chosen, atol=1e-12)
     np.testing.assert_allclose(found.mean.reshape(8, -1), np.exp(log_p) @ table.grid, atol=1e-12)

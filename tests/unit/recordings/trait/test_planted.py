@@ -1,12 +1,10 @@
 """Drivers of known angles who decide at given moments."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from socialiq_recordings.trait.models import sample_of
-from socialiq_recordings.trait.planted import (
+from socialiq_recordings.trait.power import (
     Planted,
     before,
     decide,
@@ -34,16 +32,7 @@ def test_a_larger_sample_repeats_whole_chains_with_new_drivers(sample):
 
 def test_choices_are_drawn_with_their_probability(choices):
     table = choices([0.0], each=2)
-    many = sample_of(
-        dataclasses.replace(
-            table,
-            **{
-                name: np.repeat(one, 20_000, axis=0)
-                for name, one in table.arrays().items()
-                if name != "grid"
-            },
-        )
-    )
+    many = sample_of(table.rows(np.repeat(np.arange(len(table)), 20_000)))
     drawn = decide(many, np.zeros((1, 2)), np.random.default_rng(0)).table
     share = np.bincount(drawn.chosen, minlength=7) / len(drawn)
     np.testing.assert_allclose(share, np.exp(table.log_base[0]), atol=0.01)

@@ -1,18 +1,19 @@
 """Choices by a family of policies: probabilities, and the same inference as from rewards."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from socialiq_recordings.trait.choice_model import (
+from socialiq_recordings.trait.models import models_of, sample_of
+from socialiq_recordings.trait.traits import (
     evaluate,
     family_trait,
+    progress_trait,
     reward_scale,
     rewards_of,
-    tabulate_family,
-    value_scale,
 )
-from socialiq_recordings.trait.models import models_of, sample_of
-from socialiq_recordings.trait.traits import progress_trait
+from studies.angle_trait.study import tabulate_family, value_scale
 
 GRID = np.array([-1.0, 0.0, 1.0])
 
@@ -48,7 +49,7 @@ def test_a_family_whose_values_are_rewards_infers_as_the_rewards_do(choices):
     """Q_α = cos α r_env + sin α r_social with an even base: the models agree up to ε."""
     table = choices(np.repeat([0.0, 90.0], 6), each=10)
     even = np.full_like(table.log_base, -np.log(table.log_base.shape[1]))
-    sample = sample_of(table.__class__(**(table.arrays() | {"log_base": even})))
+    sample = sample_of(dataclasses.replace(table, log_base=even))
     angle = np.linspace(0.0, 90.0, 7)
     radians = np.radians(angle)
     values = rewards_of(sample.table) @ np.stack([np.cos(radians), np.sin(radians)])

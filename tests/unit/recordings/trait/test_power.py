@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq_recordings.trait.choice_model import Tabulated, evaluate, reward_scale
 from socialiq_recordings.trait.models import contrasts, models_of, sample_of
-from socialiq_recordings.trait.power import (
-    STRENGTHS,
-    Grids,
-    PowerConfig,
-    needed_rows,
-    power_rows,
+from socialiq_recordings.trait.power import STEP, STRENGTHS, PowerConfig, needed_rows, power_rows
+from socialiq_recordings.trait.traits import (
+    Tabulated,
+    angle_trait,
+    evaluate,
+    progress_trait,
+    reward_scale,
 )
 
 
@@ -23,7 +23,7 @@ def sample(choices):
 
 
 def test_looking_up_is_evaluating(sample):
-    trait = Grids.of(sample).angle
+    trait = angle_trait(STEP, STRENGTHS, reward_scale(sample.table))
     found = Tabulated.of(sample.table, trait).at(np.arange(80), sample.table.chosen)
     direct = evaluate(sample.table, trait)
     np.testing.assert_allclose(found.log_likelihood, direct.log_likelihood, atol=1e-12)
@@ -85,7 +85,8 @@ def test_drivers_alike_between_points_of_the_grid_have_no_spread(choices):
     table = choices([37.5] * 60, each=60, seed=6)
     strength = np.sqrt(STRENGTHS[6] * STRENGTHS[7]) / reward_scale(table)
     sample = sample_of(choices([37.5] * 60, each=60, strength=strength, seed=6))
-    angle, gain = Grids.of(sample)
+    scale = reward_scale(sample.table)
+    angle, gain = angle_trait(STEP, STRENGTHS, scale), progress_trait(STRENGTHS, scale)
     of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
     fixed, narrow = (
         models_of(sample, angle, of_angle, gain, of_gain, 0, 1, again=again)

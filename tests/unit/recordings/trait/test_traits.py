@@ -3,36 +3,32 @@
 import numpy as np
 import pytest
 
-from socialiq_recordings.trait.traits import (
-    angle_grid,
-    angle_trait,
-    normal_on_grid,
-    progress_trait,
-    wrapped_normal,
-)
+from socialiq_recordings.trait.traits import angle_trait, progress_trait
 
 
 @pytest.mark.parametrize("spread", [5.0, 20.0, 60.0, 90.0])
 def test_the_wrapped_normal_has_the_closed_resultant(spread):
     """Mardia and Jupp 2000, 3.5.63: the mean resultant length is exp(-σ² / 2)."""
-    angle = angle_grid(5.0)
-    share = wrapped_normal(angle, 40.0, spread)
-    resultant = (share * np.exp(1j * np.radians(angle - 40.0))).sum()
+    trait = angle_trait(5.0)
+    [share] = trait.population[(trait.mean == 40.0) & (trait.spread == spread)]
+    resultant = (share * np.exp(1j * np.radians(trait.value - 40.0))).sum()
     assert resultant.real == pytest.approx(np.exp(-(np.radians(spread) ** 2) / 2), abs=1e-7)
     assert resultant.imag == pytest.approx(0.0, abs=1e-12)
 
 
-def test_without_spread_all_is_at_the_mean_also_across_the_cut():
-    angle = angle_grid(15.0)
+def test_without_spread_all_is_at_the_mean():
+    for trait in (angle_trait(15.0), progress_trait()):
+        alike = trait.population[trait.spread == 0.0]
+        np.testing.assert_array_equal(alike, np.eye(len(trait.value)))
+    angle = angle_trait(15.0).value
     assert len(angle) == 24 and angle[-1] == 180.0
-    assert wrapped_normal(angle, -180.0, 0.0)[-1] == 1.0
-    assert normal_on_grid(np.array([0.0, 1.0, 3.0]), 1.0, 0.0).tolist() == [0.0, 1.0, 0.0]
 
 
 def test_an_uneven_grid_has_the_mean_of_the_normal():
-    value = np.concatenate([np.linspace(-8, 0, 400), np.linspace(0.1, 8, 100)])
-    share = normal_on_grid(value, 0.5, 1.0)
-    assert share @ value == pytest.approx(0.5, abs=1e-3)
+    trait = progress_trait((*np.linspace(0.0, 2.0, 100), *np.linspace(2.1, 8.0, 60)))
+    mean = trait.mean[np.abs(trait.mean - 0.5).argmin()]
+    [share] = trait.population[(trait.mean == mean) & (trait.spread == 1.0)]
+    assert share @ trait.value == pytest.approx(mean, abs=1e-3)
 
 
 def test_weights_of_the_angle_are_a_circle_and_those_of_progress_lines():

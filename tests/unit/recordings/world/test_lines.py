@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.road.paths import Polyline
+from socialiq_recordings.road.routes import Polyline
 from socialiq_recordings.world import lines
 
 
@@ -39,17 +39,17 @@ def test_a_straight_line_has_no_limit():
 
 
 def test_states_are_those_of_the_frames_or_between_them():
-    made = lines.states_of(way(circle(25.0), first=3, dt=0.2), 3)
-    assert made.first == 0 and len(made.along) == 21
-    assert made.along[:3] == pytest.approx([10.0, 10.5, 11.0])
+    first, states = lines.states_of(way(circle(25.0), first=3, dt=0.2), 3)
+    assert first == 0 and len(states) == 21
+    assert states[:3, 0] == pytest.approx([10.0, 10.5, 11.0])
 
 
 def test_a_way_lies_in_itself_and_not_in_one_beside_it_or_against_it():
     points = np.stack([np.arange(60.0), np.zeros(60)], axis=1)
-    [found] = lines.stretches(way(points), way(points + np.array([5.0, 0.5])), 0.3)
-    assert found.other_begin == pytest.approx(found.begin - 5.0)
-    assert found.other_end == pytest.approx(found.end - 5.0)
-    assert found.end == pytest.approx(58.0)
-    assert lines.stretches(way(points), way(points + np.array([0.0, 3.5])), 0.3) == []
-    assert lines.stretches(way(points), way(points[::-1]), 0.3) == []
-    assert lines.stretches(way(points), way(points + np.array([0.0, 500.0])), 0.3) == []
+    lying = lines.stretches(way(points), way(points + np.array([5.0, 0.5])), 0.3)
+    [(begin, end, other_begin, other_end)] = lying.tolist()
+    assert other_begin == pytest.approx(begin - 5.0)
+    assert other_end == pytest.approx(end - 5.0)
+    assert end == pytest.approx(58.0)
+    for elsewhere in (points + np.array([0.0, 3.5]), points[::-1], points + np.array([0.0, 500.0])):
+        assert len(lines.stretches(way(points), way(elsewhere), 0.3)) == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq_recordings import idm as reference
+from socialiq_recordings import physics as reference
 from socialiq_recordings.world import traffic
 
 DRIVER = reference.Idm(desired_speed=12.0)

@@ -10,8 +10,7 @@ import numpy as np
 from socialiq import results_folder as store
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Display, Printing, print_json, print_table
-from socialiq.evaluation.episode_rows import outcome_row
-from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.episodes import episodes_of, outcome_row
 from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
 from socialiq.worlds.highway.render import episode_scenes

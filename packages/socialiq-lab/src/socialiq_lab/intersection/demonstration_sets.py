@@ -9,8 +9,7 @@ from pathlib import Path
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.rollout import record
+from socialiq.evaluation.rollout import MODES, record
 from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.world import Batch, Intersection

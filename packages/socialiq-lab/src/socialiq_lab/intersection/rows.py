@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.evaluation.episode_rows import OUTCOMES, policy_row
-from socialiq.evaluation.episodes import Episodes
+from socialiq.evaluation.episodes import OUTCOMES, Episodes, policy_row
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy

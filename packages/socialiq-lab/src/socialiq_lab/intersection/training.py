@@ -18,20 +18,17 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation import road_training as road
-from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.road_training import Checks
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import dqn
+from socialiq.learners import dqn, policy_iteration
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config as dial
+from socialiq.learners.dial import offline
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline import config as offline
-from socialiq.learners.offline.train import STAGES, train_together
-from socialiq.learners.policy_iteration import dial as dial_iteration
-from socialiq.learners.policy_iteration import train as one_angle
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -230,8 +227,8 @@ def _mean_value(config: DialRun | DialIterationRun, policy: DialPolicy) -> dict[
 class DialIterationRun:
     """One run of direct policy iteration of a dial, which begins with the job's input."""
 
-    structure: dial_iteration.DialIterationConfig
-    numbers: one_angle.IterationHyperparameters
+    structure: policy_iteration.DialIterationConfig
+    numbers: policy_iteration.IterationHyperparameters
     environments: int = 256
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
@@ -249,7 +246,7 @@ def train_dial_by_iteration(
     (begun,) = inputs.values()
     start = DialPolicy.load(begun / DIAL)
     clock = road.observes_time(start, config.options)
-    structure = dial_iteration.with_network_of(config.structure, start)
+    structure = policy_iteration.with_network_of(config.structure, start)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(state.target_network, 0)
@@ -257,7 +254,7 @@ def train_dial_by_iteration(
 
     labeller = road.dial_labeller(structure, config.options, config.environments, clock)
     train = partial(
-        dial_iteration.train,
+        policy_iteration.train,
         structure,
         [config.numbers],
         [labeller],
@@ -275,7 +272,7 @@ class MixtureRuns:
     Dials of offline learning, or for each angle clones, or IQ-Learn offline or online.
     """
 
-    structure: offline.OfflineDialConfig | bc.CloningConfig | iq.IQLearnConfig
+    structure: dial.OfflineDialConfig | bc.CloningConfig | iq.IQLearnConfig
     numbers: Any
     """Hyperparameters without seed, angle and data set."""
     seeds: tuple[int, ...]
@@ -307,16 +304,18 @@ def train_runs(
     data = [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds]
     structure, cells = config.structure, list(itertools.product(config.seeds, config.angles))
     callbacks = Callbacks(lambda report: on_progress(report.done / report.total))
-    if isinstance(structure, offline.OfflineDialConfig):
+    if isinstance(structure, dial.OfflineDialConfig):
         numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
 
         def of_stage(stage: str) -> Callbacks:
-            before = STAGES.index(stage)
+            before = offline.STAGES.index(stage)
             return Callbacks(
-                lambda report: on_progress((before + report.done / report.total) / len(STAGES))
+                lambda report: on_progress(
+                    (before + report.done / report.total) / len(offline.STAGES)
+                )
             )
 
-        dials = train_together(structure, numbers, data, of_stage)["dial"]
+        dials = offline.train(structure, numbers, data, of_stage)["dial"]
         _save(dials, folder, [run_file(seed) for seed in config.seeds])
         return
     if config.nearest:

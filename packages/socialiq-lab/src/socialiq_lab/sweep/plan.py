@@ -13,8 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.learners.extensions import LEARNERS, find_learner
-from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.iq_learn.presets import PRESETS
+from socialiq.learners.iq_learn.config import PRESETS, Endings
 from socialiq.reading import read_toml, sha256_of_file
 from socialiq.worlds.registry import GRIDWORLDS
 from socialiq_lab.jobs import Job

@@ -14,11 +14,9 @@ import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq.evaluation.exact import READOUTS
-from socialiq.evaluation.ground import Ground
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import READOUTS, Ground, Metrics
+from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import acting_in
 from socialiq.learners.extensions import find_learner
 from socialiq.learners.iq_learn.train import train
 from socialiq.nn.q_policy import QPolicy

@@ -21,14 +21,13 @@ from socialiq.foreign import one_line
 from socialiq.outputs import whole_folder
 from socialiq.storage import write_atomically
 from socialiq_recordings import files
-from socialiq_recordings.identity.duplicates import Duplicates, check_names, identify_distinct
-from socialiq_recordings.identity.identify import Identified, identify
-from socialiq_recordings.measurement import MeasurementError
+from socialiq_recordings.identity import identify as identity
+from socialiq_recordings.identity.identify import Duplicates, Identified
+from socialiq_recordings.plausible import MeasurementError
+from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_of
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
-from socialiq_recordings.readers.commonroad import MOST_STATES
-from socialiq_recordings.readers.import_file import FORMATS, import_file, map_of
 from socialiq_recordings.recording import Recording
-from socialiq_recordings.simulated_source import signs_of_simulation
+from socialiq_recordings.simulated import signs_of_simulation
 
 
 @dataclass(frozen=True)
@@ -71,10 +70,33 @@ class Import(Printing):
         with whole_folder(self.out) as folder:
             rows = self._import(folder, columns, failed)
             if not rows:
-                rest_of_failed = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
-                raise UserError(failed[0]["reason"] + rest_of_failed)
-            write_atomically(folder / "refused.csv", _refused_csv(rows))
-        self._print(rows, failed)
+                remainder = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
+                raise UserError(failed[0]["reason"] + remainder)
+            refused = [
+                {"recording": row["recording"], **track} for row in rows for track in row["refused"]
+            ]
+            text = io.StringIO()
+            names = ("recording", "identity", "reason")
+            writer = csv.DictWriter(text, names, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(refused)
+            write_atomically(folder / "refused.csv", text.getvalue())
+        for failure in failed:
+            say(f"not imported: {one_line(failure['reason'], 400)}")
+        if self.json:
+            print_json({"out": str(self.out), "recordings": rows, "failed": failed})
+        else:
+            names = ("recording", "tracks", "states")
+            lines = [
+                {name: row[name] for name in names}
+                | {"refused": len(row["refused"]), "states_per_s": round(row["states_per_s"])}
+                for row in rows
+            ]
+            sums = {n: sum(line[n] for line in lines) for n in (*names[1:], "refused")}
+            total = {"recording": "all", **sums, "states_per_s": ""}
+            print_table([*lines, total] if len(lines) > 1 else lines, str(self.out))
+            if refused:
+                print_table(refused, "\nrefused tracks")
         return 1 if failed else 0
 
     def _import(
@@ -99,7 +121,10 @@ class Import(Printing):
             states = sum(imported.n_states for imported in recordings)
             for imported in recordings:
                 tracks = imported.recording.tracks
-                target = folder / f"{_file_name(tracks.recording)}.safetensors"
+                # The recording's name, without characters that file names can't have.
+                plain = (c if c.isalnum() or c in "-_." else "-" for c in tracks.recording)
+                name = "".join(plain).lstrip(".")[:150] or "recording"
+                target = folder / f"{name}.safetensors"
                 if target.exists():
                     reason = (
                         f"{path}: another recording is named {one_line(tracks.recording, 60)} too: "
@@ -107,56 +132,18 @@ class Import(Printing):
                     )
                     failed.append({"file": str(path), "reason": reason})
                     continue
-                rows.append(
-                    {
-                        "recording": tracks.recording,
-                        "file": target.name,
-                        "sha256": files.save(target, imported.recording),
-                        "tracks": tracks.n_tracks,
-                        "states": tracks.n_states,
-                        "refused": [refused._asdict() for refused in imported.refused],
-                        "skipped": imported.skipped,
-                        "states_per_s": states / seconds,
-                    }
-                )
+                row = {
+                    "recording": tracks.recording,
+                    "file": target.name,
+                    "sha256": files.save(target, imported.recording),
+                    "tracks": tracks.n_tracks,
+                    "states": tracks.n_states,
+                    "refused": [refused._asdict() for refused in imported.refused],
+                    "skipped": imported.skipped,
+                    "states_per_s": states / seconds,
+                }
+                rows.append(row)
         return rows
-
-    def _print(self, rows: list[dict[str, Any]], failed: list[dict[str, str]]) -> None:
-        for failure in failed:
-            sys.stderr.write(f"not imported: {one_line(failure['reason'], 400)}\n")
-        if self.json:
-            print_json({"out": str(self.out), "recordings": rows, "failed": failed})
-            return
-        names = ("recording", "tracks", "states")
-        lines = [
-            {name: row[name] for name in names}
-            | {"refused": len(row["refused"]), "states_per_s": round(row["states_per_s"])}
-            for row in rows
-        ]
-        total = {"recording": "all"} | {n: sum(line[n] for line in lines) for n in names[1:]}
-        total |= {"refused": sum(line["refused"] for line in lines), "states_per_s": ""}
-        print_table([*lines, total] if len(lines) > 1 else lines, str(self.out))
-        refused = [
-            {"recording": row["recording"], **track} for row in rows for track in row["refused"]
-        ]
-        if refused:
-            print_table(refused, "\nrefused tracks")
-
-
-def _file_name(recording: str) -> str:
-    """Return the recording's name, without characters that file names can't have."""
-    plain = "".join(char if char.isalnum() or char in "-_." else "-" for char in recording)
-    return plain.lstrip(".")[:150] or "recording"
-
-
-def _refused_csv(rows: list[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("recording", "identity", "reason"))
-    for row in rows:
-        for refused in row["refused"]:
-            writer.writerow((row["recording"], refused["identity"], refused["reason"]))
-    return text.getvalue()
 
 
 @dataclass(frozen=True)
@@ -174,23 +161,20 @@ class Inspect(Printing):
     def run(self) -> int:
         """Read, identify, print."""
         recordings = load_all(self.recordings)
-        identified = identify(recordings)
-        rows: list[dict[str, Any]] = [
-            {
-                "recording": recording.tracks.recording,
-                "site": site,
-                "chain": chain,
-                "seconds": round(
-                    float((recording.tracks.frame.max() + 1) * recording.tracks.dt), 2
-                ),
-                "tracks": recording.tracks.n_tracks,
+        identified = identity.identify(recordings)
+        rows: list[dict[str, Any]] = []
+        for number, recording in enumerate(recordings):
+            tracks = recording.tracks
+            row = {
+                "recording": tracks.recording,
+                "site": identified.site[number],
+                "chain": identified.chain[number],
+                "seconds": round(float((tracks.frame.max() + 1) * tracks.dt), 2),
+                "tracks": tracks.n_tracks,
                 "lanelets": len(recording.road.lanelets),
-                "simulated": "; ".join(signs_of_simulation(recording.tracks)),
+                "simulated": "; ".join(signs_of_simulation(tracks)),
             }
-            for recording, site, chain in zip(
-                recordings, identified.site, identified.chain, strict=True
-            )
-        ]
+            rows.append(row)
         counts = {
             "recordings": len(rows),
             "sites": len(set(identified.site)),
@@ -205,7 +189,7 @@ class Inspect(Printing):
             texts = ("recording", "site", "chain", "simulated")
             row |= {name: one_line(row[name], 80) for name in texts}
         print_table(rows, "Recordings")
-        show_overlaps(identified)
+        _show_overlaps(identified)
         print_table([{"number of": name, "count": count} for name, count in counts.items()])
         return 0
 
@@ -219,31 +203,23 @@ def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recordin
     if not paths:
         raise UserError("no recording: name at least one file of `socialiq data import`")
     recordings = [files.load(path) for path in paths]
-    check_names([recording.tracks.recording for recording in recordings])
+    identity.check_names([recording.tracks.recording for recording in recordings])
     if road is None:
         return recordings
-    return [
-        Recording(recording.tracks, map_of(road, recording.tracks.source))
-        for recording in recordings
-    ]
+    tracks = [recording.tracks for recording in recordings]
+    return [Recording(of, map_of(road, of.source)) for of in tracks]
 
 
 def load_identified(
     paths: tuple[Path, ...], road: Path | None, duplicates: Duplicates, quiet: bool
 ) -> tuple[list[Recording], Identified]:
-    """Return the recordings of some files and what they have in common, which is said first.
-
-    Args:
-        paths: Files of `socialiq data import`.
-        road: Map of recordings without one.
-        duplicates: Whether moments in common are refused.
-        quiet: Whether nothing is said of them.
+    """Return the recordings of some files and what they have in common, which is said unless quiet.
 
     Raises:
         UserError: If there is none, one can't be read, or moments in common are refused.
     """
     recordings = load_all(paths, road)
-    identified = identify_distinct(recordings, duplicates)
+    identified = identity.identify_distinct(recordings, duplicates)
     if not quiet:
         remark(recordings, identified)
     return recordings, identified
@@ -252,7 +228,7 @@ def load_identified(
 def remark(recordings: Sequence[Recording], identified: Identified) -> None:
     """Say on standard error what recordings have in common, and which are simulated."""
     with contextlib.redirect_stdout(sys.stderr):
-        show_overlaps(identified)
+        _show_overlaps(identified)
     for recording in recordings:
         signs = signs_of_simulation(recording.tracks)
         if signs:
@@ -260,8 +236,7 @@ def remark(recordings: Sequence[Recording], identified: Identified) -> None:
             say(f"{name} is simulated, not human: {one_line(signs[0])}")
 
 
-def show_overlaps(identified: Identified) -> None:
-    """Print the pairs of recordings with vehicles in common; nothing if there are none."""
+def _show_overlaps(identified: Identified) -> None:
     rows = [
         row | {"first": one_line(str(row["first"])), "second": one_line(str(row["second"]))}
         for row in identified.rows()

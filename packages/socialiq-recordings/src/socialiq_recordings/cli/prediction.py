@@ -1,30 +1,33 @@
-"""`data predict`: driver models and what they predict of recorded drivers that are held out."""
+"""`data predict` and `data power`: driver models on held-out drivers, and what data could show."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.cli.output import Display, Printing, print_json, print_table, say
 from socialiq.errors import UserError
+from socialiq.learners.callbacks import Clock
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
 from socialiq_recordings.cli.files import load_identified, sources_of
-from socialiq_recordings.identity.duplicates import Duplicates
+from socialiq_recordings.identity.identify import Duplicates
 from socialiq_recordings.prediction import learned, scores, study
-from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
 from socialiq_recordings.prediction.situations import Situations, situations_of
+from socialiq_recordings.prediction.study import HOLDOUTS, Holdout
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.trait import models as trait
+from socialiq_recordings.trait import power
 from socialiq_recordings.trait.hierarchy import direction
-from socialiq_recordings.trait.models import chains_to_find_anything, fit_models
-from socialiq_recordings.trait.models import contrasts as trait_contrasts
-from socialiq_recordings.trait.models import scores as trait_scores
+from socialiq_recordings.trait.models import Sample, chains_to_find_anything
 
 LIMITS = (
     "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
@@ -65,7 +68,11 @@ class Predict(Printing):
 
     def run(self) -> int:
         """Fit, predict, score, write, print."""
-        config = self._config()
+        training = learned.Training(updates=self.updates)
+        models = self.models or study.ALL_MODELS
+        config = study.Config(self.holdout, models, training, self.seed)
+        if not self.without_trait or any(name.startswith("boosting") for name in models):
+            ensembles()  # a missing library is said before the slow work
         if self.out is not None:
             check_target(self.out, self.replace)
         recordings, identified = load_identified(
@@ -73,51 +80,52 @@ class Predict(Printing):
         )
         situations = situations_of(recordings, identified, self.duplicates == "drop")
         prediction = study.predict(situations, config)
-        if not self.json:
-            _say_left_out({str(row["holdout"]) for row in prediction.folds}, config)
-        tested = NOT_TESTED if self.without_trait else trait_test(situations, self.seed)
-        tables = {
+        held_out = {str(row["holdout"]) for row in prediction.folds}
+        missing = [name for name in HOLDOUTS if name not in held_out]
+        if missing and not config.holdouts and not self.json:
+            say(f"not held out, because there are too few: {', '.join(missing)}")
+        tables: dict[str, list[Row]] = {
             "scores": prediction.scores,
             "folds": prediction.folds,
             "contrasts": prediction.contrasts,
         }
-        tables |= tested.tables
-        summary = _counts(situations) | _summary(prediction.scores) | _tests(prediction.contrasts)
-        summary |= {"trait": tested.summary}
-        summary |= {"limits": list(LIMITS)}
+        tested: Row = {}
+        if not self.without_trait:
+            trait_tables, tested = _trait_test(situations, self.seed)
+            tables |= trait_tables
+        summary = _summary(situations, prediction.scores, prediction.contrasts)
+        summary |= {"trait": tested, "limits": list(LIMITS)}
         if self.out is not None:
-            provenance = _Asked(config, self.duplicates, sources_of(recordings))
+            provenance = _provenance("prediction", config, self.duplicates, recordings)
             results = Results.of("recordings prediction", provenance, tables, summary)
             pictures = png({"gains": scores.gains(prediction.scores)})
             save(results, self.out, pictures, self.replace)
         if self.json:
             print_json(summary | tables)
         else:
-            _show(prediction.scores)
+            _show_scores(prediction.scores)
             _show_contrasts(prediction.contrasts)
-            tested.show()
+            _show_trait(tables.get("trait_contrasts", []), tested)
         return 0
 
-    def _config(self) -> study.Config:
-        training = learned.Training(updates=self.updates)
-        models = self.models or study.ALL_MODELS
-        config = study.Config(self.holdout, models, training, self.seed)
-        if not self.without_trait or any(name.startswith("boosting") for name in models):
-            ensembles()  # a missing library is said before the slow work
-        return config
+
+def _provenance(
+    name: str, config: Any, duplicates: str, recordings: list[Recording]
+) -> dict[str, Any]:
+    sources = sources_of(recordings)
+    return {name: dataclasses.asdict(config), "duplicates": duplicates, "sources": sources}
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """Provenance of a prediction."""
-
-    prediction: study.Config
-    duplicates: str
-    sources: list[dict[str, Any]]
-
-
-def _counts(seen: Situations) -> dict[str, Any]:
+def _summary(seen: Situations, rows: list[Row], contrasts: list[Row]) -> dict[str, Any]:
+    """Return counts, scores of second halves by holdout, moments and model, and what was found."""
     in_conflict = seen.moving & seen.conflict
+    second_half: dict[str, Any] = {}
+    for row in rows:
+        if row["part"] == "second half":
+            of_moments = second_half.setdefault(row["holdout"], {}).setdefault(row["moments"], {})
+            names = ("n", "chains", "surprise", "rmse", "displacement", "gain")
+            of_moments[row["model"]] = {name: row[name] for name in names}
+    names = ("holdout", "moments", "model", "over", "gain")
     return {
         "moments": len(seen),
         "moving": int(seen.moving.sum()),
@@ -127,49 +135,50 @@ def _counts(seen: Situations) -> dict[str, Any]:
         "chains": len(set(seen.chain.tolist())),
         "chains_in_conflict": len(set(seen.chain[in_conflict].tolist())),
         "sites": len(set(seen.site.tolist())),
+        "second_half": second_half,
+        "contrasts_tested": len(contrasts),
+        "contrasts_found": [{n: row[n] for n in names} for row in contrasts if row["found"]],
     }
 
 
-def _summary(rows: list[Row]) -> dict[str, Any]:
-    """Return the scores by holdout, moments and model, of second halves."""
-    by_holdout: dict[str, Any] = {}
-    for row in rows:
-        if row["part"] == "second half":
-            of_moments = by_holdout.setdefault(row["holdout"], {}).setdefault(row["moments"], {})
-            of_moments[row["model"]] = {
-                name: row[name]
-                for name in ("n", "chains", "surprise", "rmse", "displacement", "gain")
-            }
-    return {"second_half": by_holdout}
-
-
-def _say_left_out(held: set[str], config: study.Config) -> None:
-    missing = [name for name in HOLDOUTS if name not in held]
-    if missing and not config.holdouts:
-        say(f"not held out, because there are too few: {', '.join(missing)}")
-
-
-def _show(rows: list[Row]) -> None:
+def _show_scores(rows: list[Row]) -> None:
     second = [row for row in rows if row["part"] == "second half"]
     for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in second):
         group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
+        lines = []
+        for row in group:
+            metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
+            interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
+            line = {
+                "model": row["model"],
+                "surprise, nats": f"{row['surprise']:.2f}",
+                "RMSE, m/s²": f"{row['rmse']:.2f}",
+                "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
+                "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
+            }
+            lines.append(line)
         title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
-        print_table([_line(row) for row in group], f"\n{title}, chains: {group[0]['chains']}")
-
-
-def _tests(rows: list[Row]) -> dict[str, Any]:
-    """Return the number of contrasts, and those that were found."""
-    names = ("holdout", "moments", "model", "over", "gain")
-    decided = [{name: row[name] for name in names} for row in rows if row["found"]]
-    return {"contrasts_tested": len(rows), "contrasts_found": decided}
+        print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
 
 
 def _show_contrasts(rows: list[Row]) -> None:
     """Print the differences between models that are found, or that there are none."""
-    decided = [row for row in rows if row["found"]]
-    if decided:
+    lines = []
+    for row in rows:
+        interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
+        line = {
+            "held out": row["holdout"],
+            "moments": row["moments"],
+            "model": row["model"],
+            "over": row["over"],
+            "gain, nats": f"{row['gain']:+.2f}{interval}",
+            "p, corrected": f"{row['p_corrected']:.3f}",
+        }
+        if row["found"]:
+            lines.append(line)
+    if lines:
         title = f"\nDifferences found, of {len(rows)} tested together (corrected p up to {ERROR:g})"
-        print_table([_difference(row) for row in decided], title)
+        print_table(lines, title)
     elif rows:
         most = max(row["chains"] for row in rows)
         say(f"no difference between models is found: {len(rows)} tested together, corrected")
@@ -180,90 +189,26 @@ def _show_contrasts(rows: list[Row]) -> None:
             )
 
 
-def _difference(row: Row) -> Row:
-    interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
-    return {
-        "held out": row["holdout"],
-        "moments": row["moments"],
-        "model": row["model"],
-        "over": row["over"],
-        "gain, nats": f"{row['gain']:+.2f}{interval}",
-        "p, corrected": f"{row['p_corrected']:.3f}",
-    }
-
-
-def _line(row: Row) -> Row:
-    metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
-    interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
-    return {
-        "model": row["model"],
-        "surprise, nats": f"{row['surprise']:.2f}",
-        "RMSE, m/s²": f"{row['rmse']:.2f}",
-        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
-        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
-    }
-
-
 _CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True)
-class TraitTest:
-    """Test of the angle as a trait.
-
-    Attributes:
-        tables: `trait_models` and `trait_contrasts`; nothing if it could not be tested.
-        summary: Counts, the population's angle, and which contrasts were found.
-    """
-
-    tables: dict[str, list[Row]] = field(default_factory=dict)
-    summary: dict[str, Any] = field(default_factory=dict)
-
-    def show(self) -> None:
-        """Print the contrasts, or the reason for which there are none."""
-        if "not_tested" in self.summary:
-            say(f"the angle as a trait is not tested: {self.summary['not_tested']}")
-        if not self.tables:
-            return
-        of = self.summary
-        print_table(
-            [_trait_line(row) for row in self.tables["trait_contrasts"]],
-            f"\nA driver's angle from its first half, on its second: {of['decisions']} decisions, "
-            f"{of['drivers']} drivers, {of['chains']} chains",
-        )
-        say_if_too_few(of["chains"], of["chains_needed"])
-
-
-NOT_TESTED = TraitTest()
-"""The test left out."""
-
-
-def say_if_too_few(chains: int, needed: int) -> None:
-    """Say that so few independent chains can't show a gain, if that is so."""
-    if chains < needed:
-        say(
-            f"not enough data: with {chains} independent chains no gain can be found "
-            f"after correction, whatever its size; {needed} are needed"
-        )
-
-
-def trait_test(seen: Situations, seed: int) -> TraitTest:
+def _trait_test(seen: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:
     """Infer angles from drivers' first halves and test them on their second halves.
 
-    Args:
-        seen: All moments.
-        seed: Of the base predictor, the shuffling and the resampling.
+    Returns:
+        `trait_models` and `trait_contrasts`, nothing if it could not be tested; counts, the
+        population's angle, and which contrasts were found.
     """
     try:
-        models = fit_models(study.choices(seen, seed), seed, narrow=True)
+        models = trait.fit_models(study.choices(seen, seed), seed, narrow=True)
     except UserError as error:
-        return TraitTest(summary={"not_tested": str(error)})
-    rows, sample = trait_contrasts(models, seed), models.sample
+        return {}, {"not_tested": str(error)}
+    rows, sample = trait.contrasts(models, seed), models.sample
     population = models.angle.population
     angle = direction(population.trait.mean, population.chance.sum(axis=0), _CONFIDENCE)
     spread = population.quantiles("spread", (0.025, 0.5, 0.975))
-    return TraitTest(
-        {"trait_models": trait_scores(models), "trait_contrasts": rows},
+    return (
+        {"trait_models": trait.scores(models), "trait_contrasts": rows},
         {
             "decisions": int(sample.second.sum()),
             "drivers": len(sample.identity),
@@ -276,12 +221,131 @@ def trait_test(seen: Situations, seed: int) -> TraitTest:
     )
 
 
-def _trait_line(row: Row) -> Row:
-    return {
-        "angle over": row["angle_over"],
-        "gain, nats": f"{row['gain_nats']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})",
-        "p": f"{row['p']:.3f}",
-        "p, Holm": f"{row['p_holm']:.3f}",
-        "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
-        "found": "yes" if row["found"] else "no",
-    }
+def _show_trait(rows: list[Row], summary: dict[str, Any]) -> None:
+    """Print the contrasts, or the reason for which there are none."""
+    if "not_tested" in summary:
+        say(f"the angle as a trait is not tested: {summary['not_tested']}")
+    if not rows:
+        return
+    lines = [
+        {
+            "angle over": row["angle_over"],
+            "gain, nats": f"{row['gain_nats']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})",
+            "p": f"{row['p']:.3f}",
+            "p, Holm": f"{row['p_holm']:.3f}",
+            "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
+            "found": "yes" if row["found"] else "no",
+        }
+        for row in rows
+    ]
+    title = "\nA driver's angle from its first half, on its second"
+    counts = f"{summary['decisions']} decisions, {summary['drivers']} drivers"
+    print_table(lines, f"{title}: {counts}, {summary['chains']} chains")
+    _say_if_too_few(summary["chains"], summary["chains_needed"])
+
+
+def _say_if_too_few(chains: int, needed: int) -> None:
+    if chains < needed:
+        say(
+            f"not enough data: with {chains} independent chains no gain can be found "
+            f"after correction, whatever its size; {needed} are needed"
+        )
+
+
+_Simulation = tyro.conf.OmitArgPrefixes[power.PowerConfig]
+
+
+@dataclass(frozen=True)
+class Power(Printing):
+    """Simulate drivers of known angles at recorded moments: what is found, and what it would take.
+
+    Example: socialiq data power a.safetensors b.safetensors --out power
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    out: Path | None = None
+    """Folder to write: shares of detections, sizes needed, a figure."""
+    simulation: _Simulation = dataclasses.field(default_factory=power.PowerConfig)
+    road: Path | None = None
+    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
+    duplicates: Duplicates = "drop"
+    """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
+    replace: bool = False
+    """Replace earlier results in the folder."""
+
+    def run(self) -> int:
+        """Read, simulate, count, write, print."""
+        if self.out is not None:
+            check_target(self.out, self.replace)
+        recordings, identified = load_identified(
+            self.recordings, self.road, self.duplicates, self.json
+        )
+        situations = situations_of(recordings, identified, self.duplicates == "drop")
+        sample = trait.sample_of(study.choices(situations, self.simulation.seed))
+        rows = self._rows(sample)
+        needed = power.needed_rows(rows)
+        summary = {
+            "drivers": len(sample.chain),
+            "chains": int(sample.chain.max()) + 1,
+            "chains_needed": chains_to_find_anything(),
+            "decisions": len(sample.table),
+            "decisions_tested": int(sample.second.sum()),
+            "needed": {row["population"]: row for row in needed},
+        }
+        if self.out is not None:
+            config = self.simulation
+            provenance = _provenance("simulation", config, self.duplicates, recordings)
+            tables = {"power": rows, "needed": needed}
+            results = Results.of("recordings power", provenance, tables, summary)
+            save(results, self.out, png({"power": power.power(rows)}), self.replace)
+        if self.json:
+            print_json(summary | {"power": rows})
+        else:
+            _show_power(rows, needed, summary)
+        return 0
+
+    def _rows(self, sample: Sample) -> list[Row]:
+        config = self.simulation
+        total = (len(config.spreads) + 1) * len(config.sizes) * config.repeats
+        with Display(quiet=self.json) as display:
+            report, clock, done = display.stage("simulated drivers"), Clock(0, total, 1), 0
+
+            def counted() -> None:
+                nonlocal done
+                done += 1
+                report(clock.report(done, {}, {}, ())._replace(unit="samples"))
+
+            return power.power_rows(sample, config, counted)
+
+
+def _show_power(rows: list[Row], needed: list[Row], summary: dict[str, Any]) -> None:
+    lines = [
+        {
+            "population": row["population"],
+            "size": f"x {row['size']}",
+            "drivers": row["drivers"],
+            "gain, nats": f"{row['gain_nats']:+.4f}",
+            "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
+            "found": f"{row['detected']:.0%} ({row['low']:.0%} to {row['high']:.0%})",
+            "beats all": f"{row['beats_every_rival']:.0%}",
+        }
+        for row in rows
+    ]
+    counts = f"{summary['decisions']} decisions in conflict of {summary['drivers']} drivers"
+    chains = f"in {summary['chains']} independent chains"
+    print_table(lines, f"Simulated drivers at {counts} {chains}")
+    lines = []
+    for row in needed:
+        size = row["size_needed"]
+        bound = f"more than {row['more_than']}" if row["more_than"] else "-"
+        line = {
+            "population": row["population"],
+            "RMSE saved if angles were known": f"{100 * row['known_angle_gain']:.1f} %",
+            "times these data": bound if size is None else f"{size:.1f}",
+            "drivers": "" if size is None else row["drivers_needed"],
+            "chains": "" if size is None else row["chains_needed"],
+        }
+        lines.append(line)
+    print_table(lines, f"\nNeeded to find it in {power.POWER:.0%} of tries")
+    _say_if_too_few(summary["chains"], summary["chains_needed"])

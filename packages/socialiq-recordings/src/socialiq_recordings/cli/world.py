@@ -1,20 +1,25 @@
-"""`data world`, `data demonstrations`, `data census`: recorded junctions and their drivers."""
+"""Commands on recorded junctions: world, demonstrations, census, a dial that practises there."""
 
 from __future__ import annotations
 
 import dataclasses
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.cli.output import Display, Printing, print_json, print_table, say
+from socialiq.cli.train.offline_dial import OfflineDial
+from socialiq.cli.train.shared import CHUNK
 from socialiq.demonstrations import files as demonstration_files
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.kernel import Trained
 from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
@@ -23,11 +28,11 @@ from socialiq_recordings import census
 from socialiq_recordings.cli.files import load_all, remark
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
-from socialiq_recordings.world.config import LEVELS, Lights, WorldConfig
+from socialiq_recordings.world.practice import Practice, train_with_practice
+from socialiq_recordings.world.recorded_world import LEVELS, Lights, RecordedWorld, WorldConfig
 from socialiq_recordings.world.replay import Replayed, replay
 
-MOST_REPEATS = 100
-"""Largest number of simulations of a recording for a report."""
+MOST_REPEATS = 100  # largest number of simulations of a recording for a report
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,7 @@ class MakeWorld(Printing):
         """Read, calibrate, write, print."""
         if not 1 <= self.repeats <= MOST_REPEATS:
             raise UserError(f"--repeats must be from 1 to {MOST_REPEATS}, got {self.repeats}")
-        check_every(self.every, self.choices)
+        _check_every(self.every, self.choices)
         for path in (self.out, self.demonstrations):
             if path is not None:
                 refuse_existing(path)
@@ -112,17 +117,12 @@ class MakeWorld(Printing):
         if self.json:
             print_json(summary)
             return 0
-        print_table(
-            list(built.calibration.evidence), "Drivers (m, s; estimated: from the recordings)"
-        )
-        rows = [
-            {"quantity": name, "value": summary[name]} for name in ("vehicles", "egos", "closures")
-        ]
-        rows += [
-            {"quantity": f"demonstrated {name}", "value": value}
-            for name, value in summary.get("demonstrations", {}).items()
-        ]
-        print_table(rows)
+        evidence = list(built.calibration.evidence)
+        print_table(evidence, "Drivers (m, s; estimated: from the recordings)")
+        counts = {name: summary[name] for name in ("vehicles", "egos", "closures")}
+        demonstrated = summary.get("demonstrations", {})
+        counts |= {f"demonstrated {name}": value for name, value in demonstrated.items()}
+        print_table([{"quantity": name, "value": value} for name, value in counts.items()])
         if "compared" in summary:
             print_table(summary["compared"], "Recorded and simulated: quartiles, distance")
         return 0
@@ -136,26 +136,26 @@ class MakeWorld(Printing):
         }
         replayed = replay(made.world, self.every) if self.demonstrations is not None else None
         if self.report is not None:
-            summary["compared"] = self.compared(made, self.report)
+            from socialiq_recordings.world import compare
+
+            simulated = compare.simulate(made, self.seed, self.repeats)
+            rows = compare.table(made.observed, simulated)
+            settings = {
+                "choices": dataclasses.asdict(self.choices),
+                "repeats": self.repeats,
+                "seed": self.seed,
+                "recordings": provenance["recordings"],
+            }
+            tables = {"compared": rows, "drivers": list(made.calibration.evidence)}
+            results = Results.of("recordings world", settings, tables, {"compared": rows})
+            pictures = png({"compared": compare.beside(made.observed, simulated)})
+            save(results, self.report, pictures, self.replace)
+            summary["compared"] = rows
         if self.demonstrations is not None and replayed is not None:
             demonstration_files.save(self.demonstrations, replayed.table, replace=False)
-            summary["demonstrations"] = quality(replayed)
+            summary["demonstrations"] = _quality(replayed)
         summary["sha256"] = made.world.save(self.out, replace=False)
         return summary
-
-    def compared(self, made: Made, folder: Path) -> list[Row]:
-        """Simulate, write the report, return its table."""
-        from socialiq_recordings.world import compare
-
-        simulated = compare.simulate(made, self.seed, self.repeats)
-        rows = compare.table(made.observed, simulated)
-        sources = made.world.provenance["recordings"]
-        provenance = _ReportProvenance(self.choices, self.repeats, self.seed, sources)
-        tables = {"compared": rows, "drivers": list(made.calibration.evidence)}
-        results = Results.of("recordings world", provenance, tables, {"compared": rows})
-        pictures = png({"compared": compare.beside(made.observed, simulated)})
-        save(results, folder, pictures, self.replace)
-        return rows
 
 
 @dataclass(frozen=True)
@@ -183,18 +183,17 @@ class ToDemonstrations(Printing):
     def run(self) -> int:
         """Convert, write, and print the counts."""
         refuse_existing(self.out)
-        check_every(self.every, self.choices)
+        _check_every(self.every, self.choices)
         built = self.choices.build(self.recordings, self.road, self.json)
         replayed = replay(built.world, self.every, self.as_human)
-        counts = counts_of(built, replayed)
+        counts, quality = _counts_of(built, replayed), _quality(replayed)
         sha256 = demonstration_files.save(self.out, replayed.table, replace=False)
         if self.json:
             head = {"file": str(self.out), "sha256": sha256}
-            print_json(head | quality(replayed) | {"recordings": counts})
+            print_json(head | quality | {"recordings": counts})
             return 0
-        show_counts(counts, str(self.out))
-        rows = [{"quantity": name, "value": value} for name, value in quality(replayed).items()]
-        print_table(rows)
+        _show_counts(counts, str(self.out))
+        print_table([{"quantity": name, "value": value} for name, value in quality.items()])
         return 0
 
 
@@ -227,14 +226,17 @@ class TakeCensus(Printing):
             check_target(self.out, self.replace)
         built = self.choices.build(self.recordings, self.road, self.json)
         replayed = replay(built.world)
-        drivers = census.drivers_of(built.world, replayed, self.confidence)
-        statistics = census.population_of(drivers, built.identified, self.seed, self.confidence)
-        counts, population = counts_of(built, replayed), dataclasses.asdict(statistics)
-        rows = [dataclasses.asdict(driver) for driver in drivers]
+        rows = census.drivers_of(built.world, replayed, self.confidence)
+        population = census.population_of(rows, built.identified, self.seed, self.confidence)
+        counts = _counts_of(built, replayed)
         summary = {"population": population, "limits": list(census.LIMITS)}
         if self.out is not None:
-            sources = built.world.provenance["recordings"]
-            provenance = _CensusProvenance(self.choices, self.confidence, self.seed, sources)
+            provenance = {
+                "choices": dataclasses.asdict(self.choices),
+                "confidence": self.confidence,
+                "seed": self.seed,
+                "sources": built.world.provenance["recordings"],
+            }
             tables = {"drivers": rows, "recordings": counts}
             results = Results.of("recordings census", provenance, tables, summary)
             pictures = png({"census": census.picture(rows, population)})
@@ -242,41 +244,23 @@ class TakeCensus(Printing):
         if self.json:
             print_json(summary | {"recordings": counts, "drivers": rows})
             return 0
-        show_counts(counts, "Recordings")
-        print_table(
-            [{"population": name, "value": _text(value)} for name, value in population.items()]
-        )
+        _show_counts(counts, "Recordings")
+        lines = []
+        for name, value in population.items():
+            if isinstance(value, dict):
+                value = f"{value['estimate']:.1f} ({value['low']:.1f} to {value['high']:.1f})"
+            lines.append({"population": name, "value": "not known" if value is None else value})
+        print_table(lines)
         sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
         return 0
 
 
-@dataclass(frozen=True)
-class _ReportProvenance:
-    """Provenance of a report."""
-
-    choices: Choices
-    repeats: int
-    seed: int
-    recordings: list[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class _CensusProvenance:
-    """Provenance of a census."""
-
-    choices: Choices
-    confidence: float
-    seed: int
-    sources: list[dict[str, Any]]
-
-
-def check_every(every: float, choices: Choices) -> None:
-    """Raise an error unless the beginnings of episodes lie within a decision."""
+def _check_every(every: float, choices: Choices) -> None:
     if not 0 <= every <= 1 / max(choices.policy_rate, 1):
         raise UserError(f"--every must be 0 to one decision, got {every:g}")
 
 
-def quality(replayed: Replayed) -> dict[str, Any]:
+def _quality(replayed: Replayed) -> dict[str, Any]:
     """Return the counts of demonstrated decisions, and what their actions leave."""
     return {
         "episodes": replayed.table.n_episodes,
@@ -286,7 +270,7 @@ def quality(replayed: Replayed) -> dict[str, Any]:
     }
 
 
-def counts_of(made: Made, replayed: Replayed) -> list[Row]:
+def _counts_of(made: Made, replayed: Replayed) -> list[Row]:
     """Return a row of counts for each recording."""
     first = made.world.road.recording_first
     table, rows = replayed.table, []
@@ -294,36 +278,77 @@ def counts_of(made: Made, replayed: Replayed) -> list[Row]:
     for number, source in enumerate(made.world.provenance["recordings"]):
         of_recording = (replayed.vehicle >= first[number]) & (replayed.vehicle < first[number + 1])
         endings = Counter(table.ending[last[of_recording]].tolist())
-        rows.append(
-            {
-                "recording": source["recording"],
-                "site": made.identified.site[number],
-                "chain": made.identified.chain[number],
-                "origin": "simulated" if source["simulated"] else "recorded",
-                "seconds": round(source["seconds"], 2),
-                "vehicles": source["vehicles"],
-                "episodes": int(of_recording.sum()),
-                "decisions": int(table.episode_lengths[of_recording].sum()),
-                "arrivals": endings[int(Ending.ARRIVAL)],
-                "truncated": endings[int(Ending.TIMEOUT)],
-            }
-        )
+        row = {
+            "recording": source["recording"],
+            "site": made.identified.site[number],
+            "chain": made.identified.chain[number],
+            "origin": "simulated" if source["simulated"] else "recorded",
+            "seconds": round(source["seconds"], 2),
+            "vehicles": source["vehicles"],
+            "episodes": int(of_recording.sum()),
+            "decisions": int(table.episode_lengths[of_recording].sum()),
+            "arrivals": endings[int(Ending.ARRIVAL)],
+            "truncated": endings[int(Ending.TIMEOUT)],
+        }
+        rows.append(row)
     return rows
 
 
-def show_counts(counts: list[Row], title: str) -> None:
+def _show_counts(counts: list[Row], title: str) -> None:
     """Print episodes by recording, with sums."""
     names = [name for name in counts[0] if name not in ("site", "chain", "origin")]
     rows = [{name: row[name] for name in names} for row in counts]
     rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]
     if len(rows) > 1:
-        total = {name: sum(row[name] for row in counts) for name in names[1:]}
-        rows.append({"recording": "all", **total})
+        rows.append({"recording": "all"} | {n: sum(row[n] for row in counts) for n in names[1:]})
     print_table(rows, title)
 
 
-def _text(value: Any) -> Any:
-    """Return a cell's text, with an interval in a single text."""
-    if isinstance(value, dict):
-        return f"{value['estimate']:.1f} ({value['low']:.1f} to {value['high']:.1f})"
-    return "not known" if value is None else value
+@dataclass(frozen=True)
+class PractisedDial(OfflineDial):
+    """Train a dial of a recorded junction that also practises there.
+
+    In each round it drives episodes at seven angles, one decision in ten drawn at random, and a new
+    dial learns from the demonstrations and all practice so far.
+
+    Example: socialiq train practised-dial human.safetensors --world world.safetensors --out dial
+    """
+
+    _: KW_ONLY
+    rounds: int = 5
+    """Rounds of practice; 0 for none."""
+    episodes: int = 100
+    """Episodes of a round at each of the angles."""
+    first_seed: int = 65_000_000
+    """Seed of the first of these episodes."""
+
+    @property
+    def practice(self) -> Practice:
+        """Amount of practice."""
+        return Practice(self.rounds, self.episodes, first_seed=self.first_seed)
+
+    def run(self) -> int:
+        """Train a dial for each seed, write the folder, print the outcome."""
+        assert self.practice.span >= 0  # sizes that make no practice are refused at once
+        RecordedWorld.load(Path(self.world))
+        return super().run()
+
+    def practised(self) -> Row | None:
+        """Return the record of practice."""
+        return dataclasses.asdict(self.practice) if self.rounds else None
+
+    def stages(
+        self, number: int, static: Any, numbers: Any, data: Demonstrations, display: Display
+    ) -> dict[str, Trained]:
+        """Train one dial with practice; return the outcome of each stage of its last training."""
+        if not self.rounds:
+            return super().stages(number, static, numbers, data, display)
+
+        def progress(practised: int, stage: str) -> Callbacks:
+            name = f"{stage}, {practised} of {self.rounds} rounds practised"
+            return Callbacks(on_report=display.stage(name))
+
+        first = self.practice.first_seed + number * self.practice.span
+        practice = dataclasses.replace(self.practice, first_seed=first)
+        world = RecordedWorld.load(Path(self.world))
+        return train_with_practice(world, static, [numbers], data, practice, progress, CHUNK).stages

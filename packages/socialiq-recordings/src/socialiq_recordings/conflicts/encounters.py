@@ -10,50 +10,33 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
 from socialiq.errors import UserError
-from socialiq_recordings.conflicts.ways import (
-    InTime,
-    Occupancy,
-    OnWay,
-    Way,
-    apart,
-    expected,
-    frames_together,
-    on_way,
-    projected,
-    recorded,
-    way_of,
-)
+from socialiq_recordings.conflicts import ways as motion
+from socialiq_recordings.conflicts.ways import InTime, Occupancy, OnWay, Way
+from socialiq_recordings.physics import wrapped
 from socialiq_recordings.road.network import Conflict, Lanes, shapely
-from socialiq_recordings.road.paths import Polyline, wrapped
-from socialiq_recordings.road.routes import OFF_THE_MAP, Scene
+from socialiq_recordings.road.routes import OFF_THE_MAP, Polyline, Scene
 
 
 @dataclass(frozen=True)
 class ConflictConfig:
-    """Options of conflicts.
+    """Options of conflicts."""
 
-    Attributes:
-        near: s. Times in a conflict area that are further apart are no conflict: the threshold of
-            PET in FHWA's surrogate safety assessment model (FHWA-HRT-08-051, 2008).
-        horizon: s ahead in which both must arrive at their present speeds.
-        queued: Whether vehicles behind others of their lane are in conflict with crossing traffic.
-        slack: m by which vehicles are narrower than recorded, since boxes from video err.
-    """
-
-    near: float = 5.0
-    horizon: float = 10.0
-    queued: bool = False
-    slack: float = 0.3
+    # Further apart in an area is no conflict: the threshold of PET in FHWA-HRT-08-051 (2008).
+    near: float = 5.0  # s
+    horizon: float = 10.0  # s ahead in which both must arrive at their present speeds
+    queued: bool = False  # whether those behind others of their lane are in conflict, too
+    slack: float = 0.3  # m by which vehicles are narrower than recorded, since boxes from video err
 
     def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self) if field.name != "queued"):
+        for name in ("near", "horizon", "slack"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise UserError(f"{name} must be a number of at least 0, got {value}")
@@ -62,6 +45,7 @@ class ConflictConfig:
 SAME_WAY = np.radians(20.0)
 """Ways whose directions differ by less at the end of their common area go on together."""
 
+NEAR = 50.0  # m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²
 _LEAST = 0.1  # m²; smaller areas are errors of the lines
 _SEPARATE = 2.5  # m; vehicles that merge came from further beside each other than this
 _JOINED = 1.0  # m; and get closer than this
@@ -71,49 +55,21 @@ _START = 1.0  # m after a line's start within which an area begins there
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """Conflict area of two ways.
+    """Conflict area of two ways; where they merge, one vehicle follows the other from there on."""
 
-    Attributes:
-        kind: Crossing or merging.
-        entry: Coordinate at which each vehicle's swept area begins to be in it, m.
-        exit: Coordinate at which it ends; the entry where the ways merge, because from this line
-            on one vehicle follows the other.
-        angle: Difference of the directions in it, degrees in [0, 180].
-        x: Its middle, m to the east.
-        y: Its middle, m to the north.
-        outline: Its corners, m.
-    """
-
-    kind: Conflict
-    entry: tuple[float, float]
-    exit: tuple[float, float]
-    angle: float
-    x: float
-    y: float
-    outline: Float64[np.ndarray, "corner 2"]
+    kind: Conflict  # crossing or merging
+    entry: tuple[
+        float, float
+    ]  # coordinates at which the vehicles' swept areas begin to be in it, m
+    exit: tuple[float, float]  # at which they end; the entry where the ways merge
+    angle: float  # difference of the directions in it, degrees in [0, 180]
+    x: float  # its middle, m to the east
+    y: float  # its middle, m to the north
+    outline: Float64[np.ndarray, "corner 2"]  # its corners, m
 
     def swapped(self) -> Area:
         """Return the area with the vehicles in the other order."""
-        return Area(
-            self.kind,
-            (self.entry[1], self.entry[0]),
-            (self.exit[1], self.exit[0]),
-            self.angle,
-            self.x,
-            self.y,
-            self.outline,
-        )
-
-
-def swept(way: Way, slack: float) -> Any:
-    """Return the swept area of a way, for Shapely.
-
-    Args:
-        way: The way.
-        slack: m by which the vehicle is narrower than recorded.
-    """
-    line = shapely().linestrings(way.line.points)
-    return line.buffer(max(way.width - slack, 0.1) / 2, cap_style="flat", join_style="round")
+        return replace(self, entry=self.entry[::-1], exit=self.exit[::-1])
 
 
 def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes) -> Area | None:
@@ -121,17 +77,18 @@ def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes
 
     The map must agree: two lanelets of the routes are in conflict, or both routes enter one
     lanelet from different lanelets, as in a change of lane. An area that begins where one of the
-    lines does is no conflict: the vehicles follow each other, or the first is past it.
-
-    Args:
-        one: A way.
-        other: Another.
-        one_swept: Swept area of the first.
-        other_swept: Swept area of the second.
-        lanes: Road with conflicts.
+    lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
+    areas are Shapely's.
     """
-    if not one_swept.intersects(other_swept) or not _routes_meet(one, other, lanes):
+    if not one_swept.intersects(other_swept):
         return None
+    if not any(lanes.conflict(a, b) for a in one.lanelets for b in other.lanelets):
+        before, before_other = (
+            dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (one, other)
+        )
+        common = {*one.lanelets} & {*other.lanelets}
+        if all(before.get(number) == before_other.get(number) for number in common):
+            return None
     common = one_swept.intersection(other_swept)
     areas = []
     for polygon in getattr(common, "geoms", [common]):
@@ -142,41 +99,39 @@ def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes
     return min(areas, key=lambda area: area.entry[0]) if areas else None
 
 
-def _area(one: Way, other: Way, part: Any) -> Area | None:
-    corners = np.array(part.exterior.coords)[:-1]
-    ranges = [_range(way.line, corners) for way in (one, other)]
-    if any(low <= _START for low, _ in ranges):
+def _area(one: Way, other: Way, polygon: Any) -> Area | None:
+    corners = np.array(polygon.exterior.coords)[:-1]
+    entry, end = [], []
+    for way in (one, other):
+        along = way.line.coordinates(corners[:, 0], corners[:, 1]).along
+        entry.append(float(along.min()))
+        end.append(float(min(along.max(), way.line.length)))
+    if min(entry) <= _START:
         return None
-    entry, end = (ranges[0][0], ranges[1][0]), (ranges[0][1], ranges[1][1])
-    middle = (entry[0] + end[0]) / 2, (entry[1] + end[1]) / 2
+    middle = [(low + high) / 2 for low, high in zip(entry, end, strict=True)]
     merging = _between(one.line, end[0], other.line, end[1]) < SAME_WAY
-    if merging and not _merge(one, other, entry, end[0]):
-        return None
+    if merging:
+        # Vehicles whose swept areas join come from different lanes to one, and neither has passed
+        # the line where their ways join at its first state. Ways side by side, and those of
+        # vehicles in one lane, touch by errors of positions.
+        sides = zip((one, other), entry, strict=True)
+        if any(way.along[0] + way.length / 2 > at for way, at in sides):
+            return None
+        before = _beside(one.line, other.line, max(entry[0] - _BEFORE, 0.0), entry[0])
+        after = _beside(one.line, other.line, entry[0], end[0])
+        if before.max() < _SEPARATE or after.min() >= _JOINED:
+            return None
     # Ways that join are compared where they meet, ways that cross in the middle.
     at = entry if merging else middle
     return Area(
         Conflict.MERGING if merging else Conflict.CROSSING,
-        entry,
-        entry if merging else end,
+        (entry[0], entry[1]),
+        (entry[0], entry[1]) if merging else (end[0], end[1]),
         float(np.degrees(_between(one.line, at[0], other.line, at[1]))),
-        float(part.centroid.x),
-        float(part.centroid.y),
+        float(polygon.centroid.x),
+        float(polygon.centroid.y),
         corners,
     )
-
-
-def _merge(one: Way, other: Way, entry: tuple[float, float], end: float) -> bool:
-    """Whether vehicles whose swept areas join come from different lanes to one.
-
-    Neither has passed the line where their ways join at its first state. Ways side by side, and
-    those of vehicles in one lane, touch by errors of positions.
-    """
-    starts = zip((one, other), entry, strict=True)
-    if any(way.along[0] + way.length / 2 > at for way, at in starts):
-        return False
-    before = _beside(one.line, other.line, max(entry[0] - _BEFORE, 0.0), entry[0])
-    after = _beside(one.line, other.line, entry[0], end)
-    return bool(before.max() >= _SEPARATE and after.min() < _JOINED)
 
 
 def _beside(
@@ -187,75 +142,43 @@ def _beside(
     return np.abs(other.coordinates(points[:, 0], points[:, 1]).lateral)
 
 
-def _range(line: Polyline, corners: Float64[np.ndarray, "corner 2"]) -> tuple[float, float]:
-    along = line.coordinates(corners[:, 0], corners[:, 1]).along
-    return float(along.min()), float(min(along.max(), line.length))
-
-
 def _between(one: Polyline, at: float, other: Polyline, other_at: float) -> float:
+    """Return the angle between two lines, rad."""
     headings = [
-        line.points_at(np.array([coordinate]))[1]
-        for line, coordinate in ((one, at), (other, other_at))
+        line.points_at(np.array([along]))[1] for line, along in ((one, at), (other, other_at))
     ]
     return float(abs(wrapped(headings[0] - headings[1]))[0])
-
-
-def _routes_meet(one: Way, other: Way, lanes: Lanes) -> bool:
-    if any(lanes.conflict(a, b) for a in one.lanelets for b in other.lanelets):
-        return True
-    before = [dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (one, other)]
-    shared = set(one.lanelets) & set(other.lanelets)
-    return any(before[0].get(number) != before[1].get(number) for number in shared)
-
-
-NEAR = 50.0
-"""m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²."""
 
 
 def held(scene: Scene, way: Way, frame: int) -> bool:
     """Whether the next light on a vehicle's route is near, ahead of its front, and closed.
 
-    A light is at the end of its lanelet. Lights without states in the file hold no driver.
-
-    Args:
-        scene: The recording.
-        way: The vehicle's way.
-        frame: A frame at which it is present.
+    A light is at the end of its lanelet. Lights without states in the file hold no driver. The
+    vehicle must be present at the frame.
     """
     matched, lanelets = scene.matched(way.track), scene.lanes.road.lanelets
     front = way.state(frame)[0] + way.length / 2
     for number in matched.lanelets[int(matched.place[frame - way.first]) :]:
-        lanelet = lanelets[number]
-        if lanelet.cycle is None:
+        cycle, end = lanelets[number].cycle, lanelets[number].centre[-1:]
+        if cycle is None:
             continue
-        end = lanelet.centre[-1:]
         ahead = float(way.line.coordinates(end[:, 0], end[:, 1]).along[0]) - front
         if ahead >= 0.0:
-            return ahead <= NEAR and lanelet.cycle.closed(frame)
+            return ahead <= NEAR and cycle.closed(frame)
     return False
 
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Conflict of an ordered pair.
+    """Conflict of an ordered pair."""
 
-    Attributes:
-        ego: Way of the vehicle whose conflict it is.
-        other: Way of the other vehicle.
-        area: Their conflict area, the ego first.
-        ego_times: The ego's times in the area, recorded or else projected.
-        other_times: The other's.
-        complete: Whether the times that PET needs were recorded.
-        frames: Frames at which both are present and neither has left the area.
-    """
-
-    ego: Way
-    other: Way
-    area: Area
-    ego_times: Occupancy
-    other_times: Occupancy
-    complete: bool
-    frames: np.ndarray
+    ego: Way  # way of the vehicle whose conflict it is
+    other: Way  # way of the other vehicle
+    area: Area  # their conflict area, the ego first
+    ego_times: Occupancy  # the ego's times in the area, recorded or else projected
+    other_times: Occupancy  # the other's
+    complete: bool  # whether the times that PET needs were recorded
+    frames: np.ndarray  # frames at which both are present and neither has left the area
 
     @property
     def ego_first(self) -> bool | None:
@@ -264,13 +187,14 @@ class Meeting:
             return None
         return bool(self.ego_times.enters <= self.other_times.enters)
 
+    def swapped(self) -> Meeting:
+        """Return the conflict with the roles of both vehicles exchanged."""
+        vehicles, times = (self.other, self.ego), (self.other_times, self.ego_times)
+        return Meeting(*vehicles, self.area.swapped(), *times, self.complete, self.frames)
+
 
 class Encounters:
-    """Ways and conflict areas of a recording's vehicles, each made once.
-
-    Args:
-        scene: The recording.
-        config: Options.
+    """Ways and conflict areas of a recording's vehicles, each computed once.
 
     Attributes:
         scene: The recording.
@@ -279,40 +203,40 @@ class Encounters:
     """
 
     def __init__(self, scene: Scene, config: ConflictConfig | None = None) -> None:
-        self.scene = scene
-        self.config = config or ConflictConfig()
+        self.scene, self.config = scene, config or ConflictConfig()
         on_road = [n for n in scene.vehicles.tolist() if scene.matched(n).off <= OFF_THE_MAP]
-        self.ways: dict[int, Way] = {track: way_of(scene, track) for track in on_road}
+        self.ways: dict[int, Way] = {track: motion.way_of(scene, track) for track in on_road}
         self._swept: dict[int, Any] = {}
         self._on_way: dict[tuple[int, int], OnWay] = {}
         self._areas: dict[tuple[int, int], Area | None] = {}
-        self._in_time: InTime | None = None
 
-    @property
+    @cached_property
     def in_time(self) -> InTime:
         """The ways by the time at which their vehicles are seen."""
-        if self._in_time is None or self._in_time.ways is not self.ways:
-            self._in_time = InTime(self.ways)
-        return self._in_time
+        return InTime(self.ways)
 
     def area(self, one: int, other: int) -> Area | None:
         """Return the conflict area of two tracks, the first one's coordinates first."""
-        first, second = min(one, other), max(one, other)
-        if (first, second) not in self._areas:
-            ways = self.ways[first], self.ways[second]
-            swept_areas = self._swept_by(first), self._swept_by(second)
-            self._areas[first, second] = area_of(*ways, *swept_areas, self.scene.lanes)
-        area = self._areas[first, second]
-        return area if area is None or one == first else area.swapped()
+        pair = (min(one, other), max(one, other))
+        if pair not in self._areas:
+            for way in (self.ways[track] for track in pair if track not in self._swept):
+                width = max(way.width - self.config.slack, 0.1)
+                line = shapely().linestrings(way.line.points)
+                area = line.buffer(width / 2, cap_style="flat", join_style="round")
+                self._swept[way.track] = area
+            ways, swept = [self.ways[n] for n in pair], [self._swept[n] for n in pair]
+            self._areas[pair] = area_of(ways[0], ways[1], swept[0], swept[1], self.scene.lanes)
+        area = self._areas[pair]
+        return area if area is None or one == pair[0] else area.swapped()
 
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
 
-        Args:
-            scene: Tracks of that motion on the same road, numbered newly.
-            ways: For each track here, its way there; tracks that are not there are left out.
+        The scene has that motion on the same road, numbered newly; `ways` has the way there of each
+        track here that is there.
         """
         copied = copy.copy(self)
+        copied.__dict__.pop("in_time", None)
         copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
         number = {track: way.track for track, way in ways.items()}
         copied._swept = {number[t]: value for t, value in self._swept.items() if t in number}
@@ -324,11 +248,6 @@ class Encounters:
         copied._on_way = {}
         return copied
 
-    def _swept_by(self, track: int) -> Any:
-        if track not in self._swept:
-            self._swept[track] = swept(self.ways[track], self.config.slack)
-        return self._swept[track]
-
     def meeting(self, ego: int, other: int) -> Meeting | None:
         """Return the conflict of an ordered pair of tracks; None if there is none.
 
@@ -336,48 +255,40 @@ class Encounters:
         arrived, or at one moment before either had left they would at their speeds. Both are the
         first of their lanes then: who queues behind others meets them, not the crossing traffic.
         """
-        first_way, second_way = self.ways[ego], self.ways[other]
-        together = frames_together(first_way, second_way)
+        ways = self.ways[ego], self.ways[other]
+        together = motion.frames_together(*ways)
         area = self.area(ego, other) if len(together) else None
         if area is None:
             return None
-        sides = list(zip(area.entry, area.exit, strict=True))
-        occupancies = [
-            recorded(way, *side) for way, side in zip((first_way, second_way), sides, strict=True)
-        ]
-        dt = first_way.dt
-        left = min(occupancy.leaves for occupancy in occupancies)
-        frames = together[together * dt < left]
-        late = 0 if occupancies[0] > occupancies[1] else 1
-        first, second = occupancies[1 - late], occupancies[late]
+        sides = list(zip(ways, area.entry, area.exit, strict=True))
+        times, dt = [motion.recorded(*side) for side in sides], ways[0].dt
+        frames = together[together * dt < min(occupancy.leaves for occupancy in times)]
+        late = 0 if times[0] > times[1] else 1
+        first, second = times[1 - late], times[late]
         complete = bool(np.isfinite(first.leaves) and np.isfinite(second.enters))
-        met = complete and together[0] * dt < second.enters
-        met = met and second.enters - first.leaves <= self.config.near
+        in_view = complete and together[0] * dt < second.enters
+        met = in_view and second.enters - first.leaves <= self.config.near
         if met:
             # No third vehicle enters between them, and no red light holds the second.
-            way = (first_way, second_way)[late]
+            way = ways[late]
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
-            met = self.first_in_line(
-                way, area.entry[late], frame, (first_way, second_way)[1 - late].track
-            )
+            met = self.first_in_line(way, area.entry[late], frame, ways[1 - late].track)
             met = met and not held(self.scene, way, frame)
-        if not met and not any(
-            self._on_course(area, first_way, second_way, int(frame)) for frame in frames
-        ):
+        if not met and not any(self._on_course(area, *ways, int(frame)) for frame in frames):
             return None
-        times = [expected(way, *at) for way, at in zip((first_way, second_way), sides, strict=True)]
-        return Meeting(first_way, second_way, area, times[0], times[1], complete, frames)
+        ego_times, other_times = (motion.expected(*side) for side in sides)
+        return Meeting(*ways, area, ego_times, other_times, complete, frames)
 
     def _on_course(self, area: Area, one: Way, two: Way, frame: int) -> bool:
         """Whether two vehicles would be in the area close in time at the speeds of a frame."""
         times = [
-            projected(way, area.entry[side], area.exit[side], frame)
+            motion.projected(way, area.entry[side], area.exit[side], frame)
             for side, way in enumerate((one, two))
         ]
         soon = max(occupancy.enters for occupancy in times) <= frame * one.dt + self.config.horizon
         return (
             soon
-            and apart(*times) <= self.config.near
+            and motion.apart(*times) <= self.config.near
             and self.first_in_line(one, area.entry[0], frame, two.track)
             and self.first_in_line(two, area.entry[1], frame, one.track)
             and not self.held(one, two, frame)
@@ -388,29 +299,26 @@ class Encounters:
         return held(self.scene, one, frame) or held(self.scene, two, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
-        """Whether no other vehicle is on a way between a vehicle and a conflict area.
+        """Whether no other vehicle is on a way between its vehicle and the entry of an area, m.
 
-        Args:
-            way: The vehicle's way.
-            entry: Coordinate of the area, m.
-            frame: A frame at which it is present.
-            but: Track that doesn't count: the other vehicle of the conflict.
+        The track `but` doesn't count: the other vehicle of the conflict.
         """
         if self.config.queued:
             return True
         key = way.track, frame
         if key not in self._on_way:
-            self._on_way[key] = on_way(self.scene, way, frame, self.config.slack)
-        on_the_way = self._on_way[key].without(but)
+            self._on_way[key] = motion.on_way(self.scene, way, frame, self.config.slack)
+        vehicles = self._on_way[key].without(but)
         along, _ = way.state(frame)
-        return not ((on_the_way.along > along) & (on_the_way.along < entry)).any()
+        return not ((vehicles.along > along) & (vehicles.along < entry)).any()
 
     def meetings(self) -> list[Meeting]:
         """Return all conflicts, two for each pair, in the order of the tracks."""
-        meetings = []
-        for ego, way in self.ways.items():
-            for partner in self.in_time.seen(way.first, way.last):
-                meeting = self.meeting(ego, partner.track) if ego != partner.track else None
-                if meeting is not None:
-                    meetings.append(meeting)
-        return meetings
+        pairs = (
+            (ego, way.track)
+            for ego, ego_way in self.ways.items()
+            for way in self.in_time.seen(ego_way.first, ego_way.last)
+            if way.track != ego
+        )
+        meetings = (self.meeting(*pair) for pair in pairs)
+        return [meeting for meeting in meetings if meeting is not None]

@@ -9,22 +9,16 @@ import numpy as np
 
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters, Meeting
-from socialiq_recordings.conflicts.ways import Way, projected, recorded
+from socialiq_recordings.conflicts.ways import Occupancy, Way, projected, recorded
 from socialiq_recordings.road.network import Conflict, Sign
-
-INFINITE = math.inf
 
 
 def post_encroachment_time(first_leaves: float, second_arrives: float) -> float:
     """Return the post-encroachment time (PET) of a conflict area, s.
 
-    Time from the moment at which the first vehicle leaves the area to that at which the second
-    arrives (Allen, Shin and Cooper 1978, Transportation Research Record 667). Below 0 if both
-    were in it at once.
-
-    Args:
-        first_leaves: s; the first vehicle's rear leaves the area.
-        second_arrives: s; the second vehicle's front arrives.
+    Time from the moment at which the first vehicle's rear leaves the area to that at which the
+    second one's front arrives (Allen, Shin and Cooper 1978, Transportation Research Record 667).
+    Below 0 if both were in it at once.
     """
     return second_arrives - first_leaves
 
@@ -32,18 +26,14 @@ def post_encroachment_time(first_leaves: float, second_arrives: float) -> float:
 def time_to_collision(gap: float, speed: float, leader_speed: float) -> float:
     """Return the time to collision (TTC) with a leader on the same path, s.
 
-    Time until two vehicles collide if both keep their speeds and paths (Hayward 1972, Highway
-    Research Record 384). Infinite if the gap does not close; 0 if there is no gap.
-
-    Args:
-        gap: Distance from the follower's front to the leader's rear, m.
-        speed: The follower's, m/s.
-        leader_speed: The leader's, m/s.
+    Time until two vehicles collide if both keep their speeds, m/s, and paths (Hayward 1972, Highway
+    Research Record 384). The gap is from the follower's front to the leader's rear, m. Infinite if
+    it does not close; 0 if there is none.
     """
     if gap <= 0:
         return 0.0
     closing = speed - leader_speed
-    return gap / closing if closing > 0 else INFINITE
+    return gap / closing if closing > 0 else math.inf
 
 
 def time_to_collision_crossing(one: tuple[float, float], other: tuple[float, float]) -> float:
@@ -51,33 +41,25 @@ def time_to_collision_crossing(one: tuple[float, float], other: tuple[float, flo
 
     With present speeds and paths they collide if both are in the conflict area at one time, when
     the later one arrives (Hayward 1972; for right angles van der Horst 1990, A time-based
-    analysis of road user behaviour in normal and critical encounters, TU Delft).
-
-    Args:
-        one: s until a vehicle's front arrives at the area, and until its rear leaves.
-        other: The same of the other vehicle.
+    analysis of road user behaviour in normal and critical encounters, TU Delft). Of each, s until
+    its front arrives at the area, and until its rear leaves.
     """
     arrives = max(one[0], other[0])
     meet = arrives < min(one[1], other[1])
-    return max(arrives, 0.0) if meet and math.isfinite(arrives) else INFINITE
+    return max(arrives, 0.0) if meet and math.isfinite(arrives) else math.inf
 
 
 def required_deceleration(gap: float, speed: float, leader_speed: float) -> float:
     """Return the deceleration rate to avoid a crash with a leader (DRAC), m/s².
 
     The constant deceleration at which the follower reaches the leader's speed as the gap closes,
-    (v - v_l)² / (2 gap) (Cooper and Ferguson 1976, Traffic Engineering and Control 17). 0 if the
-    gap does not close; infinite if there is no gap.
-
-    Args:
-        gap: Distance from the follower's front to the leader's rear, m.
-        speed: The follower's, m/s.
-        leader_speed: The leader's, m/s; it keeps it.
+    (v - v_l)² / (2 gap) (Cooper and Ferguson 1976, Traffic Engineering and Control 17). The gap is
+    from front to rear, m; speeds in m/s. 0 if the gap does not close; infinite if there is none.
     """
     closing = speed - leader_speed
     if closing <= 0:
         return 0.0
-    return closing**2 / (2 * gap) if gap > 0 else INFINITE
+    return closing**2 / (2 * gap) if gap > 0 else math.inf
 
 
 def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> float:
@@ -86,16 +68,12 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
     The crossing form of the same measure (Cooper and Ferguson 1976; Gettman and Head 2003,
     FHWA-RD-03-050): a vehicle that brakes from now on has not arrived before the other has left.
     Either it still moves then, v t - b t²/2 = gap, or it has stopped at the area, b = v²/(2 gap).
-
-    Args:
-        gap: Distance from the vehicle's front to the area, m.
-        speed: Its speed, m/s.
-        seconds: Until the other vehicle has left the area; infinite if it stands there.
+    The gap is from its front to the area, m; the time is infinite if the other stands there.
     """
     if speed <= 0 or speed * seconds <= gap:
         return 0.0
     if gap <= 0:
-        return INFINITE
+        return math.inf
     if speed * seconds >= 2 * gap:
         return speed**2 / (2 * gap)
     return 2 * (speed * seconds - gap) / seconds**2
@@ -107,10 +85,6 @@ def gap_accepted(before: float, after: float) -> float:
     Time between the arrivals of two successive vehicles of a stream, front to front, at the place
     where the other vehicle passed between them (Raff and Hart 1950, A volume warrant for urban
     stop signs, Eno Foundation).
-
-    Args:
-        before: s; arrival of the stream's last vehicle before the one that passed.
-        after: s; arrival of the next one.
     """
     return after - before
 
@@ -120,10 +94,6 @@ def lag_accepted(arrives: float, after: float) -> float:
 
     Time from its arrival to that of the next vehicle of the stream, where none of the stream came
     before it (Raff and Hart 1950).
-
-    Args:
-        arrives: s; arrival of the vehicle that passed first.
-        after: s; arrival of the stream's next vehicle.
     """
     return after - arrives
 
@@ -132,64 +102,47 @@ _TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between wh
 
 
 def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
-    """Return a row for each conflict; a number that isn't known is None.
-
-    Args:
-        encounters: Of the recording.
-        meetings: Its conflicts.
-    """
-    return [_row(encounters, meeting) for meeting in meetings]
-
-
-def _row(encounters: Encounters, meeting: Meeting) -> Row:
-    scene, area = encounters.scene, meeting.area
-    ego, partner = meeting.ego, meeting.other
-    gap, lag = gaps(encounters, meeting)
-    row = {
-        "recording": scene.tracks.recording,
-        "ego": int(scene.tracks.identity[ego.track]),
-        "other": int(scene.tracks.identity[partner.track]),
-        "kind": area.kind.name.lower(),
-        "angle": area.angle,
-        "x": area.x,
-        "y": area.y,
-        "ego_turn": turn(ego, area.entry[0], area.exit[0]),
-        "other_turn": turn(partner, area.entry[1], area.exit[1]),
-        "ego_sign": sign(encounters, ego, partner),
-        "other_sign": sign(encounters, partner, ego),
-        "ego_route_seen": bool(ego.along[-1] + ego.length / 2 >= area.entry[0]),
-        "other_route_seen": bool(partner.along[-1] + partner.length / 2 >= area.entry[1]),
-        "ego_first": meeting.ego_first,
-        "complete": meeting.complete,
-        "seconds": len(meeting.frames) * ego.dt,
-        "pet": pet(meeting),
-        "ttc": min((ttc_at(meeting, int(f)) for f in meeting.frames), default=math.inf),
-        "required_deceleration": hardest(meeting),
-        "other_required_deceleration": hardest(swapped(meeting)),
-        "gap_accepted": gap,
-        "lag_accepted": lag,
-    }
-    for name, times in (("ego", meeting.ego_times), ("other", meeting.other_times)):
-        row |= {f"{name}_enters": times.enters, f"{name}_leaves": times.leaves}
-    return {name: known(value) for name, value in row.items()}
+    """Return a row for each conflict of a recording; a number that isn't known is None."""
+    identity, rows = encounters.scene.tracks.identity, []
+    for meeting in meetings:
+        area, ego, partner = meeting.area, meeting.ego, meeting.other
+        gap, lag = gaps(encounters, meeting)
+        times, other_times = meeting.ego_times, meeting.other_times
+        row = {
+            "recording": encounters.scene.tracks.recording,
+            "ego": int(identity[ego.track]),
+            "other": int(identity[partner.track]),
+            "kind": area.kind.name.lower(),
+            "angle": area.angle,
+            "x": area.x,
+            "y": area.y,
+            "ego_turn": turn(ego, area.entry[0], area.exit[0]),
+            "other_turn": turn(partner, area.entry[1], area.exit[1]),
+            "ego_sign": sign(encounters, ego, partner),
+            "other_sign": sign(encounters, partner, ego),
+            "ego_route_seen": bool(ego.along[-1] + ego.length / 2 >= area.entry[0]),
+            "other_route_seen": bool(partner.along[-1] + partner.length / 2 >= area.entry[1]),
+            "ego_first": meeting.ego_first,
+            "complete": meeting.complete,
+            "seconds": len(meeting.frames) * ego.dt,
+            "pet": pet(meeting),
+            "ttc": min((ttc_at(meeting, int(f)) for f in meeting.frames), default=math.inf),
+            "required_deceleration": _hardest(meeting),
+            "other_required_deceleration": _hardest(meeting.swapped()),
+            "gap_accepted": gap,
+            "lag_accepted": lag,
+            "ego_enters": times.enters,
+            "ego_leaves": times.leaves,
+            "other_enters": other_times.enters,
+            "other_leaves": other_times.leaves,
+        }
+        rows.append({name: known(value) for name, value in row.items()})
+    return rows
 
 
 def known(value: object) -> object:
     """Return a cell, None for a number that isn't known."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def swapped(meeting: Meeting) -> Meeting:
-    """Return the conflict with the roles of both vehicles exchanged."""
-    return Meeting(
-        meeting.other,
-        meeting.ego,
-        meeting.area.swapped(),
-        meeting.other_times,
-        meeting.ego_times,
-        meeting.complete,
-        meeting.frames,
-    )
 
 
 def pet(meeting: Meeting) -> float:
@@ -200,24 +153,27 @@ def pet(meeting: Meeting) -> float:
     return post_encroachment_time(first.leaves, second.enters)
 
 
+def _projected(meeting: Meeting, frame: int) -> list[Occupancy]:
+    """Return the times of the ego and of the other in the area at their speeds of a frame."""
+    area = meeting.area
+    return [
+        projected(way, area.entry[side], area.exit[side], frame)
+        for side, way in enumerate((meeting.ego, meeting.other))
+    ]
+
+
 def ttc_at(meeting: Meeting, frame: int) -> float:
     """Return the time to collision at a frame, s.
 
     Where ways merge, the second vehicle may also reach the first behind the line.
     """
-    now, area = frame * meeting.ego.dt, meeting.area
-    ways = meeting.ego, meeting.other
-    times = [
-        projected(way, area.entry[side], area.exit[side], frame) for side, way in enumerate(ways)
-    ]
-    crossing = time_to_collision_crossing(
-        *((occupancy.enters - now, occupancy.leaves - now) for occupancy in times)
-    )
-    if area.kind == Conflict.CROSSING or math.isfinite(crossing):
+    now, times = frame * meeting.ego.dt, _projected(meeting, frame)
+    ego_times, other_times = ((times_in.enters - now, times_in.leaves - now) for times_in in times)
+    crossing = time_to_collision_crossing(ego_times, other_times)
+    if meeting.area.kind == Conflict.CROSSING or math.isfinite(crossing):
         return crossing
     first = 0 if times[0].enters <= times[1].enters else 1
-    gap, speed, leader = _following(meeting, first, frame)
-    time = time_to_collision(gap, speed, leader)
+    time = time_to_collision(*_following(meeting, first, frame))
     return time if time >= times[first].leaves - now else math.inf
 
 
@@ -232,35 +188,29 @@ def _following(meeting: Meeting, first: int, frame: int) -> tuple[float, float, 
 
 def required_at(meeting: Meeting, frame: int) -> float:
     """Return the deceleration that the ego needs at a frame, m/s²; 0 if it would arrive first."""
-    now, area = frame * meeting.ego.dt, meeting.area
-    ego_times, other_times = (
-        projected(way, area.entry[side], area.exit[side], frame)
-        for side, way in enumerate((meeting.ego, meeting.other))
-    )
-    if ego_times.enters <= other_times.enters or ego_times.enters <= now:
+    now, ego = frame * meeting.ego.dt, meeting.ego
+    times, other_times = _projected(meeting, frame)
+    if times.enters <= other_times.enters or times.enters <= now:
         return 0.0
-    along, speed = meeting.ego.state(frame)
-    gap = area.entry[0] - meeting.ego.length / 2 - along
+    along, speed = ego.state(frame)
+    gap = meeting.area.entry[0] - ego.length / 2 - along
     needed = required_deceleration_crossing(gap, speed, max(other_times.leaves - now, 0.0))
-    if area.kind == Conflict.MERGING:
+    if meeting.area.kind == Conflict.MERGING:
         needed = max(needed, required_deceleration(*_following(meeting, 1, frame)))
     return needed
 
 
-def hardest(meeting: Meeting) -> float:
+def _hardest(meeting: Meeting) -> float:
     """Return the largest deceleration that the ego needs in the conflict, m/s²; NaN if unseen."""
-    needed = [required_at(meeting, int(frame)) for frame in meeting.frames]
-    return max(needed) if needed else math.nan
+    return max((required_at(meeting, int(f)) for f in meeting.frames), default=math.nan)
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
     """Return the gap and the lag that the ego accepted before the other vehicle, s.
 
     The stream is the vehicles that enter the area by the other's lanelet. Without one of them
-    before the ego, it accepted a lag; with one, a gap.
-
-    Returns:
-        NaN for what it did not accept, or what wasn't recorded.
+    before the ego, it accepted a lag; with one, a gap. NaN for what it did not accept, or what
+    wasn't recorded.
     """
     after, arrives = meeting.other_times.enters, meeting.ego_times.enters
     if not (meeting.complete and meeting.ego_first):

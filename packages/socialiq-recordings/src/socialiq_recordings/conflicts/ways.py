@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from socialiq_recordings.road.paths import Polyline, wrapped
-from socialiq_recordings.road.routes import AHEAD, Scene
+from socialiq_recordings.physics import wrapped
+from socialiq_recordings.road.routes import AHEAD, Polyline, Scene
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions
 BEHIND = 10.0  # m of straight line before the first state
@@ -22,30 +22,18 @@ _STEP = 2.0  # m between the points of a continued line
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """Way of a vehicle.
+    """Way of a vehicle."""
 
-    Attributes:
-        track: Number of the track.
-        first: Its first frame.
-        line: Line of the vehicle's middle: `BEHIND` m before its first state, the driven line,
-            and up to `AHEAD` m along its route.
-        along: Coordinate on the line at each frame, m; never decreases.
-        speed: Along the line, at each frame, m/s: the distance driven over `SMOOTHED`.
-        length: Of the vehicle, m.
-        width: Of the vehicle, m.
-        lanelets: Numbers of the lanelets on its route.
-        dt: s between frames.
-    """
-
-    track: int
-    first: int
+    track: int  # number of the track
+    first: int  # its first frame
+    # Of its middle: `BEHIND` m before its first state, as driven, up to `AHEAD` m along its route.
     line: Polyline
-    along: Float64[np.ndarray, " state"]
-    speed: Float64[np.ndarray, " state"]
-    length: float
-    width: float
-    lanelets: tuple[int, ...]
-    dt: float
+    along: Float64[np.ndarray, " state"]  # coordinate on the line at each frame, m; never decreases
+    speed: Float64[np.ndarray, " state"]  # along the line, m/s: the distance driven in `SMOOTHED`
+    length: float  # of the vehicle, m
+    width: float  # of the vehicle, m
+    lanelets: tuple[int, ...]  # numbers of the lanelets on its route
+    dt: float  # s between frames
 
     @property
     def last(self) -> int:
@@ -59,9 +47,7 @@ class Way:
     def reached(self, coordinate: float) -> float:
         """Return the frame, with a fraction, at which the middle reached a coordinate.
 
-        Returns:
-            Minus infinity if it was beyond already at its first frame, infinity if it had not
-            reached it at its last.
+        Minus infinity if it was beyond at its first frame, infinity if it had not at its last.
         """
         if coordinate < self.along[0]:
             return -np.inf
@@ -75,12 +61,7 @@ class Way:
 
 
 def way_of(scene: Scene, track: int) -> Way:
-    """Return a vehicle's way.
-
-    Args:
-        scene: The recording.
-        track: Number of the track.
-    """
+    """Return the way of a vehicle, by the number of its track."""
     tracks, rows = scene.tracks, scene.rows(track)
     points = np.stack([tracks.x[rows], tracks.y[rows]], axis=1)
     spaced = [points[0]]
@@ -91,45 +72,32 @@ def way_of(scene: Scene, track: int) -> Way:
     heading = float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
-    along = _coordinates(line, points)
+    along = np.empty(len(points))
+    coordinate, starts = BEHIND, line.starts
+    for row, point in enumerate(points):
+        # A line may cross itself or turn back beside itself: each state is searched near the one
+        # before.
+        low = max(int(np.searchsorted(starts, coordinate - 2 * SPACING, side="right")) - 1, 0)
+        high = int(np.searchsorted(starts, coordinate + 8.0, side="right"))
+        piece = Polyline(line.points[low : high + 1])
+        ahead = float(piece.coordinates(point[:1], point[1:]).along[0])
+        coordinate = max(coordinate, starts[low] + max(ahead, 0.0))
+        along[row] = coordinate
+    # Central differences over `SMOOTHED`, one-sided at the ends; 0 for one state.
+    half, frames = max(round(SMOOTHED / tracks.dt / 2), 1), np.arange(len(along))
+    first, last = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
+    speed = (along[last] - along[first]) / np.maximum((last - first) * tracks.dt, tracks.dt)
     return Way(
         track,
         int(tracks.frame[rows.start]),
         line,
         along,
-        _speeds(along, tracks.dt),
+        speed,
         float(tracks.length[track]),
         float(tracks.width[track]),
         scene.matched(track).lanelets,
         tracks.dt,
     )
-
-
-def _coordinates(
-    line: Polyline, points: Float64[np.ndarray, "state 2"]
-) -> Float64[np.ndarray, " state"]:
-    """Return coordinates of successive points, each searched near that of the one before.
-
-    A line may cross itself or turn back beside itself.
-    """
-    along = np.empty(len(points))
-    begin, starts = BEHIND, line.starts
-    for row, point in enumerate(points):
-        low = int(np.searchsorted(starts, begin - 2 * SPACING, side="right")) - 1
-        high = int(np.searchsorted(starts, begin + 8.0, side="right"))
-        piece = Polyline(line.points[max(low, 0) : high + 1])
-        there = float(piece.coordinates(point[:1], point[1:]).along[0])
-        begin = max(begin, starts[max(low, 0)] + max(there, 0.0))
-        along[row] = begin
-    return along
-
-
-def _speeds(along: Float64[np.ndarray, " state"], dt: float) -> Float64[np.ndarray, " state"]:
-    """Return central differences over `SMOOTHED`, one-sided at the ends; 0 for one state."""
-    half = max(round(SMOOTHED / dt / 2), 1)
-    frames = np.arange(len(along))
-    low, high = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
-    return (along[high] - along[low]) / np.maximum((high - low) * dt, dt)
 
 
 def _onwards(
@@ -159,30 +127,18 @@ def frames_together(one: Way, other: Way) -> Int64[np.ndarray, " frame"]:
     return np.arange(max(one.first, other.first), min(one.last, other.last) + 1)
 
 
-STANDING = 0.1
-"""m/s; a slower vehicle doesn't arrive at its present speed."""
+STANDING = 0.1  # m/s; a slower vehicle doesn't arrive at its present speed
 
 
 class Occupancy(NamedTuple):
-    """Times of a vehicle in a conflict area, s from the recording's frame 0.
+    """Times of a vehicle in a conflict area, s from the recording's frame 0."""
 
-    Attributes:
-        enters: Its front arrives; minus infinity if before its first frame, infinity if never.
-        leaves: Its rear leaves.
-    """
-
-    enters: float
-    leaves: float
+    enters: float  # its front arrives; minus infinity if before its first frame, infinity if never
+    leaves: float  # its rear leaves
 
 
 def recorded(way: Way, entry: float, end: float) -> Occupancy:
-    """Return the recorded times.
-
-    Args:
-        way: The vehicle's way.
-        entry: Coordinate of the area's beginning, m.
-        end: Coordinate of its end, m.
-    """
+    """Return the recorded times in an area between two coordinates, m."""
     half = way.length / 2
     return Occupancy(way.reached(entry - half) * way.dt, way.reached(end + half) * way.dt)
 
@@ -224,36 +180,20 @@ _REACH = 100.0  # m; vehicles further ahead are no leaders
 
 
 class Near(NamedTuple):
-    """Neighbour of a vehicle on its way.
+    """Neighbour of a vehicle on its way; by default there is none."""
 
-    Attributes:
-        track: Number of the track; -1 if there is none.
-        gap: Between the bumpers, m; infinite if there is none.
-        speed: Of the neighbour along the way, m/s; 0 if there is none.
-    """
-
-    track: int
-    gap: float
-    speed: float
-
-
-NONE = Near(-1, float("inf"), 0.0)
+    track: int = -1  # number of the track; -1 if there is none
+    gap: float = float("inf")  # between the bumpers, m; infinite if there is none
+    speed: float = 0.0  # of the neighbour along the way, m/s; 0 if there is none
 
 
 class OnWay(NamedTuple):
-    """Other vehicles of one frame that are on a way.
+    """Other vehicles of one frame that are on a way."""
 
-    Attributes:
-        track: Numbers of the tracks.
-        along: Coordinates of their middles on the way, m.
-        speed: Along the way, m/s.
-        length: m.
-    """
-
-    track: Int64[np.ndarray, " vehicle"]
-    along: Float64[np.ndarray, " vehicle"]
-    speed: Float64[np.ndarray, " vehicle"]
-    length: Float64[np.ndarray, " vehicle"]
+    track: Int64[np.ndarray, " vehicle"]  # numbers of the tracks
+    along: Float64[np.ndarray, " vehicle"]  # coordinates of their middles on the way, m
+    speed: Float64[np.ndarray, " vehicle"]  # along the way, m/s
+    length: Float64[np.ndarray, " vehicle"]  # m
 
     def without(self, track: int) -> OnWay:
         """Return the others."""
@@ -263,11 +203,7 @@ class OnWay(NamedTuple):
 def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
     """Return the vehicles whose rectangles are on a way at a frame, driving as it leads.
 
-    Args:
-        scene: The recording.
-        way: The way.
-        frame: The frame.
-        slack: m by which vehicles are narrower than recorded.
+    They are narrower by `slack`, m, than recorded.
     """
     tracks = scene.tracks
     rows = scene.present(frame)
@@ -290,28 +226,18 @@ def in_the_way(
 ) -> Bool[np.ndarray, " vehicle"]:
     """Whether vehicles beside a way overlap what it sweeps, and drive as it leads.
 
-    Args:
-        way: The way.
-        lateral: Distance of their middles from it, m.
-        turned: Their headings relative to it, rad.
-        width: m.
-        slack: m by which all are narrower than recorded.
+    Their middles lie beside it, m, their headings are turned to it, rad; all are narrower by
+    `slack`, m, than recorded.
     """
     beside = np.abs(lateral) < (way.width + width) / 2 - slack
     return beside & (np.abs(turned) < _SAME_DIRECTION)
 
 
 def leader(way: Way, along: float, others: OnWay) -> Near:
-    """Return the next vehicle ahead of a coordinate.
-
-    Args:
-        way: The follower's way.
-        along: Coordinate of its middle, m.
-        others: Vehicles on its way.
-    """
+    """Return the next vehicle on a way ahead of the follower's middle at a coordinate, m."""
     ahead = (others.along > along) & (others.along < along + _REACH)
     if not ahead.any():
-        return NONE
+        return Near()
     index = int(np.argmin(np.where(ahead, others.along, np.inf)))
     gap = others.along[index] - along - (others.length[index] + way.length) / 2
     return Near(int(others.track[index]), float(gap), float(others.speed[index]))
@@ -321,7 +247,7 @@ def follower(way: Way, along: float, others: OnWay) -> Near:
     """Return the next vehicle behind a coordinate, as `leader` does ahead."""
     behind = (others.along < along) & (others.along > along - _REACH)
     if not behind.any():
-        return NONE
+        return Near()
     index = int(np.argmax(np.where(behind, others.along, -np.inf)))
     gap = along - others.along[index] - (others.length[index] + way.length) / 2
     return Near(int(others.track[index]), float(gap), float(others.speed[index]))
@@ -333,34 +259,25 @@ class InTime:
     A look-up costs as much as there are ways in its interval, where no vehicle is seen for much
     longer than the others.
 
-    Args:
-        ways: Ways by track.
-
     Attributes:
-        ways: The same.
+        ways: Ways by track.
         longest: Frames of the way that is seen for longest.
     """
 
     def __init__(self, ways: Mapping[int, Way]) -> None:
         self.ways = ways
-        every = list(ways.values())
-        first = np.array([way.first for way in every], np.int64)
+        self._every = list(ways.values())
+        first = np.array([way.first for way in self._every], np.int64)
         self._order = np.argsort(first, kind="stable")
         self._first = first[self._order]
-        self._every = every
-        self.longest = max((len(way.along) for way in every), default=0)
+        self.longest = max((len(way.along) for way in self._every), default=0)
 
     def seen(self, first: int | float, last: int | float) -> list[Way]:
-        """Return the ways that are seen between two frames, both included, in their order.
-
-        Args:
-            first: Frame.
-            last: Frame.
-        """
+        """Return the ways that are seen between two frames, both included, in their order."""
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")
-        places = sorted(self._order[begin:end].tolist())
-        return [self._every[index] for index in places if self._every[index].last >= first]
+        ways = [self._every[index] for index in sorted(self._order[begin:end].tolist())]
+        return [way for way in ways if way.last >= first]
 
     def earlier(self, frame: int | float) -> Iterator[Way]:
         """Yield the ways that are seen first at a frame or before it, the latest first."""

@@ -1,20 +1,26 @@
-"""Rigid alignment of the lanes of two recordings, whatever frame each is written in.
+"""Alignment of two recordings, whatever frame, clock and numbers each is written in.
 
-Turns are proposed by the circular correlation of the histograms of lane directions, shifts by a
-vote of all pairs of points with the same direction; both are refined by iterated closest points
-with the distance to the line (Chen and Medioni 1992).
+Lanes are aligned rigidly: turns are proposed by the circular correlation of the histograms of lane
+directions, shifts by a vote of all pairs of points with the same direction; both are refined by
+iterated closest points with the distance to the line (Chen and Medioni 1992).
+
+Moments in common are found by the motion of vehicles: seconds of equal, changing speed propose a
+lag between the two clocks; the paths in common propose the turn and shift between the two frames;
+vehicles that then are at the same place at the same times, standing ones too, are the same.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
-from socialiq_recordings.recording import Recording
-from socialiq_recordings.road.network import STEP, RoadNetwork, every_step, lanelet_points
+from socialiq_recordings.physics import wrapped
+from socialiq_recordings.recording import STATES, Recording, Tracks
+from socialiq_recordings.road.network import STEP, every_step
 
 BESIDE = 0.5
 """m; points of one line lie at most this far beside those of the other. Maps of one site that were
@@ -31,28 +37,18 @@ _STRAIGHT = 0.02  # smallest share of directions across the main one that fixes 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Lines of a recording.
+    """Lines of a recording."""
 
-    Attributes:
-        points: x, y in m and direction in rad, every `STEP` metres.
-        of_road: Whether they are centre lines of lanelets; else paths of vehicles.
-    """
-
-    points: Float64[np.ndarray, "point 3"]
-    of_road: bool
+    points: Float64[np.ndarray, "point 3"]  # x, y in m and direction in rad, every `STEP` metres
+    of_road: bool  # whether they are centre lines of lanelets; else paths of vehicles
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Rigid motion from one frame to another.
+    """Rigid motion from one frame to another."""
 
-    Attributes:
-        turn: rad, about the origin.
-        shift: m, after the turn.
-    """
-
-    turn: float
-    shift: Float64[np.ndarray, " 2"]
+    turn: float  # rad, about the origin
+    shift: Float64[np.ndarray, " 2"]  # m, after the turn
 
     def of(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
         """Return x, y and direction in the other frame."""
@@ -71,24 +67,18 @@ class Placement:
         return np.array([[cos, -sin], [sin, cos]])
 
 
-SAME_FRAME = Placement(0.0, np.zeros(2))
-
-
 def shape_of(recording: Recording) -> Shape:
     """Return the centre lines of a recording's lanelets, or the paths of its tracks without any."""
-    if recording.road.lanelets:
-        return Shape(_of_road(recording.road), True)
-    tracks = recording.tracks
-    lines = np.split(np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1])
+    lanelets, tracks = recording.road.lanelets.values(), recording.tracks
+    lines = [lanelet.centre for lanelet in lanelets] or np.split(
+        np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1]
+    )
     points = np.concatenate([np.zeros((0, 3)), *(every_step(line) for line in lines)])
+    if lanelets:
+        return Shape(points, True)
     # One point for each place and direction, however many vehicles passed it.
     cells = np.round(points / np.array([STEP, STEP, np.pi / 6])).astype(np.int64)
     return Shape(points[np.unique(cells, axis=0, return_index=True)[1]], False)
-
-
-def _of_road(road: RoadNetwork) -> np.ndarray:
-    lines = [lanelet_points(lanelet) for lanelet in road.lanelets.values()]
-    return np.concatenate([np.zeros((0, 3)), *lines])
 
 
 def shared(one: Shape, other: Shape) -> float:
@@ -100,35 +90,35 @@ def shared(one: Shape, other: Shape) -> float:
     if not len(one.points) or not len(other.points):
         return 0.0
     beside = BESIDE if one.of_road and other.of_road else _BESIDE_PATH
-    best = overlap(one.points, other.points, SAME_FRAME, beside)
+    best = _overlap(one.points, other.points, Placement(0.0, np.zeros(2)), beside)
     if best > _ALIKE or not (one.of_road and other.of_road):
         return best
     if min(_bends(one.points), _bends(other.points)) < _STRAIGHT:
         return best
-    for turn in _turns(one, other):
+    kernel = np.exp(-0.5 * (np.minimum(np.arange(360), 360 - np.arange(360)) / 1.5) ** 2)
+    spectra = []
+    for shape in (one, other):
+        degrees = np.floor(np.degrees(shape.points[:, 2]) % 360).astype(np.int64) % 360
+        histogram = np.bincount(degrees, minlength=360).astype(np.float64)
+        spectra.append(np.fft.fft(histogram) * np.fft.fft(kernel))
+    correlation = np.real(np.fft.ifft(spectra[0] * np.conj(spectra[1])))
+    # No turn, and those of the best correlations.
+    turns = [0.0]
+    for _ in range(_PROPOSALS):
+        peak = int(np.argmax(correlation))
+        turns.append(np.radians(peak))
+        correlation[np.arange(peak - 4, peak + 5) % 360] = -np.inf
+    for turn in turns:
         placement = _placed(one.points, other.points, turn)
-        best = max(best, overlap(one.points, other.points, placement, beside))
+        best = max(best, _overlap(one.points, other.points, placement, beside))
         if best > _ALIKE:
             break
     return best
 
 
-def overlap(
-    one: Float64[np.ndarray, "point 3"],
-    other: Float64[np.ndarray, "other 3"],
-    placement: Placement,
-    beside: float = BESIDE,
-) -> float:
-    """Return the larger of the two shares of points that lie on the other shape.
-
-    Args:
-        one: Points of the one.
-        other: Points of the other.
-        placement: From the other's frame to the one's.
-        beside: m; largest distance from the other's line.
-    """
-    there = _on(placement.of(other), one, beside)
-    return max(there, _on(placement.back(one), other, beside))
+def _overlap(one: np.ndarray, other: np.ndarray, placement: Placement, beside: float) -> float:
+    """Return the larger of the two shares of points that lie on the other shape, once placed."""
+    return max(_on(placement.of(other), one, beside), _on(placement.back(one), other, beside))
 
 
 def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
@@ -137,7 +127,7 @@ def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
     near = lines[nearest]
     apart = points[:, None, :2] - near[..., :2]
     lateral = apart[..., 1] * np.cos(near[..., 2]) - apart[..., 0] * np.sin(near[..., 2])
-    turned = np.abs(_wrapped(points[:, None, 2] - near[..., 2])) < _TURNED
+    turned = np.abs(wrapped(points[:, None, 2] - near[..., 2])) < _TURNED
     match = (distance < 1.25 * STEP) & (np.abs(lateral) < beside) & turned
     return float(match.any(axis=1).mean())
 
@@ -148,29 +138,11 @@ def _bends(points: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(along.T @ along / len(along))[0])
 
 
-def _turns(one: Shape, other: Shape) -> list[float]:
-    """Return proposals of the turn from the other's frame, rad: none, and the best correlations."""
-    kernel = np.exp(-0.5 * (np.minimum(np.arange(360), 360 - np.arange(360)) / 1.5) ** 2)
-    spectra = [np.fft.fft(_histogram(shape)) * np.fft.fft(kernel) for shape in (one, other)]
-    correlation = np.real(np.fft.ifft(spectra[0] * np.conj(spectra[1])))
-    turns = [0.0]
-    for _ in range(_PROPOSALS):
-        best = int(np.argmax(correlation))
-        turns.append(np.radians(best))
-        correlation[np.arange(best - 4, best + 5) % 360] = -np.inf
-    return turns
-
-
-def _histogram(shape: Shape) -> np.ndarray:
-    degrees = np.floor(np.degrees(shape.points[:, 2]) % 360).astype(np.int64) % 360
-    return np.bincount(degrees, minlength=360).astype(np.float64)
-
-
 def _placed(one: np.ndarray, other: np.ndarray, turn: float) -> Placement:
     """Return the placement of the other's points on the one's with about this turn."""
     turned = Placement(turn, np.zeros(2)).of(other)
     few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (one, turned))
-    same = np.abs(_wrapped(few[:, None, 2] - voters[None, :, 2])) < _TURNED / 2
+    same = np.abs(wrapped(few[:, None, 2] - voters[None, :, 2])) < _TURNED / 2
     first, second = np.nonzero(same)
     if not len(first):
         return Placement(turn, np.zeros(2))
@@ -179,16 +151,12 @@ def _placed(one: np.ndarray, other: np.ndarray, turn: float) -> Placement:
     width = int(np.ptp(votes[:, 1])) + 1
     cells, count = np.unique((votes - low) @ np.array([width, 1]), return_counts=True)
     most = np.array(divmod(int(cells[np.argmax(count)]), width)) + low
-    return _refined(one, other, Placement(turn, most * (STEP / 2)))
-
-
-def _refined(one: np.ndarray, other: np.ndarray, placement: Placement) -> Placement:
-    tree = KDTree(one[:, :2])
+    placement, tree = Placement(turn, most * (STEP / 2)), KDTree(one[:, :2])
     for reach in _REACHES:
         moved = placement.of(other)
         distance, nearest = tree.query(moved[:, :2])
         line = one[nearest]
-        use = (distance < reach) & (np.abs(_wrapped(line[:, 2] - moved[:, 2])) < _TURNED)
+        use = (distance < reach) & (np.abs(wrapped(line[:, 2] - moved[:, 2])) < _TURNED)
         if use.sum() < 5:
             return placement
         moved, line = moved[use], line[use]
@@ -205,5 +173,184 @@ def _refined(one: np.ndarray, other: np.ndarray, placement: Placement) -> Placem
     return placement
 
 
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    return np.mod(angle + np.pi, 2 * np.pi) - np.pi
+SAME_SPEED = 0.06  # m/s; largest difference of two speeds in a second that is proposed as the same
+SAME_PLACE = 0.5  # m; largest median distance of the same vehicle in two recordings
+FEWEST_STATES = 5  # states in common that identify a vehicle, once clocks and frames are aligned
+_CHANGE = 0.3  # m/s; a second with less change of speed proposes nothing
+_STRIDES = 5  # of a second's descriptor
+_LAGS = 5  # lags that are tried
+_TRIALS = 12  # pairs of vehicles whose paths propose a placement, for each lag
+_LEAST_SHARE = 0.5  # of the states in common view that must have a partner
+_ALONE = 3.0  # s in common that identify a vehicle without a second one
+_LEAST_PATH = 3.0  # m; shorter paths fix no turn
+_COMMON_STEP = 0.1  # s, of recordings with different steps
+
+
+@dataclass(frozen=True, eq=False)
+class Common:
+    """Moments in common of two recordings."""
+
+    lag: float  # s; time of the second recording at frame 0 of the first
+    seconds: float  # duration in common
+    vehicles: Int64[np.ndarray, "vehicle 2"]  # track numbers, of the first and of the second
+
+
+class Motion:
+    """Tracks prepared for comparisons, with the speed of each state, m/s."""
+
+    def __init__(self, tracks: Tracks) -> None:
+        self.tracks, self.speed = tracks, np.hypot(tracks.vx, tracks.vy)
+        self._length = _STRIDES * max(1, round(1.0 / _STRIDES / tracks.dt))  # frames of a second
+
+    @cached_property
+    def seconds(self) -> tuple[Int64[np.ndarray, " window"], Float64[np.ndarray, "window speed"]]:
+        """First rows of all seconds of a track, and the speeds in them."""
+        rows = np.arange(max(self.tracks.n_states - self._length, 0))
+        rows = rows[self.tracks.track[rows] == self.tracks.track[rows + self._length]]
+        speeds = self.speed[rows[:, None] + np.arange(_STRIDES + 1) * (self._length // _STRIDES)]
+        changing = np.ptp(speeds, axis=1) >= _CHANGE
+        return rows[changing], speeds[changing]
+
+    @cached_property
+    def proposed(self) -> Int64[np.ndarray, " window"]:
+        """Windows that are looked for: the most changing one of each track and second."""
+        rows, speeds = self.seconds
+        group = self.tracks.track[rows].astype(np.int64) * (1 << 32)
+        group += self.tracks.frame[rows] // self._length
+        order = np.lexsort([-np.ptp(speeds, axis=1), group])
+        return order[np.unique(group[order], return_index=True)[1]]
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """Tree of all windows' speeds."""
+        return KDTree(self.seconds[1])
+
+    @cached_property
+    def by_time(self) -> KDTree:
+        """Tree of all states' places, with a third axis that separates frames."""
+        return KDTree(self.places(0))
+
+    def places(self, lag: int) -> Float64[np.ndarray, "state 3"]:
+        """Return x, y and the frame, lag frames later, on an axis that separates frames."""
+        far = (self.tracks.frame + float(lag)) * (4 * SAME_PLACE)
+        return np.column_stack([self.tracks.x, self.tracks.y, far])
+
+    def resampled(self) -> Motion:
+        """Return the tracks with states every 0.1 s, linear in between."""
+        tracks, step = self.tracks, _COMMON_STEP
+        columns: dict[str, list[np.ndarray]] = {name: [] for name in STATES}
+        for track, first in enumerate(tracks.starts[:-1]):
+            rows = slice(first, tracks.starts[track + 1])
+            time = tracks.frame[rows] * tracks.dt
+            frame = np.arange(np.ceil(time[0] / step - 1e-9), np.floor(time[-1] / step + 1e-9) + 1)
+            frame = frame if len(frame) else np.array([np.round(time[0] / step)])
+            columns["track"].append(np.full(len(frame), track, np.int32))
+            columns["frame"].append(frame.astype(np.int32))
+            for name in ("x", "y", "vx", "vy"):
+                columns[name].append(np.interp(frame * step, time, getattr(tracks, name)[rows]))
+            columns["heading"].append(np.zeros(len(frame)))
+        states = {name: np.concatenate(pieces) for name, pieces in columns.items()}
+        return Motion(replace(tracks, **states, dt=step))
+
+
+def in_common(motion: Motion, other_motion: Motion) -> Common | None:
+    """Return the moments that two recordings have in common; None if none are found."""
+    if abs(motion.tracks.dt - other_motion.tracks.dt) > 1e-9:
+        motion, other_motion = motion.resampled(), other_motion.resampled()
+    (rows, speeds), chosen, other_rows = motion.seconds, motion.proposed, other_motion.seconds[0]
+    if not len(chosen) or not len(other_rows):
+        return None
+    # Pairs of tracks with a second of equal speeds, and the lag in frames of each.
+    near = other_motion.tree.query_ball_point(speeds[chosen], SAME_SPEED, p=np.inf)
+    states = np.repeat(rows[chosen], [len(windows) for windows in near])
+    other_states = other_rows[np.concatenate([*near, []]).astype(np.int64)]
+    tracks, other = motion.tracks, other_motion.tracks
+    pairs = np.column_stack([tracks.track[states], other.track[other_states]]).astype(np.int64)
+    lags = other.frame[other_states].astype(np.int64) - tracks.frame[states]
+    best: tuple[float, Common] | None = None
+    for lag in _most_frequent(lags)[0][:_LAGS].tolist():
+        for pair in _most_frequent(pairs[lags == lag])[0][:_TRIALS]:
+            placement = _placement(motion, other_motion, pair, lag)
+            match = None if placement is None else _matched(motion, other_motion, placement, lag)
+            if match is not None and (best is None or match[0] > best[0]):
+                best = match
+        if best is not None and best[0] > 2 * _LEAST_SHARE * 0.9:
+            break
+    return None if best is None else best[1]
+
+
+def _most_frequent(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct rows and their counts, the most frequent first."""
+    distinct, counts = np.unique(values, axis=0, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    return distinct[order], counts[order]
+
+
+def _placement(one: Motion, other: Motion, pair: np.ndarray, lag: int) -> Placement | None:
+    """Return the rigid motion of a vehicle's path in the other recording to that in the one.
+
+    The least-squares solution of Kabsch (1976), in the plane.
+    """
+    # The rows of both tracks at their common times.
+    start, end = one.tracks.starts[pair[0] : pair[0] + 2].tolist()
+    other_start, other_end = other.tracks.starts[pair[1] : pair[1] + 2].tolist()
+    first = int(one.tracks.frame[start])
+    other_first = int(other.tracks.frame[other_start]) - lag
+    begin = max(first, other_first)
+    count = min(first + end - start, other_first + other_end - other_start) - begin
+    if max(count, 0) * one.tracks.dt < 1.0 - 1e-9:
+        return None
+    start, other_start = start + begin - first, other_start + begin - other_first
+    rows, other_rows = slice(start, start + count), slice(other_start, other_start + count)
+    speeds = np.abs(one.speed[rows] - other.speed[other_rows])
+    a = np.column_stack([one.tracks.x[rows], one.tracks.y[rows]])
+    b = np.column_stack([other.tracks.x[other_rows], other.tracks.y[other_rows]])
+    if np.median(speeds) > SAME_SPEED or np.hypot(*np.ptp(a, axis=0)) < _LEAST_PATH:
+        return None
+    centre, other_centre = a.mean(axis=0), b.mean(axis=0)
+    a, b = a - centre, b - other_centre
+    turn = np.arctan2((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum(), (a * b).sum())
+    about = Placement(float(turn), np.zeros(2))
+    shift = centre - about.of(np.array([[*other_centre, 0.0]]))[0, :2]
+    off = about.of(np.column_stack([b, np.zeros(len(b))]))[:, :2] - a
+    return Placement(float(turn), shift) if np.median(np.hypot(*off.T)) <= SAME_PLACE else None
+
+
+def _matched(
+    one: Motion, other: Motion, placement: Placement, lag: int
+) -> tuple[float, Common] | None:
+    """Return the share of the common view with a partner, and the vehicles in common."""
+    places = other.places(-lag)
+    moved = placement.of(places[:, [0, 1, 1]])[:, :2]
+    distance, nearest = one.by_time.query(
+        np.column_stack([moved, places[:, 2]]), distance_upper_bound=SAME_PLACE
+    )
+    met = np.isfinite(distance)
+    if met.sum() < FEWEST_STATES:
+        return None
+    # States with a partner, of those that both recordings could have seen.
+    frames, points = one.tracks.frame + lag, one.places(0)[:, :2]
+    inside = _within(moved, points) & np.isin(other.tracks.frame, frames)
+    covered = _within(points, moved) & np.isin(frames, other.tracks.frame)
+    fewer = min(int(inside.sum()), int(covered.sum()))
+    share = float(met.sum()) / fewer if fewer else 0.0
+    if share < _LEAST_SHARE:
+        return None
+    pairs = np.column_stack([one.tracks.track[np.asarray(nearest)[met]], other.tracks.track[met]])
+    distinct, counts = _most_frequent(pairs.astype(np.int64))
+    rows = [
+        row
+        for row in np.flatnonzero(counts >= FEWEST_STATES).tolist()
+        if not (distinct[:row] == distinct[row]).any()
+    ]
+    if not rows or (len(rows) < 2 and counts[0] * one.tracks.dt < _ALONE):
+        return None
+    count = len(np.unique(other.tracks.frame[met]))
+    common = Common(lag * one.tracks.dt, count * one.tracks.dt, distinct[rows])
+    return share * count, common
+
+
+def _within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Whether points lie in the axis-parallel box around others."""
+    low, high = box.min(axis=0) - SAME_PLACE, box.max(axis=0) + SAME_PLACE
+    return ((points >= low) & (points <= high)).all(axis=1)

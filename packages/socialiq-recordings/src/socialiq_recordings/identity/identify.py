@@ -1,25 +1,26 @@
-"""Sites, chains of recordings and vehicles of a set of recordings.
+"""Sites, chains of recordings and vehicles of a set of recordings; what several show counts once.
 
 A *site* is a piece of road, whatever it is called and in whatever frame it is drawn. A *chain* is
 a set of recordings that are connected by vehicles: its recordings are not independent. Two
-recordings have a vehicle in common if they have moments in common (`common_motion`), or if they
-show one site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive
-windows.
+recordings have a vehicle in common if they have moments in common (`alignment`), or if they show
+one site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive windows.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 from scipy.stats import binom
 
-from socialiq_recordings.identity.alignment import Shape, shape_of, shared
-from socialiq_recordings.identity.common_motion import Motion, in_common
-from socialiq_recordings.recording import Recording
+from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
+from socialiq_recordings.identity.alignment import Motion, Shape, in_common, shape_of, shared
+from socialiq_recordings.recording import Recording, Tracks
 
 SAME_SITE = 0.8
 """Share of the smaller shape that must lie on the other. Among the six maps of the twelve scenarios
@@ -35,40 +36,24 @@ _SMALL = 50_000  # states of two recordings whose moments are compared although 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two recordings with vehicles in common.
+    """Two recordings with vehicles in common."""
 
-    Attributes:
-        first: Index of the one.
-        second: Index of the other.
-        seconds: Duration in common; 0 if only numbers and sizes agree.
-        lag: s; time of the second at frame 0 of the first; NaN without a duration.
-        vehicles: Track numbers of the same vehicles, of the first and of the second.
-    """
-
-    first: int
-    second: int
-    seconds: float
-    lag: float
-    vehicles: tuple[tuple[int, int], ...]
+    first: int  # index of the one
+    second: int  # index of the other
+    seconds: float  # duration in common; 0 if only numbers and sizes agree
+    lag: float  # s; time of the second at frame 0 of the first; NaN without a duration
+    vehicles: tuple[tuple[int, int], ...]  # track numbers, of the first and of the second
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Sites, chains and vehicles of some recordings.
+    """Sites, chains and vehicles of some recordings."""
 
-    Attributes:
-        names: Name of each recording.
-        site: Name of each recording's site: that of the first recording there.
-        chain: Name of each recording's chain: that of its first recording.
-        overlaps: All pairs with vehicles in common.
-        vehicle: Number of each track's vehicle, over all recordings.
-    """
-
-    names: tuple[str, ...]
-    site: tuple[str, ...]
-    chain: tuple[str, ...]
-    overlaps: tuple[Overlap, ...]
-    vehicle: tuple[np.ndarray, ...]
+    names: tuple[str, ...]  # name of each recording
+    site: tuple[str, ...]  # name of each recording's site: that of the first recording there
+    chain: tuple[str, ...]  # name of each recording's chain: that of its first recording
+    overlaps: tuple[Overlap, ...]  # all pairs with vehicles in common
+    vehicle: tuple[np.ndarray, ...]  # number of each track's vehicle, over all recordings
 
     @property
     def n_vehicles(self) -> int:
@@ -90,99 +75,17 @@ class Identified:
 
 
 def identify(recordings: Sequence[Recording]) -> Identified:
-    """Return the sites, chains and vehicles of some recordings.
-
-    Args:
-        recordings: Recordings of any source, each with its own frame, clock and numbers.
-    """
+    """Return the sites, chains and vehicles of recordings, each with its own frame and clock."""
     names = tuple(recording.tracks.recording for recording in recordings)
     sites = _sites(recordings, names)
-    overlaps = _overlaps(recordings, sites)
-    for overlap in overlaps:
-        _join(sites, overlap.first, overlap.second)
-    chains = list(range(len(recordings)))
-    first = np.cumsum([0, *(recording.tracks.n_tracks for recording in recordings)])
-    vehicles = list(range(int(first[-1])))
-    for overlap in overlaps:
-        _join(chains, overlap.first, overlap.second)
-        for track, other_track in overlap.vehicles:
-            _join(
-                vehicles,
-                int(first[overlap.first]) + track,
-                int(first[overlap.second]) + other_track,
-            )
-    numbers = np.array([_root(vehicles, number) for number in range(len(vehicles))], np.int64)
-    return Identified(
-        names,
-        _site_names([_root(sites, number) for number in range(len(names))], names),
-        tuple(names[_root(chains, number)] for number in range(len(names))),
-        overlaps,
-        tuple(np.split(numbers, first[1:-1])) if len(names) else (),
-    )
-
-
-def site_of(recording: str) -> str:
-    """Return the site of a recording: the map of a CommonRoad benchmark's name, else the name.
-
-    Scenarios of one map may come from one recording and show the same vehicles seconds later. A
-    name is a hint only: `recordings.identity` compares the roads.
-
-    Args:
-        recording: Name of the recording.
-    """
-    benchmark = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
-    return benchmark[1] if benchmark else recording
-
-
-def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]:
-    """Return a forest of recordings at one site."""
-    sites, shapes = list(range(len(recordings))), _Shapes()
-    for second in range(len(recordings)):
-        for first in range(second):
-            if _root(sites, first) == _root(sites, second):
-                continue
-            # A CommonRoad map has a name of its own; other names say nothing of the place.
-            same_map = site_of(names[first]) == site_of(names[second]) != names[first]
-            if same_map or shapes.shared(recordings[first], recordings[second]) >= SAME_SITE:
-                _join(sites, first, second)
-    return sites
-
-
-class _Shapes:
-    """Shapes, computed once for recordings of one road."""
-
-    def __init__(self) -> None:
-        self._shapes: dict[bytes, Shape] = {}
-        self._keys: dict[int, bytes] = {}
-        self._shared: dict[tuple[bytes, bytes], float] = {}
-
-    def shared(self, one: Recording, other: Recording) -> float:
-        pair = (self._key(one), self._key(other))
-        if pair[0] == pair[1]:
-            return 1.0
-        pair = (min(pair), max(pair))
-        if pair not in self._shared:
-            self._shared[pair] = shared(self._shapes[pair[0]], self._shapes[pair[1]])
-        return self._shared[pair]
-
-    def _key(self, recording: Recording) -> bytes:
-        if id(recording) not in self._keys:
-            shape = shape_of(recording)
-            key = shape.points.tobytes() + bytes([shape.of_road])
-            self._keys[id(recording)] = key
-            self._shapes[key] = shape
-        return self._keys[id(recording)]
-
-
-def _overlaps(recordings: Sequence[Recording], sites: list[int]) -> tuple[Overlap, ...]:
     motions = [Motion(recording.tracks) for recording in recordings]
     overlaps = []
     for first, second in itertools.combinations(range(len(recordings)), 2):
         same_site = _root(sites, first) == _root(sites, second)
         states = motions[first].tracks.n_states + motions[second].tracks.n_states
-        if not same_site and states > _SMALL:
-            continue
-        common = in_common(motions[first], motions[second])
+        common = None
+        if same_site or states <= _SMALL:
+            common = in_common(motions[first], motions[second])
         if common is not None:
             pairs = tuple((int(a), int(b)) for a, b in common.vehicles)
             overlaps.append(Overlap(first, second, common.seconds, common.lag, pairs))
@@ -190,7 +93,57 @@ def _overlaps(recordings: Sequence[Recording], sites: list[int]) -> tuple[Overla
             pairs = _persisting(recordings[first], recordings[second])
             if pairs:
                 overlaps.append(Overlap(first, second, 0.0, float("nan"), pairs))
-    return tuple(overlaps)
+    chains = list(range(len(recordings)))
+    first = np.cumsum([0, *(recording.tracks.n_tracks for recording in recordings)]).tolist()
+    vehicles = list(range(first[-1]))
+    for overlap in overlaps:
+        _join(sites, overlap.first, overlap.second)
+        _join(chains, overlap.first, overlap.second)
+        for track, other_track in overlap.vehicles:
+            _join(vehicles, first[overlap.first] + track, first[overlap.second] + other_track)
+    numbers = np.array([_root(vehicles, number) for number in range(len(vehicles))], np.int64)
+    # A site has the name of its map, or where that names several sites, of its first recording.
+    roots = [_root(sites, number) for number in range(len(names))]
+    maps = {root: site_of(names[root]) for root in roots}
+    twice = {name for name in maps.values() if list(maps.values()).count(name) > 1}
+    return Identified(
+        names,
+        tuple(names[root] if maps[root] in twice else maps[root] for root in roots),
+        tuple(names[_root(chains, number)] for number in range(len(names))),
+        tuple(overlaps),
+        tuple(np.split(numbers, first[1:-1])) if len(names) else (),
+    )
+
+
+def site_of(recording: str) -> str:
+    """Return the site by a recording's name: the map of a CommonRoad benchmark's, else the name.
+
+    Scenarios of one map may come from one recording and show the same vehicles seconds later. A
+    name is a hint only: `identify` compares the roads.
+    """
+    benchmark = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
+    return benchmark[1] if benchmark else recording
+
+
+def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]:
+    """Return a forest of recordings at one site; each pair of shapes is compared once."""
+    sites, shapes, keys = list(range(len(recordings))), dict[bytes, Shape](), list[bytes]()
+    shares: dict[tuple[bytes, bytes], float] = {}
+    for recording in recordings:
+        shape = shape_of(recording)
+        keys.append(shape.points.tobytes() + bytes([shape.of_road]))
+        shapes[keys[-1]] = shape
+    for second, first in ((b, a) for b in range(len(recordings)) for a in range(b)):
+        if _root(sites, first) == _root(sites, second):
+            continue
+        # A CommonRoad map has a name of its own; other names say nothing of the place.
+        same = site_of(names[first]) == site_of(names[second]) != names[first]
+        low, high = sorted((keys[first], keys[second]))
+        if not same and low != high and (low, high) not in shares:
+            shares[low, high] = shared(shapes[low], shapes[high])
+        if same or low == high or shares[low, high] >= SAME_SITE:
+            _join(sites, first, second)
+    return sites
 
 
 def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]:
@@ -217,13 +170,6 @@ def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]
     return tuple(zip(a[same].tolist(), b[same].tolist(), strict=True))
 
 
-def _site_names(roots: list[int], names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the name of each recording's site, one for each: that of its map, or its first's."""
-    maps = {root: site_of(names[root]) for root in roots}
-    twice = {name for name in maps.values() if list(maps.values()).count(name) > 1}
-    return tuple(names[root] if maps[root] in twice else maps[root] for root in roots)
-
-
 def _root(forest: list[int], node: int) -> int:
     while forest[node] != node:
         forest[node] = forest[forest[node]]
@@ -235,3 +181,101 @@ def _join(forest: list[int], one: int, other: int) -> None:
     """Join two trees; the smaller number is the root."""
     low, high = sorted((_root(forest, one), _root(forest, other)))
     forest[high] = low
+
+
+Place = tuple[int, int]  # index of a recording and number of a track
+Key = TypeVar("Key")
+
+
+def same_moments(identified: Identified) -> dict[Place, set[Place]]:
+    """Return for each track those of other recordings that show it at the same moments."""
+    same: dict[Place, set[Place]] = {}
+    for overlap in identified.overlaps:
+        for track, other_track in overlap.vehicles if overlap.seconds else ():
+            pair = (overlap.first, track), (overlap.second, other_track)
+            for a, b in (pair, pair[::-1]):
+                same.setdefault(a, set()).add(b)
+    return same
+
+
+def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> set[Key]:
+    """Return the largest of each group of equal keys, `same` of one; the first of one size."""
+    largest: set[Key] = set()
+    for item in sorted(sizes, key=lambda key: -sizes[key]):
+        if not largest.intersection(same(item)):
+            largest.add(item)
+    return largest
+
+
+def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place]:
+    """Return the tracks of some recordings that none of them shows for longer."""
+    same = same_moments(identified)
+    sizes = {
+        (recording, track): float(count)
+        for recording, tracks in enumerate(recorded)
+        for track, count in enumerate(np.diff(tracks.starts).tolist())
+    }
+    return once(sizes, lambda key: same.get(key, ()))
+
+
+def pairs_once(
+    sizes: Mapping[tuple[int, int, int], float], identified: Identified
+) -> set[tuple[int, int, int]]:
+    """Return the pairs of tracks that are kept: of two that show one conflict, the longer.
+
+    Durations are by recording, ego and other.
+    """
+    same = same_moments(identified)
+
+    def equal(key: tuple[int, int, int]) -> list[tuple[int, int, int]]:
+        recording, ego, partner = key
+        return [
+            (number, ego_track, partner_track)
+            for number, ego_track in same.get((recording, ego), ())
+            for other, partner_track in same.get((recording, partner), ())
+            if other == number
+        ]
+
+    return once(sizes, equal)
+
+
+Duplicates = Literal["drop", "keep", "refuse"]
+"""Treatment of vehicles whose moments are in several recordings: the longest track of each is
+kept, or all are, or the recordings are refused."""
+
+_NAMED = 3  # pairs that a refusal names
+
+
+def identify_distinct(
+    recordings: Sequence[Recording], duplicates: Duplicates = "drop"
+) -> Identified:
+    """Return sites, chains and vehicles of recordings.
+
+    Raises:
+        UserError: If two recordings have one name, or moments are in common and `duplicates` is
+            "refuse".
+    """
+    one_of("duplicates", duplicates, get_args(Duplicates))
+    check_names([recording.tracks.recording for recording in recordings])
+    identified = identify(recordings)
+    overlapping = [overlap for overlap in identified.overlaps if overlap.seconds]
+    if duplicates != "refuse" or not overlapping:
+        return identified
+    names = [one_line(name, 60) for name in identified.names]
+    pairs = [
+        f"{names[overlap.first]} and {names[overlap.second]} ({overlap.seconds:.1f} s, "
+        f"{len(overlap.vehicles)} vehicles)"
+        for overlap in overlapping[:_NAMED]
+    ]
+    remainder = f" and {len(overlapping) - _NAMED} more pairs" if len(overlapping) > _NAMED else ""
+    raise UserError(
+        f"the same moments are in {', '.join(pairs)}{remainder}: leave recordings out, or choose "
+        "--duplicates drop"
+    )
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Raise an error if two recordings have one name."""
+    twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
+    if twice is not None:
+        raise UserError(f"two recordings are named '{one_line(twice)}': give each only once")

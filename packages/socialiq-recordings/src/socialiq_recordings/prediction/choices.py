@@ -13,14 +13,14 @@ its absence; nothing after the moment is known. Both rewards are in seconds: met
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
-from socialiq_recordings.idm import ballistic
+from socialiq_recordings.physics import ballistic
 from socialiq_recordings.prediction.following import accelerations, literature
 from socialiq_recordings.prediction.situations import Situations
 
@@ -31,41 +31,29 @@ _SUM = 1e-6  # by which probabilities of a row may miss 1
 class ChoiceTable:
     """Decisions of recorded drivers on a grid of accelerations.
 
-    Attributes:
-        driver: Number of the vehicle, one number over all recordings.
-        chain: Number of the chain of recordings; different chains share no vehicle.
-        site: Number of the site.
-        time: s on the recording's clock; ascending within a driver.
-        half: 0 in the first half of the driver's conflicts, 1 in the second. An angle is inferred
-            from the first and scored on the second.
-        conflict: Whether the driver and another vehicle are on course for one conflict area.
-        moving: Whether the vehicle moves.
-        grid: Accelerations to choose from, m/s², ascending and equally spaced.
-        log_base: Log-probability of each by the base predictor; a row's probabilities sum to 1.
-        r_env: What each brings the driver: seconds of its own travel time saved, against keeping
-            its speed.
-        r_social: What each brings others: minus the seconds that they lose against the driver's
-            absence.
-        acceleration: Observed mean of the next second, m/s².
-        residual: Observed minus expected acceleration of the driver's decision before, m/s²; 0
-            where there is none.
-
     Raises:
         UserError: If columns don't fit together, or a number is not finite.
     """
 
-    driver: Int64[np.ndarray, " decision"]
+    driver: Int64[np.ndarray, " decision"]  # number of the vehicle, one number over all recordings
+    # number of the chain of recordings; different chains share no vehicle
     chain: Int64[np.ndarray, " decision"]
-    site: Int64[np.ndarray, " decision"]
-    time: Float64[np.ndarray, " decision"]
+    time: Float64[np.ndarray, " decision"]  # s on the recording's clock; ascending within a driver
+    # 0 in the first half of the driver's conflicts, 1 in the second: an angle is inferred from the
+    # first and scored on the second
     half: Int64[np.ndarray, " decision"]
+    # whether the driver and another vehicle are on course for one conflict area
     conflict: Bool[np.ndarray, " decision"]
-    moving: Bool[np.ndarray, " decision"]
+    # accelerations to choose from, m/s², ascending and equally spaced
     grid: Float64[np.ndarray, " candidate"]
+    # log-probability of each by the base predictor; a row's probabilities sum to 1
     log_base: Float64[np.ndarray, "decision candidate"]
+    # what each brings the driver: seconds of its own travel time saved, against keeping its speed
     r_env: Float64[np.ndarray, "decision candidate"]
+    # what each brings others: minus the seconds that they lose against the driver's absence
     r_social: Float64[np.ndarray, "decision candidate"]
-    acceleration: Float64[np.ndarray, " decision"]
+    acceleration: Float64[np.ndarray, " decision"]  # observed mean of the next second, m/s²
+    # observed minus expected acceleration of the driver's decision before, m/s²; 0 without one
     residual: Float64[np.ndarray, " decision"]
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
@@ -91,7 +79,6 @@ class ChoiceTable:
             raise UserError("half must be 0 or 1")
 
     def __len__(self) -> int:
-        """Return the number of decisions."""
         return len(self.driver)
 
     @property
@@ -99,171 +86,114 @@ class ChoiceTable:
         """Index of the acceleration of the grid that is closest to the observed one."""
         return nearest(self.grid, self.acceleration)
 
-    def rows(self, mask: Bool[np.ndarray, " decision"]) -> ChoiceTable:
-        """Return only some decisions.
-
-        Args:
-            mask: Those to keep.
-        """
+    def rows(self, mask: np.ndarray) -> ChoiceTable:
+        """Return only the decisions of a mask, or of indices."""
         columns = {f.name: getattr(self, f.name)[mask] for f in fields(self) if f.name != "grid"}
         return replace(self, **columns)
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return all columns by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
 
 def nearest(grid: Float64[np.ndarray, " candidate"], values: Any) -> Int64[np.ndarray, " decision"]:
-    """Return the index of the closest acceleration of an equally spaced grid.
-
-    Args:
-        grid: m/s², ascending.
-        values: m/s², one for each decision.
-    """
+    """Return the index of the closest of equally spaced, ascending accelerations, m/s²."""
     index = np.rint((np.asarray(values) - grid[0]) / (grid[1] - grid[0]))
     return np.clip(index, 0, len(grid) - 1).astype(np.int64)
 
 
-AHEAD = 5.0
-"""s over which progress and losses are counted."""
-
-UNIT = 10.0
-"""m/s; metres are divided by it."""
-
+AHEAD = 5.0  # s over which progress and losses are counted
+UNIT = 10.0  # m/s; metres are divided by it
 _DT = 0.25  # s
+_STEPS = round(AHEAD / _DT)
 
 Metres = Float64[np.ndarray, "moment candidate"]
-
-
-class _Driven(NamedTuple):
-    """Vehicles at a step.
-
-    Attributes:
-        driven: Since the moment, m.
-        speed: m/s.
-    """
-
-    driven: Metres
-    speed: Metres
+Course = Float64[np.ndarray, "step moment candidate"]
 
 
 def rewards(seen: Situations, grid: Float64[np.ndarray, " candidate"]) -> RewardPair:
-    """Return r_env and r_social of each acceleration, each (moment, candidate).
+    """Return r_env and r_social of each acceleration of a grid in m/s², each (moment, candidate).
 
     r_env is the driver's progress beyond that at its present speed. r_social is minus what the
     other vehicle of the conflict and the follower lose against the driver's absence.
-
-    Args:
-        seen: Situations.
-        grid: Accelerations, m/s².
     """
     shape = (len(seen), len(grid))
-    path = _path(np.broadcast_to(seen.speed[:, None], shape), np.broadcast_to(grid, shape))
-    env = (path[-1].driven - AHEAD * seen.speed[:, None]) / UNIT
-    lost = np.zeros(shape)
-    lost[seen.conflict] += _lost_in_conflict(seen.rows(seen.conflict), _some(path, seen.conflict))
-    followed = np.isfinite(seen.behind)
-    lost[followed] += _lost_behind(seen.rows(followed), _some(path, followed))
+    path = [(np.zeros(shape), np.broadcast_to(seen.speed[:, None], shape))]
+    for step in range(_STEPS):
+        path.append(_on(path[-1], np.broadcast_to(grid * (step * _DT < 1.0), shape)))
+    driven, speed = (np.stack(column) for column in zip(*path, strict=True))
+    env = (driven[-1] - AHEAD * seen.speed[:, None]) / UNIT
+    lost, follows = np.zeros(shape), np.isfinite(seen.behind)
+    for rows, losses in ((seen.conflict, _lost_in_conflict), (follows, _lost_behind)):
+        lost[rows] += losses(seen.rows(rows), driven[:, rows], speed[:, rows])
     return RewardPair(env, 0.0 - lost / UNIT)  # 0, not -0
 
 
-def _path(speed: Metres, rate: Metres) -> list[_Driven]:
-    """Return the driver at the begin and at the end of every step."""
-    states = [_Driven(np.zeros(speed.shape), speed)]
-    for step in range(round(AHEAD / _DT)):
-        now = rate if step * _DT < 1.0 else np.zeros(rate.shape)
-        driven, after = ballistic(states[-1].speed, now, _DT)
-        states.append(_Driven(states[-1].driven + driven, after))
-    return states
+def _on(vehicle: tuple[Metres, Metres], rate: Metres) -> tuple[Metres, Metres]:
+    """Return the metres driven and the speeds of vehicles a step later."""
+    driven, after = ballistic(vehicle[1], rate, _DT)
+    return vehicle[0] + driven, after
 
 
-def _some(path: list[_Driven], mask: Bool[np.ndarray, " moment"]) -> list[_Driven]:
-    return [_Driven(state.driven[mask], state.speed[mask]) for state in path]
+def _others(
+    speed: Float64[np.ndarray, " moment"], shape: tuple[int, ...]
+) -> tuple[Float64[np.ndarray, "moment one parameter"], tuple[Metres, Metres]]:
+    """Return the IDM's log-parameters and the states of vehicles that wish to keep their speeds."""
+    model = np.tile(literature(), (len(speed), 1, 1))
+    model[:, 0, 0] = np.maximum(model[:, 0, 0], np.log(np.maximum(speed, 1.0)))
+    return model, (np.zeros(shape), np.broadcast_to(speed[:, None], shape))
 
 
-def _driver(speed: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, "moment one parameter"]:
-    """Return the IDM's log-parameters of vehicles that wish to go as fast as they do, at least."""
-    parameters = np.tile(literature(), (len(speed), 1, 1))
-    parameters[:, 0, 0] = np.maximum(parameters[:, 0, 0], np.log(np.maximum(speed, 1.0)))
-    return parameters
-
-
-def _lost_behind(seen: Situations, path: list[_Driven]) -> Metres:
+def _lost_behind(seen: Situations, driven: Course, speed: Course) -> Metres:
     """Return the metres that followers lose because the driver is ahead of them."""
-    model, shape = _driver(seen.behind_speed), path[0].driven.shape
+    model, begin = _others(seen.behind_speed, driven.shape[1:])
     gap, ahead = seen.behind[:, None], seen.leader_speed[:, None]
     free = (seen.behind + seen.length + seen.gap)[:, None]
-    behind = absent = _Driven(np.zeros(shape), np.broadcast_to(seen.behind_speed[:, None], shape))
-    for step, ego in enumerate(path[:-1]):
-        behind = _on(
-            behind, accelerations(model, behind.speed, gap + ego.driven - behind.driven, ego.speed)
-        )
-        left = free + ahead * step * _DT - absent.driven
-        absent = _on(absent, accelerations(model, absent.speed, left, ahead))
-    return np.maximum(absent.driven - behind.driven, 0.0)
+    behind = absent = begin
+    for step in range(_STEPS):
+        to_driver = gap + driven[step] - behind[0]
+        behind = _on(behind, accelerations(model, behind[1], to_driver, speed[step]))
+        left = free + ahead * step * _DT - absent[0]
+        absent = _on(absent, accelerations(model, absent[1], left, ahead))
+    return np.maximum(absent[0] - behind[0], 0.0)
 
 
-def _lost_in_conflict(seen: Situations, path: list[_Driven]) -> Metres:
+def _lost_in_conflict(seen: Situations, driven: Course, speed: Course) -> Metres:
     """Return the metres that other vehicles of conflicts lose because the driver comes first."""
-    model, shape = _driver(seen.other_speed), path[0].driven.shape
-    first, leaves = _first(seen, path)
-    partner = absent = _Driven(np.zeros(shape), np.broadcast_to(seen.other_speed[:, None], shape))
-    for step, ego in enumerate(path[:-1]):
-        now = step * _DT
-        free = _behind_leader(seen, model, partner, now)
-        blocked = first & _in_the_way(seen, partner, leaves - now)
-        to_area = seen.other_to_area[:, None] - partner.driven
-        stopping = accelerations(model, partner.speed, to_area, np.zeros(shape))
-        rate = np.where(blocked, np.minimum(free, stopping), free)
-        beyond = ego.driven - seen.to_area[:, None]
-        follows = first & seen.merging[:, None] & (beyond >= 0)
-        gap = to_area + beyond - seen.length[:, None]
-        following = accelerations(model, partner.speed, gap, ego.speed)
-        rate = np.where(follows, np.minimum(rate, following), rate)
-        partner = _on(partner, rate)
-        absent = _on(absent, _behind_leader(seen, model, absent, now))
-    return np.maximum(absent.driven - partner.driven, 0.0)
-
-
-def _on(one: _Driven, rate: Metres) -> _Driven:
-    driven, after = ballistic(one.speed, rate, _DT)
-    return _Driven(one.driven + driven, after)
-
-
-def _behind_leader(
-    seen: Situations, model: Float64[np.ndarray, "moment one parameter"], other: _Driven, now: float
-) -> Metres:
-    ahead = seen.other_leader_speed[:, None]
-    gap = seen.other_gap[:, None] + ahead * now - other.driven
-    return accelerations(model, other.speed, gap, ahead)
-
-
-def _in_the_way(
-    seen: Situations, other: _Driven, leaves: Metres
-) -> Bool[np.ndarray, "moment candidate"]:
-    """Whether another would arrive at its speed before the driver has left, s from now."""
-    to_area = seen.other_to_area[:, None] - other.driven
-    return (to_area > 0) & (leaves > 0) & (to_area < leaves * other.speed)
-
-
-def _first(
-    seen: Situations, path: list[_Driven]
-) -> tuple[Bool[np.ndarray, "moment candidate"], Metres]:
-    """Whether the driver comes first to the area, and when it leaves it, s from the moment."""
-    enters = _reached(path, seen.to_area)
+    model, begin = _others(seen.other_speed, driven.shape[1:])
+    ahead, stand = seen.other_leader_speed[:, None], np.zeros(driven.shape[1:])
+    enters, leaves = (
+        _reached(driven, speed, metres) for metres in (seen.to_area, seen.to_area + seen.through)
+    )
     with np.errstate(divide="ignore"):
         other_enters = np.maximum(seen.other_to_area, 0.0) / seen.other_speed
-    return enters <= other_enters[:, None], _reached(path, seen.to_area + seen.through)
+    first = enters <= other_enters[:, None]
+
+    def behind_leader(other: tuple[Metres, Metres]) -> Metres:
+        gap = seen.other_gap[:, None] + ahead * now - other[0]
+        return accelerations(model, other[1], gap, ahead)
+
+    partner = absent = begin
+    for step in range(_STEPS):
+        now = step * _DT
+        to_area, left = seen.other_to_area[:, None] - partner[0], leaves - now
+        # It would arrive at its speed before the driver has left.
+        blocked = first & (to_area > 0) & (left > 0) & (to_area < left * partner[1])
+        free, stopping = behind_leader(partner), accelerations(model, partner[1], to_area, stand)
+        rate = np.where(blocked, np.minimum(free, stopping), free)
+        beyond = driven[step] - seen.to_area[:, None]
+        follows = first & seen.merging[:, None] & (beyond >= 0)
+        gap = to_area + beyond - seen.length[:, None]
+        following = accelerations(model, partner[1], gap, speed[step])
+        rate = np.where(follows, np.minimum(rate, following), rate)
+        partner, absent = _on(partner, rate), _on(absent, behind_leader(absent))
+    return np.maximum(absent[0] - partner[0], 0.0)
 
 
-def _reached(path: list[_Driven], metres: Float64[np.ndarray, " moment"]) -> Metres:
+def _reached(driven: Course, speed: Course, metres: Float64[np.ndarray, " moment"]) -> Metres:
     """Return the times at which drivers have gone some metres, s; infinite if they stand before."""
-    times = np.full(path[0].driven.shape, np.inf)
-    for step in range(len(path) - 1, -1, -1):
-        left = metres[:, None] - path[step].driven
-        speed = path[step].speed
-        at = step * _DT + np.maximum(left, 0.0) / np.maximum(speed, 1e-9)
-        last = step == len(path) - 1
-        passed = (left <= 0) | (path[min(step + 1, len(path) - 1)].driven >= metres[:, None])
-        times = np.where(passed | (last & (speed > 0)), np.minimum(times, at), times)
+    times = np.full(driven.shape[1:], np.inf)
+    for step in range(_STEPS, -1, -1):
+        left = metres[:, None] - driven[step]
+        at = step * _DT + np.maximum(left, 0.0) / np.maximum(speed[step], 1e-9)
+        passed = (left <= 0) | (driven[min(step + 1, _STEPS)] >= metres[:, None])
+        times = np.where(
+            passed | ((step == _STEPS) & (speed[step] > 0)), np.minimum(times, at), times
+        )
     return times

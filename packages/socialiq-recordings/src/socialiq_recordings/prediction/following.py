@@ -1,4 +1,7 @@
-"""IDM as a driver model: fitted to a population and, shrunk towards it, to each driver."""
+"""IDM as a driver model, and the features of situations that learned models read.
+
+The IDM is fitted to a population and, shrunk towards it, to each driver.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,24 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.optimize import least_squares
 
-from socialiq_recordings.idm import Idm, acceleration, ballistic
+from socialiq_recordings.physics import Idm, acceleration, ballistic
 from socialiq_recordings.prediction.situations import Situations
 
-FITTED = Idm._fields
-"""Parameters that are fitted; all are above 0, so that their logarithms are."""
-
+FITTED = Idm._fields  # parameters that are fitted; all are above 0, so that their logarithms are
 LOW, HIGH = np.log([3.0, 0.2, 0.3, 0.1, 0.3]), np.log([40.0, 6.0, 8.0, 5.0, 9.0])
 """Range of the fitted parameters, in logarithms: beyond are errors of a fit, not drivers."""
 
-SPREADS = (0.03, 0.1, 0.3, 1.0)
-"""Standard deviations of drivers' log-parameters that are tried."""
-
+SPREADS = (0.03, 0.1, 0.3, 1.0)  # standard deviations of drivers' log-parameters that are tried
 _STEPS = 5  # of a second
 _STEP = 1e-3  # of a log-parameter, for derivatives
 _ROUNDS = 3  # of Gauss and Newton
 _HOLD = 0.05  # m/s² per unit of a log-parameter; holds what the data don't determine
 
+Parameters = Float64[np.ndarray, " parameter"]
+"""Logarithms of the parameters `FITTED`."""
 
-def literature() -> Float64[np.ndarray, " parameter"]:
+
+def literature() -> Parameters:
     """Return the log-parameters of `Idm`."""
     return np.log(Idm())
 
@@ -37,13 +39,9 @@ def accelerations(
     gap: Float64[np.ndarray, "*#shape"],
     leader_speed: Float64[np.ndarray, "*#shape"],
 ) -> Float64[np.ndarray, "*#shape"]:
-    """Return accelerations of the IDM, m/s².
+    """Return accelerations of the IDM, m/s², of one set of parameters or one for each vehicle.
 
-    Args:
-        log_parameters: Of `FITTED` along the last axis; one set, or one for each vehicle.
-        speed: m/s.
-        gap: To the leader's rear, m; infinite without a leader.
-        leader_speed: m/s.
+    Speeds in m/s; the gap is to the leader's rear, m, infinite without a leader.
     """
     desired, headway, jam, strongest, comfort = np.moveaxis(np.exp(log_parameters), -1, 0)
     return acceleration(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
@@ -52,11 +50,9 @@ def accelerations(
 def next_second(
     log_parameters: Float64[np.ndarray, "*some parameter"], seen: Situations
 ) -> Float64[np.ndarray, " moment"]:
-    """Return the mean acceleration of the next second behind a leader that keeps its speed.
+    """Return the mean acceleration of the next second behind a leader that keeps its speed, m/s².
 
-    Args:
-        log_parameters: Of `FITTED`; one set, or one for each moment.
-        seen: Situations.
+    Of one set of parameters, or one for each moment.
     """
     speed, gap, dt = seen.speed, seen.gap, 1.0 / _STEPS
     for _ in range(_STEPS):
@@ -66,12 +62,8 @@ def next_second(
     return speed - seen.speed
 
 
-def fit_population(train: Situations) -> Float64[np.ndarray, " parameter"]:
-    """Return the log-parameters with the least robust error of the next second's acceleration.
-
-    Args:
-        train: Moments with their accelerations.
-    """
+def fit_population(train: Situations) -> Parameters:
+    """Return the log-parameters with the least robust error of the next second's acceleration."""
     start, root = literature(), np.sqrt(max(len(train), 1))
 
     def errors(log_parameters: Any) -> Any:
@@ -83,21 +75,13 @@ def fit_population(train: Situations) -> Float64[np.ndarray, " parameter"]:
 
 
 def fit_drivers(
-    population: Float64[np.ndarray, " parameter"],
-    own: Situations,
-    error: float,
-    spread: float,
-) -> dict[int, Float64[np.ndarray, " parameter"]]:
+    population: Parameters, own: Situations, error: float, spread: float
+) -> dict[int, Parameters]:
     """Return the most probable log-parameters of each driver.
 
-    Accelerations are normal around the IDM's and log-parameters around the population's; steps of
-    Gauss and Newton for all drivers at once.
-
-    Args:
-        population: Its log-parameters.
-        own: Moments of the drivers that may be learned from.
-        error: Standard deviation of the accelerations, m/s².
-        spread: Standard deviation of drivers' log-parameters.
+    Accelerations are normal around the IDM's, with the deviation `error` in m/s², log-parameters
+    around the population's, with the deviation `spread`; steps of Gauss and Newton for all drivers
+    at once, from their moments that may be learned from.
     """
     vehicles, driver = np.unique(own.vehicle, return_inverse=True)
     fitted = np.tile(population, (len(vehicles), 1))
@@ -119,9 +103,7 @@ def fit_drivers(
 
 
 def of_drivers(
-    population: Float64[np.ndarray, " parameter"],
-    drivers: dict[int, Float64[np.ndarray, " parameter"]],
-    seen: Situations,
+    population: Parameters, drivers: dict[int, Parameters], seen: Situations
 ) -> Float64[np.ndarray, "moment parameter"]:
     """Return the log-parameters of each moment's driver; the population's of an unknown one."""
     rows = [drivers.get(vehicle, population) for vehicle in seen.vehicle.tolist()]
@@ -129,19 +111,9 @@ def of_drivers(
 
 
 def best_spread(
-    population: Float64[np.ndarray, " parameter"],
-    train: Situations,
-    first: Bool[np.ndarray, " moment"],
-    error: float,
+    population: Parameters, train: Situations, first: Bool[np.ndarray, " moment"], error: float
 ) -> float:
-    """Return the spread with which first halves of training drivers predict second halves best.
-
-    Args:
-        population: Its log-parameters.
-        train: Moments of training drivers.
-        first: Whether each is of a first half.
-        error: Standard deviation of the accelerations, m/s².
-    """
+    """Return the spread with which first halves of training drivers predict second halves best."""
     later = train.rows(~first)
 
     def missed(spread: float) -> float:
@@ -150,3 +122,48 @@ def best_spread(
         return float(np.abs(off).sum())
 
     return min(SPREADS, key=missed)
+
+
+_NEAR = 20.0  # m over which nearness falls by e
+_SPEED = 10.0  # m/s
+_LONG = 5.0  # s; longer times are all the same
+
+
+def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
+    """Return what models learn from: numbers of about unit size, 0 where nothing is there."""
+    leads, follows, conflict = np.isfinite(seen.gap), np.isfinite(seen.behind), seen.conflict
+    arrives = _time(seen.to_area, seen.speed)
+    other_arrives = _time(seen.other_to_area, seen.other_speed)
+    columns = {
+        "speed": seen.speed / _SPEED,
+        "moving": seen.moving,
+        "leader_near": _near(seen.gap),
+        "leader_headway": np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
+        "leader_slower": np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
+        "idm": np.clip(next_second(literature(), seen), -4.0, 2.0),
+        "follower_near": _near(seen.behind),
+        "follower_faster": np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
+        "junction_near": _near(seen.to_junction),
+        "left": np.clip(seen.turn, 0.0, 90.0) / 90.0,
+        "right": np.clip(-seen.turn, 0.0, 90.0) / 90.0,
+        "limit": np.where(np.isfinite(seen.limit), seen.limit, 0.0) / _SPEED,
+        "gives_way": seen.gives_way,
+        "conflict": conflict,
+        "arrives": np.where(conflict, 1 - arrives / _LONG, 0.0),
+        "other_arrives": np.where(conflict, 1 - other_arrives / _LONG, 0.0),
+        "first": np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
+        "merging": seen.merging & conflict,
+        "other_speed": np.where(conflict, seen.other_speed / _SPEED, 0.0),
+    }
+    return np.stack([np.asarray(column, np.float64) for column in columns.values()], axis=1)
+
+
+def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:
+    return np.exp(-np.maximum(metres, 0.0) / _NEAR)
+
+
+def _time(
+    metres: Float64[np.ndarray, " moment"], speed: Float64[np.ndarray, " moment"]
+) -> Float64[np.ndarray, " moment"]:
+    """Return the time to drive a distance, s; at most `_LONG`, also where nothing is there."""
+    return np.clip(np.maximum(metres, 0.0) / np.maximum(speed, 0.1), 0.0, _LONG)

@@ -2,9 +2,9 @@
 
 Actions are levels of acceleration, and all folds are trained in one compiled program.
 
-The offline dial (`learners.offline`) of a fold sees its training moments alone. β clones their
+The offline dial (`learners.dial.offline`) of a fold sees its training moments alone. β clones their
 drivers, and π_α is the policy that is best for R(α) within what they do, its rewards predicted at
-each decision (`rewards`). A driver of angle α takes level k with
+each decision (`choices.rewards`). A driver of angle α takes level k with
 
     p(k | s) proportional to β(k | s) (π_α(k | s) / β(k | s))^κ
 
@@ -21,32 +21,29 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 from scipy.special import log_softmax, logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import behaviour_cloning
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.train import train_together
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import train
 from socialiq.learners.settings import check_counts
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
 from socialiq_recordings.prediction.choices import nearest, rewards
-from socialiq_recordings.prediction.density import Forecast, Spread
-from socialiq_recordings.prediction.folds import grouped
-from socialiq_recordings.prediction.models import Fitted, Task, features
-from socialiq_recordings.prediction.situations import Situations
-from socialiq_recordings.trait.choice_model import family_trait
-from socialiq_recordings.trait.hierarchy import (
-    driver_log_likelihood,
-    driver_posteriors,
-    log_marginal,
-    population_posterior,
-)
+from socialiq_recordings.prediction.following import features
+from socialiq_recordings.prediction.models import Fitted, Forecast, Spread, Task
+from socialiq_recordings.prediction.situations import Situations, grouped
+from socialiq_recordings.trait import hierarchy
+from socialiq_recordings.trait.traits import family_trait
 
 Chances = Callable[[Situations], Float64[np.ndarray, "moment policy level"]]
 """Function that returns each policy's log-probability of each level."""
+
+Shares = Float64[np.ndarray, " policy"]
+"""Log-probabilities of policies."""
 
 _LEAST = 1e-12  # probability of a level
 
@@ -77,22 +74,19 @@ class Training:
 def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:
     """Return moments as demonstrations whose actions are levels of acceleration.
 
-    An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view.
-
-    Args:
-        seen: Moments.
-        levels: m/s², ascending and equally spaced.
+    An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view. The
+    levels, in m/s², are ascending and equally spaced.
     """
-    seen = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
-    goes_on = seen.previous() == np.arange(len(seen)) - 1
+    moments = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
+    goes_on = moments.previous() == np.arange(len(moments)) - 1
     goes_on[0] = False
     last = np.append(~goes_on[1:], True)
-    observation = features(seen)
-    after = features(seen.advanced(seen.acceleration))
+    observation = features(moments)
+    after = features(moments.advanced(moments.acceleration))
     after[~last] = observation[1:][goes_on[1:]]
     grid = np.array(levels)
-    pair, action = rewards(seen, grid), nearest(grid, seen.acceleration)
-    rows = np.arange(len(seen))
+    pair, action = rewards(moments, grid), nearest(grid, moments.acceleration)
+    rows = np.arange(len(moments))
     return Demonstrations.of(
         observation=observation,
         action=action,
@@ -110,10 +104,6 @@ class Levels:
     A policy's density of an acceleration is a mixture over the levels, its probabilities the
     weights: each level stands for the training accelerations that are nearest to it, with their
     mean as its centre and one fitted spread around it.
-
-    Args:
-        task: The fold.
-        settings: Settings.
     """
 
     def __init__(self, task: Task, settings: Training) -> None:
@@ -130,112 +120,104 @@ class Levels:
     ) -> Float64[np.ndarray, "moment policy"]:
         """Return each policy's log-density of the observed accelerations, 1 / (m/s²)."""
         alone = [Forecast.at(np.full(len(seen), centre)) for centre in self.centre]
-        of_level = np.stack(
-            [
-                self.spread.log_density(forecast, seen.acceleration, seen.moving)
-                for forecast in alone
-            ],
-            axis=1,
-        )
+        observed = seen.acceleration, seen.moving
+        of_level = np.stack([self.spread.log_density(level, *observed) for level in alone], axis=1)
         return np.asarray(logsumexp(chances(seen) + of_level[:, None, :], axis=2))
 
     def fitted(
-        self,
-        chances: Chances,
-        log_share: Float64[np.ndarray, " policy"],
-        by_driver: dict[int, Float64[np.ndarray, " policy"]] | None = None,
+        self, chances: Chances, log_share: Shares, by_driver: dict[int, Shares] | None = None
     ) -> Fitted:
         """Return the model of some policies, mixed.
 
-        Args:
-            chances: Of the policies.
-            log_share: Log-probability of each policy, for drivers that aren't known.
-            by_driver: The same of known drivers.
+        `log_share` is the log-probability of each policy, `by_driver` the same of known drivers.
         """
         shares_of = by_driver or {}
 
         def forecast(seen: Situations, last: Any) -> Forecast:  # noqa: ARG001
-            shares = np.array(
-                [shares_of.get(vehicle, log_share) for vehicle in seen.vehicle.tolist()]
-            )
-            shares = shares.reshape(len(seen), len(log_share), 1)
-            mixed = np.asarray(logsumexp(shares + chances(seen), axis=1))
+            shares = [shares_of.get(vehicle, log_share) for vehicle in seen.vehicle.tolist()]
+            columns = np.array(shares).reshape(len(seen), len(log_share), 1)
+            mixed = np.asarray(logsumexp(columns + chances(seen), axis=1))
             return Forecast(mixed, np.tile(self.centre, (len(seen), 1)))
 
         return Fitted(forecast, self.spread, by_driver is not None)
 
 
 def of_policies(policies: Sequence[Any]) -> Chances:
-    """Return the log-probabilities of policies that read `features`.
-
-    Args:
-        policies: Each with a method `probabilities`.
-    """
+    """Return the log-probabilities of policies that read `features`, by their `probabilities`."""
 
     def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
         inputs = features(seen).astype(np.float32)
-        chances_of = np.stack(
-            [np.asarray(policy.probabilities(inputs)) for policy in policies], axis=1
-        )
-        chances_of = np.maximum(chances_of.astype(np.float64), _LEAST)
-        return np.log(chances_of / chances_of.sum(axis=2, keepdims=True))
+        by_policy = [np.asarray(policy.probabilities(inputs)) for policy in policies]
+        chance = np.maximum(np.stack(by_policy, axis=1).astype(np.float64), _LEAST)
+        return np.log(chance / chance.sum(axis=2, keepdims=True))
 
     return chances
 
 
 AT_ANGLE, BY_DRIVER = "dial", "dial, angle by driver"
-
-ANGLES = np.linspace(0.0, 90.0, 7)
-"""Degrees; angles integrated over."""
-
-SHARES = (0.0, 0.125, 0.25, 0.5, 1.0)
-"""κ: how far drivers go from the clone to the dial."""
-
-TEMPERATURE = 1.0
-"""η of the dial at all angles, s: its rewards are seconds."""
-
+CLONE = "clone"
+LEARNED = (CLONE, AT_ANGLE, BY_DRIVER)  # models that our learners train
+ANGLES = np.linspace(0.0, 90.0, 7)  # degrees; angles integrated over
+SHARES = (0.0, 0.125, 0.25, 0.5, 1.0)  # κ: how far drivers go from the clone to the dial
+TEMPERATURE = 1.0  # η of the dial at all angles, s: its rewards are seconds
 _RATE = 3e-3  # Adam's initial learning rate, which falls; few updates need more than the default
 _PARTS = 2  # of the training drivers
 
 
-def trained_dials(
+def trained(
+    tasks: Sequence[Task], settings: Training, names: Sequence[str]
+) -> list[dict[str, Fitted]]:
+    """Return the models `names` of `LEARNED` of every fold, by name."""
+    models: list[dict[str, Fitted]] = [{} for _ in tasks]
+    tables = [demonstrations(task.train, settings.levels) for task in tasks]
+    if CLONE in names:
+        shape = behaviour_cloning.CloningConfig(
+            hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
+        )
+        runs = [
+            behaviour_cloning.CloningHyperparameters(
+                learning_rate=1e-3, seed=task.seed, dataset=fold
+            )
+            for fold, task in enumerate(tasks)
+        ]
+        clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)
+        for fold, task in enumerate(tasks):
+            chances = of_policies([clones.policy(fold)])
+            models[fold][CLONE] = Levels(task, settings).fitted(chances, np.zeros(1))
+    if {AT_ANGLE, BY_DRIVER} & set(names):
+        for fitted, dials in zip(models, _dials(tasks, tables, settings), strict=True):
+            fitted |= {name: model for name, model in dials.items() if name in names}
+    return models
+
+
+def _dials(
     tasks: Sequence[Task], tables: Sequence[Demonstrations], settings: Training
 ) -> list[dict[str, Fitted]]:
-    """Return the dial of every fold as a model of drivers: with one angle for all, and by driver.
+    """Return the dial of every fold: with one angle for all, and by driver.
 
-    Args:
-        tasks: One for each fold.
-        tables: Training moments of each as demonstrations.
-        settings: Settings.
+    Beside it dials of parts of the training drivers are trained, which predict the others.
     """
     groups = [grouped(task.train.vehicle, _PARTS) for task in tasks]
-    without = [
-        demonstrations(task.train.rows(_besides(group, number)), settings.levels)
-        for task, group in zip(tasks, groups, strict=True)
-        for number in range(_PARTS)
-    ]
-    seeds = [task.seed for task in tasks]
-    every = _dials(
-        [*tables, *without], seeds + [seed for seed in seeds for _ in range(_PARTS)], settings
-    )
+    data, seeds = [*tables], [task.seed for task in tasks]
+    for task, group in zip(tasks, groups, strict=True):
+        for number in range(_PARTS):
+            besides = group != number
+            besides = besides if besides.any() else ~besides  # all, if there is no other part
+            data.append(demonstrations(task.train.rows(besides), settings.levels))
+            seeds.append(task.seed)
+    families = _families(data, seeds, settings)
     models = []
     for fold, (task, group) in enumerate(zip(tasks, groups, strict=True)):
         levels, first = Levels(task, settings), len(tasks) + _PARTS * fold
         density = np.empty((len(task.train), len(SHARES) * len(ANGLES)))
-        for number, chances in enumerate(every[first : first + _PARTS]):
+        for number, chances in enumerate(families[first : first + _PARTS]):
             rows = group == number
             density[rows] = levels.log_density(chances, task.train.rows(rows))
-        models.append(_models(task, levels, every[fold], density))
+        models.append(_models(task, levels, families[fold], density))
     return models
 
 
-def _besides(part: Int64[np.ndarray, " moment"], number: int) -> Bool[np.ndarray, " moment"]:
-    """Whether moments are of other parts; all of them, if there is no other."""
-    besides = part != number
-    return besides if besides.any() else ~besides
-
-
-def _dials(
+def _families(
     tables: Sequence[Demonstrations], seeds: Sequence[int], settings: Training
 ) -> list[Chances]:
     """Return the family of a dial of each table, all trained in one program."""
@@ -260,7 +242,7 @@ def _dials(
         )
         for seed in seeds
     ]
-    stages = train_together(shape, numbers, tables)
+    stages = train(shape, numbers, tables)
     clones = stages["behaviour"].state.target_network
     families = []
     for index in range(len(tables)):
@@ -292,24 +274,19 @@ def _models(
 ) -> dict[str, Fitted]:
     """Return the dial at the angle of the population, and at each driver's.
 
-    Args:
-        task: The fold.
-        levels: Its levels.
-        chances: Of the family.
-        density: Log-densities of the training moments, by families of other drivers.
+    `chances` are those of the family, `density` the log-densities of the training moments by
+    families of other drivers.
     """
     trait = family_trait(ANGLES, strengths=SHARES)
-    likelihood = _by_driver(density, task.train.vehicle)
+    _, likelihood = _by_driver(density, task.train.vehicle)
     alike, differ = (
-        population_posterior(log_marginal(likelihood, grid), grid)
+        hierarchy.population_posterior(hierarchy.log_marginal(likelihood, grid), grid)
         for grid in (trait.alike(), trait)
     )
-    vehicles = np.unique(task.own.vehicle)
-    own_likelihood = _by_driver(levels.log_density(chances, task.own), task.own.vehicle)
-    posterior = driver_posteriors(own_likelihood, differ)
-    by_driver = {
-        vehicle: _log(chance) for vehicle, chance in zip(vehicles.tolist(), posterior, strict=True)
-    }
+    of_own = levels.log_density(chances, task.own)
+    vehicles, own_likelihood = _by_driver(of_own, task.own.vehicle)
+    posterior = hierarchy.driver_posteriors(own_likelihood, differ)
+    by_driver = dict(zip(vehicles.tolist(), map(_log, posterior), strict=True))
     at_angle = levels.fitted(chances, _log(alike.driver_prior))
     share = {"dial_share": float(alike.driver_prior.sum(axis=1) @ np.array(SHARES))}
     return {
@@ -320,48 +297,12 @@ def _models(
 
 def _by_driver(
     density: Float64[np.ndarray, "moment policy"], vehicle: Int64[np.ndarray, " moment"]
-) -> Float64[np.ndarray, "driver shared value"]:
-    """Return the log-likelihood of each driver, in the order of their numbers."""
+) -> tuple[Int64[np.ndarray, " driver"], Float64[np.ndarray, "driver shared value"]]:
+    """Return the drivers in the order of their numbers, and the log-likelihood of each."""
     vehicles, driver = np.unique(vehicle, return_inverse=True)
-    shape = (len(density), len(SHARES), len(ANGLES))
-    return driver_log_likelihood(density.reshape(shape), driver, len(vehicles))
+    shaped = density.reshape(len(density), len(SHARES), len(ANGLES))
+    return vehicles, hierarchy.driver_log_likelihood(shaped, driver, len(vehicles))
 
 
-def _log(chance: Float64[np.ndarray, "shared value"]) -> Float64[np.ndarray, " policy"]:
+def _log(chance: Float64[np.ndarray, "shared value"]) -> Shares:
     return np.log(np.maximum(chance.ravel(), np.finfo(np.float64).tiny))
-
-
-CLONE = "clone"
-LEARNED = (CLONE, AT_ANGLE, BY_DRIVER)
-"""Models that our learners train."""
-
-
-def trained(
-    tasks: Sequence[Task], settings: Training, names: Sequence[str]
-) -> list[dict[str, Fitted]]:
-    """Return the learned models of every fold, by name.
-
-    Args:
-        tasks: One for each fold.
-        settings: Settings.
-        names: Those of `LEARNED` that are wanted.
-    """
-    models: list[dict[str, Fitted]] = [{} for _ in tasks]
-    tables = [demonstrations(task.train, settings.levels) for task in tasks]
-    seeds = [task.seed for task in tasks]
-    if CLONE in names:
-        shape = behaviour_cloning.CloningConfig(
-            hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
-        )
-        runs = [
-            behaviour_cloning.CloningHyperparameters(learning_rate=1e-3, seed=seed, dataset=fold)
-            for fold, seed in enumerate(seeds)
-        ]
-        clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)
-        for fold, task in enumerate(tasks):
-            chances = of_policies([clones.policy(fold)])
-            models[fold][CLONE] = Levels(task, settings).fitted(chances, np.zeros(1))
-    if {AT_ANGLE, BY_DRIVER} & set(names):
-        for fitted, dials in zip(models, trained_dials(tasks, tables, settings), strict=True):
-            fitted |= {name: model for name, model in dials.items() if name in names}
-    return models

@@ -1,102 +1,123 @@
 """Driver models: each fitted to training moments, predicting the next second's acceleration.
 
-Learned models read `features`: bounded numbers of a situation, 0 where nothing is there.
+A prediction is a mixture of Student's t around the components of a forecast, with a fitted scale.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.special import logsumexp
+from scipy.stats import t as student
 
 from socialiq.foreign import optional
 from socialiq_recordings import DISTRIBUTION
-from socialiq_recordings.idm import ballistic
+from socialiq_recordings.physics import ballistic
 from socialiq_recordings.prediction import following
-from socialiq_recordings.prediction.density import Forecast, Spread
-from socialiq_recordings.prediction.folds import grouped
-from socialiq_recordings.prediction.following import literature, next_second
-from socialiq_recordings.prediction.situations import HORIZON, Situations
+from socialiq_recordings.prediction.following import features, next_second
+from socialiq_recordings.prediction.situations import HORIZON, Situations, grouped
 
-NAMES = (
-    "speed",
-    "moving",
-    "leader_near",
-    "leader_headway",
-    "leader_slower",
-    "idm",
-    "follower_near",
-    "follower_faster",
-    "junction_near",
-    "left",
-    "right",
-    "limit",
-    "gives_way",
-    "conflict",
-    "arrives",
-    "other_arrives",
-    "first",
-    "merging",
-    "other_speed",
-)
-"""Columns of `features`."""
+FREEDOM = (2.0, 3.0, 5.0, 10.0, 30.0)
+"""Degrees of freedom that are tried: from heavy tails to nearly normal."""
 
-_NEAR = 20.0  # m over which nearness falls by e
-_SPEED = 10.0  # m/s
-_LONG = 5.0  # s; longer times are all the same
+LEAST = 0.1  # m/s²; least scale. Accelerations of a second from speeds that err by 0.07 m/s have it
+_ROUNDS = 30  # of expectation and maximisation
+_STAYING = 3.0  # degrees of freedom of the speeds of vehicles that stay
+_MOST_STAY = 0.99
+
+Numbers = Float64[np.ndarray, " moment"]
 
 
-def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
-    """Return what models learn from, in the order of `NAMES`; of about unit size.
+class Forecast(NamedTuple):
+    """Predicted acceleration: a mixture of components with one scale."""
 
-    Args:
-        seen: Situations.
+    # logarithm of each component's weight; a row's weights sum to 1
+    log_weight: Float64[np.ndarray, "moment component"]
+    centre: Float64[np.ndarray, "moment component"]  # of each component, m/s²
+
+    @staticmethod
+    def at(mean: Numbers) -> Forecast:
+        """Return forecasts of one component."""
+        return Forecast(np.zeros((len(mean), 1)), mean[:, None])
+
+    @property
+    def mean(self) -> Numbers:
+        """Mean acceleration, m/s²."""
+        return (np.exp(self.log_weight) * self.centre).sum(axis=1)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Student's t around a component, one for standing vehicles and one for moving ones."""
+
+    freedom: tuple[float, float]  # degrees of freedom, of standing and of moving vehicles
+    scale: tuple[float, float]  # m/s², likewise
+    stays: float  # share of the standing vehicles that stay, whatever their situation
+
+    @staticmethod
+    def fit(error: Numbers, acceleration: Numbers, moving: Bool[np.ndarray, " moment"]) -> Spread:
+        """Return the most likely scales, degrees of freedom and share of those who stay.
+
+        `error` are accelerations less their predictions, m/s².
+        """
+        free_standing, scale, stays = _fit(error[~moving], acceleration[~moving], True)
+        free_moving, faster, _ = _fit(error[moving], acceleration[moving], False)
+        return Spread((free_standing, free_moving), (scale, faster), stays)
+
+    def log_density(
+        self, forecast: Forecast, acceleration: Numbers, moving: Bool[np.ndarray, " moment"]
+    ) -> Numbers:
+        """Return the log-density of accelerations in m/s², 1 / (m/s²)."""
+        kind = moving.astype(np.int64)
+        freedom, scale = np.array(self.freedom)[kind], np.array(self.scale)[kind]
+        components = _log_t(
+            acceleration[:, None] - forecast.centre, freedom[:, None], scale[:, None]
+        )
+        density = logsumexp(forecast.log_weight + components, axis=1)
+        stays = np.where(moving, 0.0, self.stays)
+        with np.errstate(divide="ignore"):
+            return np.logaddexp(np.log1p(-stays) + density, np.log(stays) + _staying(acceleration))
+
+
+def _log_t(off: Any, freedom: Any, scale: Any) -> Any:
+    return student.logpdf(off / scale, freedom) - np.log(scale)
+
+
+def _staying(acceleration: Numbers) -> Numbers:
+    """Return the log-density of vehicles that stay: errors of their speeds are all they show."""
+    return np.asarray(_log_t(acceleration, _STAYING, LEAST))
+
+
+def _fit(error: Numbers, acceleration: Numbers, may_stay: bool) -> tuple[float, float, float]:
+    """Return degrees of freedom, scale and the share that stays, of the largest likelihood.
+
+    Expectation and maximisation for each of `FREEDOM` (Lange, Little and Taylor 1989).
     """
-    leads, follows = np.isfinite(seen.gap), np.isfinite(seen.behind)
-    conflict = seen.conflict
-    arrives, other_arrives = (
-        _time(gap, speed)
-        for gap, speed in ((seen.to_area, seen.speed), (seen.other_to_area, seen.other_speed))
-    )
-    limit = np.where(np.isfinite(seen.limit), seen.limit, 0.0)
-    columns = (
-        seen.speed / _SPEED,
-        seen.moving,
-        _near(seen.gap),
-        np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
-        np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
-        np.clip(next_second(literature(), seen), -4.0, 2.0),
-        _near(seen.behind),
-        np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
-        _near(seen.to_junction),
-        np.clip(seen.turn, 0.0, 90.0) / 90.0,
-        np.clip(-seen.turn, 0.0, 90.0) / 90.0,
-        limit / _SPEED,
-        seen.gives_way,
-        conflict,
-        np.where(conflict, 1 - arrives / _LONG, 0.0),
-        np.where(conflict, 1 - other_arrives / _LONG, 0.0),
-        np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
-        seen.merging & conflict,
-        np.where(conflict, seen.other_speed / _SPEED, 0.0),
-    )
-    return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
+    if not len(error):
+        return FREEDOM[-1], 1.0, 0.0
+    fits, at_zero = [], _staying(acceleration)
 
+    def totals(freedom: float, scale: float, stays: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return each log-density, and the probability that the vehicle stays."""
+        with np.errstate(divide="ignore"):
+            staying = np.log(stays) + at_zero
+        total = np.logaddexp(staying, np.log1p(-stays) + _log_t(error, freedom, scale))
+        return total, np.exp(staying - total)
 
-def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:
-    return np.exp(-np.maximum(metres, 0.0) / _NEAR)
+    for freedom in FREEDOM:
+        scale, stays = max(float(np.sqrt(np.mean(error**2))), LEAST), 0.5 * may_stay
+        for _ in range(_ROUNDS):
+            _, still = totals(freedom, scale, stays)
+            weight = (1 - still) * (freedom + 1) / (freedom + (error / scale) ** 2)
+            scale = np.sqrt((weight * error**2).sum() / max((1 - still).sum(), 1.0))
+            scale, stays = max(float(scale), LEAST), min(float(still.mean()), _MOST_STAY)
+        fits.append((float(totals(freedom, scale, stays)[0].sum()), freedom, scale, stays))
+    return max(fits)[1:]
 
-
-def _time(
-    metres: Float64[np.ndarray, " moment"], speed: Float64[np.ndarray, " moment"]
-) -> Float64[np.ndarray, " moment"]:
-    """Return the time to drive a distance, s; at most `_LONG`, also where nothing is there."""
-    return np.clip(np.maximum(metres, 0.0) / np.maximum(speed, 0.1), 0.0, _LONG)
-
-
-Residuals = Float64[np.ndarray, " moment"]
 
 BASE = "boosting, last residual"
 """The model whose choices an angle tilts."""
@@ -106,162 +127,141 @@ TRIVIAL = ("constant speed", "last acceleration")
 
 
 class Task(NamedTuple):
-    """Data that the models of a fold may learn from.
+    """Data that the models of a fold may learn from."""
 
-    Attributes:
-        train: Training moments.
-        residual: Of each: observed less fitted IDM's acceleration of the decision before; 0
-            without one.
-        first: Whether each is in the first half of its driver's conflicts.
-        own: Moments in the first halves of the drivers that are predicted.
-        own_residual: Residuals of these.
-        idm: Log-parameters of the IDM fitted to the training moments.
-        seed: Seed of what is drawn.
-    """
-
-    train: Situations
-    residual: Residuals
+    train: Situations  # training moments
+    # of each: observed less fitted IDM's acceleration of the decision before; 0 without one
+    residual: Numbers
+    # whether each is in the first half of its driver's conflicts
     first: Bool[np.ndarray, " moment"]
-    own: Situations
-    own_residual: Residuals
-    idm: Float64[np.ndarray, " parameter"]
-    seed: int
+    own: Situations  # moments in the first halves of the drivers that are predicted
+    idm: following.Parameters  # log-parameters of the IDM fitted to the training moments
+    seed: int  # seed of what is drawn
+
+
+Model = Callable[[Situations, Numbers], Any]
+"""Function of situations and last residuals."""
 
 
 class Fitted(NamedTuple):
-    """Fitted model.
+    """Fitted model."""
 
-    Attributes:
-        forecast: Acceleration of the next second from situations and last residuals.
-        spread: Density around it.
-        personal: Whether it learned from drivers' own first halves.
-        inferred: Numbers that it inferred, by name.
-    """
-
-    forecast: Callable[[Situations, Residuals], Forecast]
-    spread: Spread
-    personal: bool = False
-    inferred: Mapping[str, float] = {}
+    forecast: Model  # `Forecast` of the acceleration of the next second
+    spread: Spread  # density around it
+    personal: bool = False  # whether it learned from drivers' own first halves
+    inferred: Mapping[str, float] = {}  # numbers that it inferred, by name
 
 
-def residuals(idm: Float64[np.ndarray, " parameter"], seen: Situations) -> Residuals:
+def residuals(idm: following.Parameters, seen: Situations) -> Numbers:
     """Return observed less the IDM's acceleration of each driver's moment before; 0 without one.
 
-    Args:
-        idm: Log-parameters.
-        seen: Moments, with all earlier ones of their drivers.
+    `seen` must have all earlier moments of its drivers.
     """
-    off, before = seen.acceleration - following.next_second(idm, seen), seen.previous()
+    off, before = seen.acceleration - next_second(idm, seen), seen.previous()
     return np.where(before >= 0, off[before], 0.0)
 
 
 def rollout(
-    fitted: Fitted, idm: Float64[np.ndarray, " parameter"], seen: Situations, residual: Residuals
-) -> Float64[np.ndarray, " moment"]:
-    """Return the distances after `HORIZON` s of the mean accelerations, m.
+    fitted: Fitted, idm: following.Parameters, seen: Situations, residual: Numbers
+) -> Numbers:
+    """Return the distances after `HORIZON` s of a model's mean accelerations, m.
 
-    All others keep their speeds.
-
-    Args:
-        fitted: The model.
-        idm: Log-parameters of which the residuals are.
-        seen: Situations.
-        residual: Last residuals.
+    All others keep their speeds. `residual` are the last residuals of the IDM `idm`.
     """
-    total = np.zeros(len(seen))
+    total, moments = np.zeros(len(seen)), seen
     for _ in range(HORIZON):
-        rate = fitted.forecast(seen, residual).mean
-        total += ballistic(seen.speed, rate, 1.0)[0]
-        residual = rate - following.next_second(idm, seen)
-        seen = seen.advanced(rate)
+        rate = fitted.forecast(moments, residual).mean
+        total += ballistic(moments.speed, rate, 1.0)[0]
+        residual = rate - next_second(idm, moments)
+        moments = moments.advanced(rate)
     return total
 
 
-def _of_mean(
-    mean: Callable[[Situations, Residuals], Any],
-    task: Task,
-    errors: np.ndarray | None = None,
-    personal: bool = False,
-) -> Fitted:
+def _of_mean(mean: Model, task: Task, errors: np.ndarray | None = None) -> Fitted:
     """Return a model of a mean; its spread is that of its errors in training, if none are given."""
     off = task.train.acceleration - mean(task.train, task.residual) if errors is None else errors
     spread = Spread.fit(off, task.train.acceleration, task.train.moving)
-    return Fitted(lambda seen, last: Forecast.at(mean(seen, last)), spread, personal)
+    return Fitted(lambda seen, last: Forecast.at(mean(seen, last)), spread)
 
 
-def constant_speed(task: Task) -> Fitted:
-    """Return the model without acceleration."""
+def _constant_speed(task: Task) -> Fitted:
     return _of_mean(lambda seen, _: np.zeros(len(seen)), task)
 
 
-def last_acceleration(task: Task) -> Fitted:
+def _last_acceleration(task: Task) -> Fitted:
     """Return the model of a fitted share of the last second's acceleration."""
     share = _share(_last(task.train), task.train.acceleration)
     return _of_mean(lambda seen, _: share * _last(seen), task)
 
 
-def idm_literature(task: Task) -> Fitted:
-    """Return the IDM with the parameters of the literature."""
-    return _of_mean(lambda seen, _: following.next_second(following.literature(), seen), task)
+def _idm_literature(task: Task) -> Fitted:
+    return _of_mean(lambda seen, _: next_second(following.literature(), seen), task)
 
 
-def idm_fitted(task: Task) -> Fitted:
-    """Return the IDM fitted to all training moments."""
-    return _of_mean(lambda seen, _: following.next_second(task.idm, seen), task)
+def _idm_fitted(task: Task) -> Fitted:
+    return _of_mean(lambda seen, _: next_second(task.idm, seen), task)
 
 
-def idm_residual(task: Task) -> Fitted:
+def _idm_residual(task: Task) -> Fitted:
     """Return the fitted IDM and a fitted share of the driver's last residual."""
-    off = task.train.acceleration - following.next_second(task.idm, task.train)
+    off = task.train.acceleration - next_second(task.idm, task.train)
     share = _share(task.residual, off)
-    return _of_mean(lambda seen, last: following.next_second(task.idm, seen) + share * last, task)
+    return _of_mean(lambda seen, last: next_second(task.idm, seen) + share * last, task)
 
 
-def idm_by_driver(task: Task) -> Fitted:
+def _idm_by_driver(task: Task) -> Fitted:
     """Return the IDM fitted to each driver's first half, shrunk towards the population.
 
     How much drivers differ is chosen by the second halves of the training drivers, whose errors
     also give the spread.
     """
-    off = task.train.acceleration - following.next_second(task.idm, task.train)
+    off = task.train.acceleration - next_second(task.idm, task.train)
     error = max(float(np.sqrt(np.mean(np.minimum(off**2, 9.0)))), 0.1)
     spread = following.best_spread(task.idm, task.train, task.first, error)
 
-    def mean_of(own: Situations) -> Callable[[Situations, Residuals], Any]:
+    def mean_of(own: Situations) -> Model:
         drivers = following.fit_drivers(task.idm, own, error, spread)
-        return lambda seen, _: following.next_second(
-            following.of_drivers(task.idm, drivers, seen), seen
-        )
+        return lambda seen, _: next_second(following.of_drivers(task.idm, drivers, seen), seen)
 
     # Of first halves, from which drivers' parameters come, the errors are those of the population.
     trained = mean_of(task.train.rows(task.first))
     errors = np.where(task.first, off, task.train.acceleration - trained(task.train, task.residual))
-    spread_of_errors = Spread.fit(errors, task.train.acceleration, task.train.moving)
-    personal = mean_of(task.own)
-    return Fitted(lambda seen, last: Forecast.at(personal(seen, last)), spread_of_errors, True)
+    return _of_mean(mean_of(task.own), task, errors)._replace(personal=True)
 
 
-def boosting(task: Task) -> Fitted:
-    """Return gradient boosting of the situation."""
+def _boosting(task: Task) -> Fitted:
     return _boosted(task, lambda seen, _: features(seen))
 
 
-def boosting_residual(task: Task) -> Fitted:
+def _boosting_residual(task: Task) -> Fitted:
     """Return gradient boosting of the situation, the last acceleration and the last residual."""
     return _boosted(task, lambda seen, last: np.column_stack([features(seen), _last(seen), last]))
 
 
-def _boosted(task: Task, inputs: Callable[[Situations, Residuals], Any]) -> Fitted:
+def _boosted(task: Task, inputs: Model) -> Fitted:
     """Return gradient boosting; its spread is of errors for drivers that it was not trained on."""
     columns, target = inputs(task.train, task.residual), task.train.acceleration
+
+    def trees(rows: np.ndarray) -> Any:
+        regressor = ensembles().HistGradientBoostingRegressor(
+            learning_rate=0.05,
+            max_iter=150,
+            max_leaf_nodes=8,
+            min_samples_leaf=10,
+            l2_regularization=1.0,
+            early_stopping=False,
+            random_state=task.seed,
+        )
+        return regressor.fit(columns[rows], target[rows])
+
     group = grouped(task.train.vehicle, 5)
     errors = np.zeros(len(target))
     for number in np.unique(group):
-        besides = group != number if (group != number).any() else group == number
-        trees = _trees(task.seed).fit(columns[besides], target[besides])
-        errors[group == number] = target[group == number] - trees.predict(columns[group == number])
-    trees = _trees(task.seed).fit(columns, target)
-    return _of_mean(lambda seen, last: trees.predict(inputs(seen, last)), task, errors)
+        rows = group == number
+        fitted = trees(~rows if not rows.all() else rows)
+        errors[rows] = target[rows] - fitted.predict(columns[rows])
+    fitted = trees(np.ones(len(target), bool))
+    return _of_mean(lambda seen, last: fitted.predict(inputs(seen, last)), task, errors)
 
 
 def ensembles() -> Any:
@@ -273,35 +273,23 @@ def ensembles() -> Any:
     return optional("sklearn.ensemble", "prediction", "gradient boosting", DISTRIBUTION)
 
 
-def _trees(seed: int) -> Any:
-    return ensembles().HistGradientBoostingRegressor(
-        learning_rate=0.05,
-        max_iter=150,
-        max_leaf_nodes=8,
-        min_samples_leaf=10,
-        l2_regularization=1.0,
-        early_stopping=False,
-        random_state=seed,
-    )
-
-
-def _last(seen: Situations) -> Float64[np.ndarray, " moment"]:
+def _last(seen: Situations) -> Numbers:
     return np.nan_to_num(seen.last)
 
 
-def _share(given: np.ndarray, target: np.ndarray) -> float:
+def _share(numbers: np.ndarray, target: np.ndarray) -> float:
     """Return the factor of the least squares."""
-    return float(given @ target / max(float(given @ given), 1e-9))
+    return float(numbers @ target / max(float(numbers @ numbers), 1e-9))
 
 
 MODELS: dict[str, Callable[[Task], Fitted]] = {
-    "constant speed": constant_speed,
-    "last acceleration": last_acceleration,
-    "IDM, literature": idm_literature,
-    "IDM, fitted": idm_fitted,
-    "IDM, by driver": idm_by_driver,
-    "IDM, last residual": idm_residual,
-    "boosting": boosting,
-    BASE: boosting_residual,
+    "constant speed": _constant_speed,
+    "last acceleration": _last_acceleration,
+    "IDM, literature": _idm_literature,
+    "IDM, fitted": _idm_fitted,
+    "IDM, by driver": _idm_by_driver,
+    "IDM, last residual": _idm_residual,
+    "boosting": _boosting,
+    BASE: _boosting_residual,
 }
 """Models that are fitted fold by fold; `learned` trains the policies of all folds at once."""

@@ -8,10 +8,10 @@ IDM, and models that know more against what they extend.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64
 from matplotlib.figure import Figure
 
 from socialiq.plotting.style import COLORS, figure, finish, head
@@ -20,6 +20,7 @@ from socialiq.types import Row
 from socialiq_recordings.conflicts.measures import known
 from socialiq_recordings.prediction import learned
 from socialiq_recordings.prediction.models import BASE, TRIVIAL
+from socialiq_recordings.prediction.situations import Situations
 
 SUBSETS = ("all", "moving", "conflict")
 """All moments, those of moving vehicles, and those of moving vehicles in a conflict."""
@@ -31,158 +32,102 @@ from a driver's first half are only scored on its second."""
 
 
 class Predicted(NamedTuple):
-    """Predictions of one model for the moments that a holdout tests.
+    """Predictions of one model for the moments that a holdout tests."""
 
-    Attributes:
-        model: Name.
-        personal: Whether it learned from drivers' first halves.
-        log_density: Of the observed acceleration.
-        mean: Predicted acceleration, m/s².
-        driven: Predicted distance after 3 s, m.
-    """
-
-    model: str
-    personal: bool
-    log_density: Float64[np.ndarray, " moment"]
-    mean: Float64[np.ndarray, " moment"]
-    driven: Float64[np.ndarray, " moment"]
+    model: str  # name
+    personal: bool  # whether it learned from drivers' first halves
+    log_density: Float64[np.ndarray, " moment"]  # of the observed acceleration
+    mean: Float64[np.ndarray, " moment"]  # predicted acceleration, m/s²
+    driven: Float64[np.ndarray, " moment"]  # predicted distance after 3 s, m
 
 
 class Held(NamedTuple):
-    """Moments that a holdout tests, each once.
+    """Moments that a holdout tests, each once."""
 
-    Attributes:
-        holdout: What is held out.
-        acceleration: Observed, m/s².
-        driven: Observed distance after 3 s, m; NaN if not seen.
-        chain: Number of each moment's chain.
-        vehicle: Number of each moment's driver.
-        moving: Whether it moves.
-        conflict: Whether it is in a conflict.
-        second: Whether the moment is in the second half of the driver's conflicts.
-        predicted: Of every model.
-    """
-
-    holdout: str
-    acceleration: Float64[np.ndarray, " moment"]
-    driven: Float64[np.ndarray, " moment"]
-    chain: Int64[np.ndarray, " moment"]
-    vehicle: Int64[np.ndarray, " moment"]
-    moving: Bool[np.ndarray, " moment"]
-    conflict: Bool[np.ndarray, " moment"]
+    holdout: str  # what is held out
+    moments: Situations  # the moments
+    # whether each is in the second half of the driver's conflicts
     second: Bool[np.ndarray, " moment"]
-    predicted: Sequence[Predicted]
+    predicted: Sequence[Predicted]  # of every model
 
     def mask(self, subset: str, part: str) -> Bool[np.ndarray, " moment"]:
         """Return the moments of a subset and a part."""
-        kinds = {
-            "all": np.ones(len(self.moving), bool),
-            "moving": self.moving,
-            "conflict": self.moving & self.conflict,
-        }
+        moving = self.moments.moving
+        kinds = {"all": np.ones_like(moving), "moving": moving}
+        kinds["conflict"] = moving & self.moments.conflict
         return kinds[subset] & (self.second | (part == "all"))
 
 
 def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
-    """Return a row for each subset, part and model; an interval of one chain is None.
+    """Return a row for each subset, part and model, with intervals from resampled chains.
 
-    Args:
-        tested: Moments with predictions.
-        seed: Of the resampling of chains.
-        resamples: Number of resamples.
+    An interval of one chain is None.
     """
     rows: list[Row] = []
     for subset in SUBSETS:
-        for moments in PARTS:
-            mask = tested.mask(subset, moments)
-            models = [model for model in tested.predicted if moments != "all" or not model.personal]
+        for half in PARTS:
+            mask = tested.mask(subset, half)
+            models = [model for model in tested.predicted if half != "all" or not model.personal]
             if mask.any():
-                rows += _rows(tested, models, mask, (seed, resamples), subset, moments)
+                head = {"holdout": tested.holdout, "moments": subset, "part": half}
+                best = _better_trivial(models, mask)
+                rows += [
+                    head | _scored(tested, model, best, mask, (seed, resamples)) for model in models
+                ]
     return [{name: known(value) for name, value in row.items()} for row in rows]
 
 
-def _rows(
+def _scored(
     tested: Held,
-    models: Sequence[Predicted],
+    model: Predicted,
+    best: Predicted | None,
     mask: Bool[np.ndarray, " moment"],
-    drawn: tuple[int, int],
-    subset: str,
-    part: str,
-) -> list[Row]:
-    chain = tested.chain[mask]
-    best = better_trivial(models, mask)
-    in_view = mask & np.isfinite(tested.driven)
-    rows = []
-    for model in models:
-        surprise = cluster_mean(-model.log_density[mask], chain, *drawn)
-        squared = cluster_mean((model.mean - tested.acceleration)[mask] ** 2, chain, *drawn)
-        row: Row = {
-            "holdout": tested.holdout,
-            "moments": subset,
-            "part": part,
-            "model": model.model,
-            "n": int(mask.sum()),
-            "drivers": len(np.unique(tested.vehicle[mask])),
-            "chains": surprise.clusters,
-            "surprise": surprise.mean,
-            "surprise_low": surprise.low,
-            "surprise_high": surprise.high,
-            "rmse": float(np.sqrt(squared.mean)),
-            "rmse_low": float(np.sqrt(squared.low)),
-            "rmse_high": float(np.sqrt(squared.high)),
-        }
-        rows.append(
-            row
-            | _displacement(tested, model, in_view, drawn)
-            | _gain(model, best, mask, chain, drawn)
-        )
-    return rows
+    draws: tuple[int, int],
+) -> Row:
+    """Return surprise, error of acceleration, gain over the better trivial model, displacement.
+
+    Displacement is the mean distance at 3 s between predicted and observed positions along the way.
+    """
+    moments = tested.moments
+    chain, in_view = moments.chain[mask], mask & np.isfinite(moments.driven)
+    surprise = cluster_mean(-model.log_density[mask], chain, *draws)
+    squared = cluster_mean((model.mean - moments.acceleration)[mask] ** 2, chain, *draws)
+    row: Row = {
+        "model": model.model,
+        "n": int(mask.sum()),
+        "drivers": len(np.unique(moments.vehicle[mask])),
+        "chains": surprise.clusters,
+        "surprise": surprise.mean,
+        "surprise_low": surprise.low,
+        "surprise_high": surprise.high,
+        "rmse": float(np.sqrt(squared.mean)),
+        "rmse_low": float(np.sqrt(squared.low)),
+        "rmse_high": float(np.sqrt(squared.high)),
+        **dict.fromkeys(("displacement", "displacement_low", "displacement_high")),
+        "n_displacement": int(in_view.sum()),
+    }
+    if in_view.any():
+        off = np.abs(model.driven - moments.driven)[in_view]
+        mean = cluster_mean(off, moments.chain[in_view], *draws)
+        row |= {"displacement": mean.mean}
+        row |= {"displacement_low": mean.low, "displacement_high": mean.high}
+    if best is not None:
+        gain = cluster_mean((model.log_density - best.log_density)[mask], chain, *draws)
+        row |= {"over": best.model, "gain": gain.mean, "gain_low": gain.low, "gain_high": gain.high}
+    return row
 
 
-def better_trivial(
+def _better_trivial(
     models: Sequence[Predicted], mask: Bool[np.ndarray, " moment"]
 ) -> Predicted | None:
-    """Return the trivial model that predicts some moments better; None without any.
-
-    Args:
-        models: All models.
-        mask: The moments.
-    """
+    """Return the trivial model that predicts some moments better; None without any."""
     trivial = [model for model in models if model.model in TRIVIAL]
     return max(trivial, key=lambda one: one.log_density[mask].mean()) if trivial else None
 
 
-def _displacement(
-    tested: Held, one: Predicted, seen: Bool[np.ndarray, " moment"], drawn: tuple[int, int]
-) -> Row:
-    """Return the mean distance at 3 s between predicted and observed positions along the way."""
-    names = ("displacement", "displacement_low", "displacement_high")
-    if not seen.any():
-        return dict.fromkeys(names) | {"n_displacement": 0}
-    off = np.abs(one.driven - tested.driven)[seen]
-    mean = cluster_mean(off, tested.chain[seen], *drawn)
-    return dict(zip(names, mean[:3], strict=True)) | {"n_displacement": int(seen.sum())}
-
-
-def _gain(
-    one: Predicted,
-    best: Predicted | None,
-    mask: Bool[np.ndarray, " moment"],
-    chain: Int64[np.ndarray, " chosen"],
-    drawn: tuple[int, int],
-) -> Row:
-    """Return the gain over the better trivial model, nats."""
-    if best is None:
-        return {}
-    gain = cluster_mean((one.log_density - best.log_density)[mask], chain, *drawn)
-    return {"over": best.model, "gain": gain.mean, "gain_low": gain.low, "gain_high": gain.high}
-
-
 FITTED = "IDM, fitted"
 
-ERROR = 0.05
-"""Chance that any contrast is decided though there is no difference."""
-
+ERROR = 0.05  # chance that any contrast is decided though there is no difference
 EXTENDED = {
     "IDM, by driver": FITTED,
     "IDM, last residual": FITTED,
@@ -196,20 +141,19 @@ EXTENDED = {
 def contrasts(tested: Sequence[Held], seed: int, resamples: int) -> list[Row]:
     """Return a row for each contrast: gain in nats a moment, interval by chain, p, corrected p.
 
-    Args:
-        tested: Moments with predictions, of each holdout.
-        seed: Of the resampling of chains.
-        resamples: Number of resamples, and of drawn patterns of signs.
+    `resamples` is the number of resampled chains, and of drawn patterns of signs.
     """
-    chains = np.unique(np.concatenate([held.chain for held in tested])) if tested else np.zeros(0)
+    every = [held.moments.chain for held in tested]
+    chains = np.unique(np.concatenate(every)) if tested else np.zeros(0)
     rows, sums = [], []
     for held in tested:
         for subset in SUBSETS:
             mask = held.mask(subset, SECOND_HALF)
-            chain = np.searchsorted(chains, held.chain[mask])
+            of_chain = held.moments.chain[mask]
+            chain = np.searchsorted(chains, of_chain)
             for model, rival in _pairs(held, mask):
                 gain = (model.log_density - rival.log_density)[mask]
-                mean = cluster_mean(gain, held.chain[mask], seed, resamples)
+                mean = cluster_mean(gain, of_chain, seed, resamples)
                 sums.append(np.bincount(chain, gain, len(chains)))
                 row: Row = {"holdout": held.holdout, "moments": subset, "model": model.model}
                 row |= {"over": rival.model, "n": int(mask.sum()), "chains": mean.clusters}
@@ -229,7 +173,7 @@ def _pairs(held: Held, mask: np.ndarray) -> list[tuple[Predicted, Predicted]]:
     if not mask.any():
         return []
     by = {model.model: model for model in held.predicted}
-    trivial = better_trivial(held.predicted, mask)
+    trivial = _better_trivial(held.predicted, mask)
     pairs = []
     for name, prediction in by.items():
         rivals = [trivial.model] if trivial and name not in TRIVIAL else []
@@ -239,7 +183,7 @@ def _pairs(held: Held, mask: np.ndarray) -> list[tuple[Predicted, Predicted]]:
     return pairs
 
 
-_SHOWN = (
+_SUBSETS_DRAWN = (
     ("moving", COLORS["prosocial"], "o", "moving vehicles"),
     ("conflict", COLORS["egoistic"], "D", "moving vehicles in a conflict within 5 s"),
 )
@@ -249,41 +193,30 @@ _FEWEST = 10  # moments; scores of fewer are not drawn
 
 
 def gains(rows: Sequence[Row]) -> Figure:
-    """Draw the gain of each model with its interval, a panel for each holdout.
-
-    Args:
-        rows: Rows of `scores.csv`.
-    """
+    """Draw the gain of each model with its interval, a panel for each holdout."""
     holdouts = list(dict.fromkeys(row["holdout"] for row in rows))
     models = [m for m in dict.fromkeys(row["model"] for row in rows) if m not in TRIVIAL]
     drawing = figure(3.0 + 3.6 * len(holdouts), 1.8 + 0.33 * max(len(models), 1))
     panels = drawing.subplots(1, len(holdouts), sharey=True, squeeze=False)[0]
     for axes, holdout in zip(panels, holdouts, strict=True):
-        of_holdout = [r for r in rows if r["holdout"] == holdout and r["part"] == SECOND_HALF]
-        _panel(axes, of_holdout, models)
+        axes.axvline(0.0, color="#777777", linewidth=0.8)
+        second = [r for r in rows if r["holdout"] == holdout and r["part"] == SECOND_HALF]
+        for kind, (subset, color, mark, label) in enumerate(_SUBSETS_DRAWN):
+            of_subset = [r for r in second if r["moments"] == subset and r["n"] >= _FEWEST]
+            placed = [row for row in of_subset if row["model"] in models]
+            if not placed:
+                axes.plot([], [], mark, color=color, markersize=4, label=label)  # in the legend
+                continue
+            at = np.array([models.index(row["model"]) for row in placed]) + (kind - 0.5) * 0.3
+            gain, low, high = (
+                np.clip(np.array([row[name] for row in placed], np.float64), -_FARTHEST, _FARTHEST)
+                for name in ("gain", "gain_low", "gain_high")  # None becomes NaN
+            )
+            axes.hlines(at, low, high, color=color, linewidth=1.2)
+            axes.plot(gain, at, mark, color=color, markersize=4, label=label)
         finish(axes, f"held-out {holdout}", xlabel="log-likelihood gained, nats a moment")
     panels[0].set_yticks(np.arange(len(models)), models, fontsize=8)
     panels[0].invert_yaxis()
     title = "Next second's acceleration against the better of constant speed and last acceleration"
     head(drawing, f"{title}; 95 % by chain", panels[0], columns=2)
     return drawing
-
-
-def _panel(axes: Any, rows: Sequence[Row], models: Sequence[str]) -> None:
-    axes.axvline(0.0, color="#777777", linewidth=0.8)
-    for number_of_kind, (subset, color, mark, label) in enumerate(_SHOWN):
-        chosen = {
-            row["model"]: row for row in rows if row["moments"] == subset and row["n"] >= _FEWEST
-        }
-        placed = [(models.index(name), row) for name, row in chosen.items() if name in models]
-        if not placed:
-            axes.plot([], [], mark, color=color, markersize=4, label=label)  # in the legend
-            continue
-        at = np.array([number for number, _ in placed]) + (number_of_kind - 0.5) * 0.3
-        gain, low, high = (
-            np.array([row[name] for _, row in placed], np.float64)  # None becomes NaN
-            for name in ("gain", "gain_low", "gain_high")
-        )
-        gain, low, high = (np.clip(values, -_FARTHEST, _FARTHEST) for values in (gain, low, high))
-        axes.hlines(at, low, high, color=color, linewidth=1.2)
-        axes.plot(gain, at, mark, color=color, markersize=4, label=label)

@@ -21,7 +21,6 @@ from socialiq.errors import UserError
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Area, Encounters
 from socialiq_recordings.conflicts.ways import (
-    Near,
     Way,
     apart,
     follower,
@@ -30,18 +29,14 @@ from socialiq_recordings.conflicts.ways import (
     on_way,
     projected,
 )
-from socialiq_recordings.identity.duplicates import tracks_kept
-from socialiq_recordings.identity.identify import Identified
-from socialiq_recordings.idm import ballistic
+from socialiq_recordings.identity.identify import Identified, tracks_kept
+from socialiq_recordings.physics import ballistic
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
 from socialiq_recordings.road.routes import Scene
 
-MOVING = 0.5
-"""m/s; a slower vehicle stands."""
-
-HORIZON = 3
-"""s after a moment to which the position is predicted."""
+MOVING = 0.5  # m/s; a slower vehicle stands
+HORIZON = 3  # s after a moment to which the position is predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,65 +44,43 @@ class Situations:
     """Situations, a row for each moment of a vehicle.
 
     A distance is infinite, and its speed 0, where there is no such vehicle.
-
-    Attributes:
-        recording: Index of the recording.
-        vehicle: Number of the vehicle over all recordings.
-        chain: Number of the chain.
-        site: Number of the site.
-        time: s, on one clock: recordings overlap on it only where they have moments in common.
-        speed: m/s.
-        last: Acceleration of the second before, m/s²; NaN if the vehicle wasn't in view.
-        length: Of the vehicle, m.
-        gap: To the leader, m, bumper to bumper.
-        leader_speed: m/s.
-        behind: Gap of the follower, m.
-        behind_speed: m/s.
-        to_junction: From the front to the next junction on the route, m.
-        turn: Change of direction over the next 20 m, degrees, positive to the left.
-        limit: Speed limit, m/s; infinite if unknown.
-        gives_way: Whether a sign on the lanelet tells it to yield or to stop.
-        to_area: From the front to the conflict area, m; negative inside.
-        through: From its beginning until the rear has left it, m.
-        merging: Whether the ways merge there.
-        other_to_area: The other vehicle's distance to it, m.
-        other_through: As `through`, m.
-        other_speed: m/s.
-        other_gap: The other's gap to its own leader, m.
-        other_leader_speed: m/s.
-        acceleration: Observed mean of the next second, m/s²; a target.
-        driven: Distance after `HORIZON` s, m; NaN if the vehicle wasn't in view; a target.
     """
 
-    recording: Int64[np.ndarray, " moment"]
-    vehicle: Int64[np.ndarray, " moment"]
-    chain: Int64[np.ndarray, " moment"]
-    site: Int64[np.ndarray, " moment"]
+    recording: Int64[np.ndarray, " moment"]  # index of the recording
+    vehicle: Int64[np.ndarray, " moment"]  # number of the vehicle over all recordings
+    chain: Int64[np.ndarray, " moment"]  # number of the chain
+    site: Int64[np.ndarray, " moment"]  # number of the site
+    # s, on one clock: recordings overlap on it only where they have moments in common
     time: Float64[np.ndarray, " moment"]
-    speed: Float64[np.ndarray, " moment"]
+    speed: Float64[np.ndarray, " moment"]  # m/s
+    # acceleration of the second before, m/s²; NaN if the vehicle wasn't in view
     last: Float64[np.ndarray, " moment"]
-    length: Float64[np.ndarray, " moment"]
-    gap: Float64[np.ndarray, " moment"]
-    leader_speed: Float64[np.ndarray, " moment"]
-    behind: Float64[np.ndarray, " moment"]
-    behind_speed: Float64[np.ndarray, " moment"]
+    length: Float64[np.ndarray, " moment"]  # of the vehicle, m
+    gap: Float64[np.ndarray, " moment"]  # to the leader, m, bumper to bumper
+    leader_speed: Float64[np.ndarray, " moment"]  # m/s
+    behind: Float64[np.ndarray, " moment"]  # gap of the follower, m
+    behind_speed: Float64[np.ndarray, " moment"]  # m/s
+    # from the front to the next junction on the route, m
     to_junction: Float64[np.ndarray, " moment"]
+    # change of direction over the next 20 m, degrees, positive to the left
     turn: Float64[np.ndarray, " moment"]
-    limit: Float64[np.ndarray, " moment"]
+    limit: Float64[np.ndarray, " moment"]  # speed limit, m/s; infinite if unknown
+    # whether a sign on the lanelet tells it to yield or to stop
     gives_way: Bool[np.ndarray, " moment"]
+    # from the front to the conflict area, m; negative inside
     to_area: Float64[np.ndarray, " moment"]
-    through: Float64[np.ndarray, " moment"]
-    merging: Bool[np.ndarray, " moment"]
-    other_to_area: Float64[np.ndarray, " moment"]
-    other_through: Float64[np.ndarray, " moment"]
-    other_speed: Float64[np.ndarray, " moment"]
-    other_gap: Float64[np.ndarray, " moment"]
-    other_leader_speed: Float64[np.ndarray, " moment"]
-    acceleration: Float64[np.ndarray, " moment"]
+    through: Float64[np.ndarray, " moment"]  # from its beginning until the rear has left it, m
+    merging: Bool[np.ndarray, " moment"]  # whether the ways merge there
+    other_to_area: Float64[np.ndarray, " moment"]  # the other vehicle's distance to it, m
+    other_through: Float64[np.ndarray, " moment"]  # as `through`, m
+    other_speed: Float64[np.ndarray, " moment"]  # m/s
+    other_gap: Float64[np.ndarray, " moment"]  # the other's gap to its own leader, m
+    other_leader_speed: Float64[np.ndarray, " moment"]  # m/s
+    acceleration: Float64[np.ndarray, " moment"]  # observed mean of the next second, m/s²; a target
+    # distance after `HORIZON` s, m; NaN if the vehicle wasn't in view; a target
     driven: Float64[np.ndarray, " moment"]
 
     def __len__(self) -> int:
-        """Return the number of moments."""
         return len(self.vehicle)
 
     @property
@@ -121,18 +94,13 @@ class Situations:
         return self.speed >= MOVING
 
     def rows(self, mask: np.ndarray) -> Situations:
-        """Return some moments.
-
-        Args:
-            mask: Those to keep, or their indices.
-        """
+        """Return the moments of a mask, or of indices."""
         return Situations(*(getattr(self, field.name)[mask] for field in fields(self)))
 
     def advanced(self, acceleration: Float64[np.ndarray, " moment"]) -> Situations:
         """Return the situations a second later, all others at their speeds.
 
-        Args:
-            acceleration: Of each driver, m/s²; one that comes to a stand stays.
+        `acceleration` is that of each driver, m/s²; one that comes to a stand stays.
         """
         driven, speed = ballistic(self.speed, acceleration, 1.0)
         return replace(
@@ -177,11 +145,18 @@ class Situations:
         return halves
 
 
-def joined(parts: Sequence[Situations]) -> Situations:
-    """Return the moments of several tables in one."""
-    return Situations(
-        *(np.concatenate([getattr(table, f.name) for table in parts]) for f in fields(Situations))
-    )
+def grouped(group: Int64[np.ndarray, " moment"], parts: int) -> Int64[np.ndarray, " moment"]:
+    """Return the part of each moment, of at most so many; groups stay whole.
+
+    The largest group left goes to the part that is the smallest so far.
+    """
+    number, sizes = np.unique(group, return_inverse=True, return_counts=True)[1:]
+    filled = np.zeros(min(parts, len(sizes)))
+    part_of = np.zeros(len(sizes), np.int64)
+    for largest in np.argsort(-sizes, kind="stable"):
+        part_of[largest] = np.argmin(filled)
+        filled[part_of[largest]] += sizes[largest]
+    return part_of[number]
 
 
 SOON = 5.0
@@ -189,6 +164,8 @@ SOON = 5.0
 
 _APART = 1e6  # s between recordings without a moment in common
 _TURN = 20.0  # m ahead over which a change of direction is measured
+_KINDS: dict[str, Any] = dict.fromkeys(("recording", "vehicle", "chain", "site"), np.int64)
+_KINDS |= dict.fromkeys(("gives_way", "merging"), np.bool_)
 _NO_AREA: dict[str, Any] = {
     "to_area": math.inf,
     "through": 0.0,
@@ -206,25 +183,20 @@ def situations_of(
 ) -> Situations:
     """Return the situations of all vehicles on the road, one for each second.
 
-    Args:
-        recordings: With road networks.
-        identified: Of the same recordings.
-        drop: Whether a vehicle whose moments several recordings show gets moments in one only.
+    With `drop` a vehicle whose moments several recordings show gets moments in one only.
 
     Raises:
         UserError: If no vehicle is in view for a second.
     """
-    longest = (
-        tracks_kept([recording.tracks for recording in recordings], identified) if drop else None
-    )
+    tracks = [recording.tracks for recording in recordings]
+    longest = tracks_kept(tracks, identified) if drop else None
     clocks = clocks_of(identified)
     sites, chains = (
         np.unique(names, return_inverse=True)[1] for names in (identified.site, identified.chain)
     )
-    tables = []
+    rows: list[Row] = []
     for number, recording in enumerate(recordings):
         source = _Seen(Encounters(Scene(recording)))
-        rows = []
         for track in source.ways:
             if longest is not None and (number, track) not in longest:
                 continue
@@ -235,20 +207,20 @@ def situations_of(
                 "site": int(sites[number]),
             }
             rows += [who | row for row in source.moments(track, clocks[number])]
-        tables.append(_table(rows))
-    situations = joined(tables)
-    if not len(situations):
+    if not rows:
         raise UserError("no vehicle is on the road for a second and more: nothing can be predicted")
-    return situations
+    return Situations(
+        *(
+            np.array([row[field.name] for row in rows], _KINDS.get(field.name, np.float64))
+            for field in fields(Situations)
+        )
+    )
 
 
 def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
     """Return the time of each recording's frame 0 on one clock, s.
 
     Recordings with moments in common show them at one time; others are `_APART`.
-
-    Args:
-        identified: Of the recordings.
     """
     count = len(identified.names)
     clocks = np.full(count, np.nan)
@@ -268,94 +240,62 @@ def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
     return clocks
 
 
-def _table(rows: Sequence[Row]) -> Situations:
-    kinds = {"recording": np.int64, "vehicle": np.int64, "chain": np.int64, "site": np.int64}
-    kinds |= {"gives_way": np.bool_, "merging": np.bool_}
-    return Situations(
-        *(
-            np.array([row[field.name] for row in rows], kinds.get(field.name, np.float64))
-            for field in fields(Situations)
-        )
-    )
-
-
 class _Seen:
     """Ways of a recording's vehicles with the speeds that it states."""
 
     def __init__(self, encounters: Encounters) -> None:
-        self.encounters = encounters
-        scene = encounters.scene
+        self.encounters, self.scene = encounters, encounters.scene
         self.ways = {
-            track: replace(way, speed=scene.speed[scene.rows(track)])
+            track: replace(way, speed=self.scene.speed[self.scene.rows(track)])
             for track, way in encounters.ways.items()
         }
-        self.dt = encounters.scene.tracks.dt
+        self.dt = self.scene.tracks.dt
+        self.lanelets = self.scene.lanes.road.lanelets
 
     def moments(self, track: int, clock: float) -> list[Row]:
         """Return the situations of a vehicle that is in view for a second after them."""
-        way, step = self.ways[track], round(1.0 / self.dt)
+        way, step, matched = self.ways[track], round(1.0 / self.dt), self.scene.matched(track)
         frames = range(way.first, way.last - step + 1, step)
-        partners = self._partners(track) if len(frames) else []
-        junctions = self._junctions(way)
-        return [self._row(way, frame, clock, partners, junctions) for frame in frames]
-
-    def _row(
-        self,
-        way: Way,
-        frame: int,
-        clock: float,
-        partners: list[tuple[Way, Area]],
-        junctions: Float64[np.ndarray, " junction"],
-    ) -> Row:
-        along, speed = way.state(frame)
-        vehicles = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
-        ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
-        front = along + way.length / 2
-        to_junction = junctions[junctions > front] - front
-        then = frame + round(HORIZON / self.dt)
-        return {
-            "time": clock + frame * self.dt,
-            "speed": max(speed, 0.0),
-            "last": change(way, frame, -1.0),
-            "length": way.length,
-            "gap": ahead.gap,
-            "leader_speed": ahead.speed,
-            "behind": behind.gap,
-            "behind_speed": behind.speed,
-            "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
-            "turn": _turn(way, along),
-            "acceleration": change(way, frame, 1.0),
-            "driven": way.state(then)[0] - along if then <= way.last else math.nan,
-            **self._lane(way, frame),
-            **self._conflict(way, frame, partners),
-        }
-
-    def _lane(self, way: Way, frame: int) -> Row:
-        matched, lanelets = self.encounters.scene.matched(way.track), self._lanelets
-        lanelet = lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
-        return {"limit": lanelet.speed_limit, "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP)}
-
-    @property
-    def _lanelets(self) -> dict[int, Any]:
-        return self.encounters.scene.lanes.road.lanelets
-
-    def _junctions(self, way: Way) -> Float64[np.ndarray, " junction"]:
-        """Return the coordinates at which a route enters junctions."""
-        of, before, coordinates = self.encounters.scene.lanes.junction_of, None, []
-        for number in way.lanelets:
-            if of.get(number) is not None and of.get(number) != before:
-                start = self._lanelets[number].centre[0]
-                coordinates.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
-            before = of.get(number)
-        return np.array(coordinates)
-
-    def _partners(self, track: int) -> list[tuple[Way, Area]]:
-        way_of_track, partners = self.ways[track], []
-        for number, way in self.ways.items():
-            if number != track and len(frames_together(way_of_track, way)):
+        partners = []
+        for number, partner in self.ways.items() if len(frames) else ():
+            if number != track and len(frames_together(way, partner)):
                 area = self.encounters.area(track, number)
-                partners += [] if area is None else [(way, area)]
-        return partners
+                partners += [] if area is None else [(partner, area)]
+        junction_of, before, entries = self.scene.lanes.junction_of, None, []
+        for number in way.lanelets:  # coordinates at which the route enters junctions
+            if junction_of.get(number) is not None and junction_of.get(number) != before:
+                start = self.lanelets[number].centre[0]
+                entries.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
+            before = junction_of.get(number)
+        junctions, rows = np.array(entries), []
+        for frame in frames:
+            along, speed = way.state(frame)
+            vehicles = on_way(self.scene, way, frame, self.encounters.config.slack)
+            ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
+            front = along + way.length / 2
+            to_junction = junctions[junctions > front] - front
+            then = frame + round(HORIZON / self.dt)
+            at = np.clip([along, along + _TURN], 0.0, way.line.length)
+            heading, later = way.line.points_at(at)[1].tolist()
+            lanelet = self.lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
+            row: Row = {
+                "time": clock + frame * self.dt,
+                "speed": max(speed, 0.0),
+                "last": _acceleration(way, frame, -1.0),
+                "length": way.length,
+                "gap": ahead.gap,
+                "leader_speed": ahead.speed,
+                "behind": behind.gap,
+                "behind_speed": behind.speed,
+                "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
+                "turn": math.degrees((later - heading + math.pi) % (2 * math.pi) - math.pi),
+                "acceleration": _acceleration(way, frame, 1.0),
+                "driven": way.state(then)[0] - along if then <= way.last else math.nan,
+                "limit": lanelet.speed_limit,
+                "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP),
+            }
+            rows.append(row | self._conflict(way, frame, partners))
+        return rows
 
     def _conflict(self, way: Way, frame: int, partners: list[tuple[Way, Area]]) -> Row:
         """Return the conflict whose later vehicle arrives first, at the speeds of the frame."""
@@ -368,24 +308,19 @@ class _Seen:
         if soonest_partner is None:
             return _NO_AREA
         partner, area = soonest_partner
-        ahead = self._leader_of(partner, frame, way.track)
-        before, other_before = (
-            _before(of_pair, area.entry[k], frame) for k, of_pair in enumerate((way, partner))
-        )
+        along, speed = partner.state(frame)
+        vehicles = on_way(self.scene, partner, frame, self.encounters.config.slack)
+        ahead = leader(partner, along, vehicles.without(way.track))
         return {
-            "to_area": before,
+            "to_area": area.entry[0] - way.length / 2 - way.state(frame)[0],
             "through": area.exit[0] - area.entry[0] + way.length,
             "merging": area.kind == Conflict.MERGING,
-            "other_to_area": other_before,
+            "other_to_area": area.entry[1] - partner.length / 2 - along,
             "other_through": area.exit[1] - area.entry[1] + partner.length,
-            "other_speed": max(partner.state(frame)[1], 0.0),
+            "other_speed": max(speed, 0.0),
             "other_gap": ahead.gap,
             "other_leader_speed": ahead.speed,
         }
-
-    def _leader_of(self, way: Way, frame: int, but: int) -> Near:
-        vehicles = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
-        return leader(way, way.state(frame)[0], vehicles.without(but))
 
     def _arrives(self, way: Way, other: Way, area: Area, frame: int) -> float:
         """Return the time until the later of two arrives; infinite if they are in no conflict."""
@@ -403,28 +338,8 @@ class _Seen:
         return max(arrives, 0.0) if alone else math.inf
 
 
-def _before(way: Way, entry: float, frame: int) -> float:
-    """Return the distance of a vehicle's front to a conflict area, m."""
-    return entry - way.length / 2 - way.state(frame)[0]
-
-
-def _turn(way: Way, along: float) -> float:
-    at = np.clip([along, along + _TURN], 0.0, way.line.length)
-    before, after = way.line.points_at(at)[1].tolist()
-    return math.degrees((after - before + math.pi) % (2 * math.pi) - math.pi)
-
-
-def change(way: Way, frame: int, seconds: float) -> float:
-    """Return the mean acceleration of a vehicle between a frame and a time before or after it.
-
-    Args:
-        way: The vehicle's way.
-        frame: The frame.
-        seconds: After the frame; negative before it.
-
-    Returns:
-        m/s²; NaN if it wasn't in view then.
-    """
+def _acceleration(way: Way, frame: int, seconds: float) -> float:
+    """Return the mean acceleration from a frame to a time after or before it, m/s²; NaN: unseen."""
     then = frame + round(seconds / way.dt)
     if not way.first <= then <= way.last:
         return math.nan

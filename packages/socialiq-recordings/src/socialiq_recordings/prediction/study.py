@@ -1,12 +1,23 @@
-"""Prediction of recorded drivers: every model on every holdout, and the table of choices."""
+"""Prediction of recorded drivers: every model on every holdout, and the table of choices.
+
+Folds hold out moments, vehicles or sites, and leak none of them.
+
+- moments: models learn from the first part of each recording, or of several that overlap, and
+  predict the second: drivers may be known, moments are not.
+- vehicles: chains of recordings are held out, so that no vehicle and no moment is on both sides.
+  A single chain is cut into blocks of time; a vehicle belongs to the block in which it appears, and
+  models learn from vehicles that are never in view together with one of the block.
+- sites: all recordings of a site are held out.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool
 from scipy.special import logsumexp
 
 from socialiq.errors import UserError, one_of
@@ -14,28 +25,112 @@ from socialiq.foreign import one_line
 from socialiq.learners.settings import check_seed
 from socialiq.types import Row
 from socialiq_recordings.identity.identify import identify
-from socialiq_recordings.prediction import learned
+from socialiq_recordings.prediction import learned, scores
 from socialiq_recordings.prediction.choices import ChoiceTable, rewards
-from socialiq_recordings.prediction.density import Forecast
-from socialiq_recordings.prediction.folds import HOLDOUTS, Fold, Holdout, folds, possible
 from socialiq_recordings.prediction.following import FITTED, fit_population
-from socialiq_recordings.prediction.models import (
-    BASE,
-    MODELS,
-    TRIVIAL,
-    Fitted,
-    Residuals,
-    Task,
-    residuals,
-    rollout,
-)
-from socialiq_recordings.prediction.scores import Held, Predicted, contrasts, scores
-from socialiq_recordings.prediction.situations import Situations, situations_of
+from socialiq_recordings.prediction.models import BASE, MODELS, TRIVIAL, Task, residuals, rollout
+from socialiq_recordings.prediction.situations import Situations, grouped, situations_of
 from socialiq_recordings.recording import Recording
 
-ALL_MODELS = (*MODELS, *learned.LEARNED)
-"""Names of all models."""
+Holdout = Literal["moments", "vehicles", "sites"]
+HOLDOUTS: tuple[Holdout, ...] = get_args(Holdout)
 
+PARTS = 5  # largest number of folds of vehicles
+LEAST = 20
+"""Fewest moments from which models are fitted, and fewest vehicles that are cut into blocks."""
+
+_BREAK = 1e5  # s without a moment between recordings that have none in common
+
+
+class Fold(NamedTuple):
+    """Moments to learn from and moments to predict."""
+
+    holdout: Holdout  # what is held out
+    name: int  # number of the part
+    train: Bool[np.ndarray, " moment"]  # moments to learn from
+    test: Bool[np.ndarray, " moment"]  # moments to predict
+
+
+def possible(seen: Situations) -> tuple[Holdout, ...]:
+    """Return what can be held out of some moments."""
+    holdouts = []
+    for holdout in HOLDOUTS:
+        try:
+            folds(seen, holdout)
+        except UserError:
+            continue
+        holdouts.append(holdout)
+    return tuple(holdouts)
+
+
+def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
+    """Return the folds of all moments.
+
+    Raises:
+        UserError: If there are too few; the line says what is missing.
+    """
+    one_of("holdout", holdout, HOLDOUTS)
+    sites = np.unique(seen.site)
+    if holdout == "sites" and len(sites) < 2:
+        raise UserError(
+            "these recordings show one site: add another place, or hold out vehicles or moments "
+            "(--holdout)"
+        )
+    if holdout == "sites":
+        tests = [seen.site == site for site in sites]
+        result = [Fold("sites", number, ~test, test) for number, test in enumerate(tests)]
+    else:
+        result = _moments(seen) if holdout == "moments" else _vehicles(seen)
+    short = [fold for fold in result if fold.train.sum() < LEAST]
+    if short or not result:
+        count = int(short[0].train.sum()) if short else 0
+        raise UserError(
+            f"holding out {holdout} leaves {count} moments to learn from, and {LEAST} are needed: "
+            "add recordings, or hold out something else (--holdout)"
+        )
+    return result
+
+
+def _moments(seen: Situations) -> list[Fold]:
+    """Cut each stretch of time that recordings cover without a break in the middle."""
+    cut, order = np.zeros(len(seen)), np.argsort(seen.time, kind="stable")
+    breaks = np.flatnonzero(np.diff(seen.time[order]) > _BREAK) + 1
+    for rows in np.split(order, breaks):
+        cut[rows] = (seen.time[rows].min() + seen.time[rows].max() + 1.0) / 2
+    # The acceleration of a moment to learn from ends before the first one to predict begins.
+    return [Fold("moments", 0, seen.time + 1.0 <= cut, seen.time >= cut)]
+
+
+def _vehicles(seen: Situations) -> list[Fold]:
+    """Hold out chains; of a single one blocks of time, without vehicles that meet the block's."""
+    if len(np.unique(seen.chain)) > 1:
+        group = grouped(seen.chain, PARTS)
+        return [
+            Fold("vehicles", number, group != number, group == number)
+            for number in range(int(group.max()) + 1)
+        ]
+    vehicles, driver = np.unique(seen.vehicle, return_inverse=True)
+    if len(vehicles) < LEAST:
+        raise UserError(
+            f"these recordings share their vehicles, {len(vehicles)} in all, and vehicles are held "
+            f"out of at least {LEAST}: add recordings; held-out moments alone can be predicted "
+            "(socialiq data predict --holdout moments)"
+        )
+    first = np.full(len(vehicles), np.inf)
+    np.minimum.at(first, driver, seen.time)
+    block = np.argsort(np.argsort(first, kind="stable"), kind="stable") * PARTS // len(vehicles)
+    result = []
+    for number in range(PARTS):
+        test = (block == number)[driver]
+        # The seconds of the block's moments, and those before and after them.
+        seconds = np.floor(seen.time[test])[:, None] + np.array([-1.0, 0.0, 1.0])
+        met = np.zeros(len(vehicles), bool)
+        np.logical_or.at(met, driver, np.isin(np.floor(seen.time), seconds))
+        result.append(Fold("vehicles", number, ~met[driver] & ~test, test))
+    return result
+
+
+ALL_MODELS = (*MODELS, *learned.LEARNED)  # names of all models
 GRID = (-4.0, 3.0, 0.25)
 """m/s²; lowest and highest acceleration of the choices, and the step between them."""
 
@@ -73,143 +168,99 @@ class Config:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Scores of all models.
+    """Scores of all models."""
 
-    Attributes:
-        scores: A row for each holdout, subset, part and model.
-        folds: A row for each fold: sizes, fitted IDM, mean κ of the dial.
-        contrasts: A row for each contrast between models, corrected together.
-    """
-
-    scores: list[Row]
-    folds: list[Row]
-    contrasts: list[Row]
+    scores: list[Row]  # a row for each holdout, subset, part and model
+    folds: list[Row]  # a row for each fold: sizes, fitted IDM, mean κ of the dial
+    contrasts: list[Row]  # a row for each contrast between models, corrected together
 
 
 def situations(recordings: Sequence[Recording], drop: bool = True) -> Situations:
-    """Return the situations of recordings that are identified first.
-
-    Args:
-        recordings: With road networks.
-        drop: Whether vehicles that several recordings show are counted once.
-    """
+    """Return the situations of recordings that are identified first, as `situations_of`."""
     return situations_of(recordings, identify(recordings), drop)
 
 
 def predict(seen: Situations, config: Config) -> Prediction:
-    """Fit every model on every fold, predict what is held out, and score it.
-
-    Args:
-        seen: All moments.
-        config: Settings.
+    """Fit every model on every fold of all moments, predict what is held out, and score it.
 
     Raises:
         UserError: If what is to be held out can't be.
     """
-    holdouts = config.holdouts or possible(seen)
+    holdouts = dict.fromkeys(config.holdouts or possible(seen))
     if not holdouts:
         folds(seen, "moments")  # its line says what is missing
-    all_folds = [fold for holdout in dict.fromkeys(holdouts) for fold in folds(seen, holdout)]
+    all_folds = [fold for holdout in holdouts for fold in folds(seen, holdout)]
     names = [name for name in ALL_MODELS if name in (*TRIVIAL, *config.models)]
     half = seen.half()
     tasks = [_task(seen, half, fold, config.seed) for fold in all_folds]
     policies = learned.trained(tasks, config.training, names)
-    outputs: dict[str, list[tuple[Fold, list[Predicted]]]] = {}
+    outputs: dict[str, list[list[scores.Predicted]]] = {holdout: [] for holdout in holdouts}
     sizes = []
     for fold, task, policies_of in zip(all_folds, tasks, policies, strict=True):
         fitted = {name: MODELS[name](task) for name in names if name in MODELS} | policies_of
-        inferred = [model.inferred for model in fitted.values()]
-        sizes.append(
-            _fold_row(seen, fold, task) | {k: v for numbers in inferred for k, v in numbers.items()}
+        test, last = seen.rows(fold.test), residuals(task.idm, seen)[fold.test]
+        predictions = []
+        for name, model in fitted.items():
+            forecast = model.forecast(test, last)
+            density = model.spread.log_density(forecast, test.acceleration, test.moving)
+            columns = density, forecast.mean, rollout(model, task.idm, test, last)
+            predictions.append(scores.Predicted(name, model.personal, *columns))
+        outputs[fold.holdout].append(predictions)
+        row: Row = {
+            "holdout": fold.holdout,
+            "fold": fold.name,
+            "train": int(fold.train.sum()),
+            "test": len(test),
+            "test_drivers": len(np.unique(test.vehicle)),
+            "test_chains": len(np.unique(test.chain)),
+            **dict(zip(FITTED, np.exp(task.idm).tolist(), strict=True)),
+        }
+        for model in fitted.values():
+            row |= model.inferred
+        sizes.append(row)
+    tested = []
+    for holdout, by_fold in outputs.items():
+        of_holdout = [fold for fold in all_folds if fold.holdout == holdout]
+        tested.append(_joined(seen, half, holdout, of_holdout, by_fold))
+    draws = config.seed, config.resamples
+    rows = [row for held in tested for row in scores.scores(held, *draws)]
+    return Prediction(rows, sizes, scores.contrasts(tested, *draws))
+
+
+def _joined(
+    seen: Situations,
+    half: np.ndarray,
+    holdout: str,
+    folds_of: list[Fold],
+    predictions: list[list[scores.Predicted]],
+) -> scores.Held:
+    """Return the predictions of all folds of a holdout, in the order of the moments."""
+    rows = np.concatenate([np.flatnonzero(fold.test) for fold in folds_of])
+    order = np.argsort(rows, kind="stable")
+    models = []
+    for same in zip(*predictions, strict=True):
+        columns = (
+            np.concatenate([getattr(prediction, name) for prediction in same])[order]
+            for name in ("log_density", "mean", "driven")
         )
-        outputs.setdefault(fold.holdout, []).append((fold, _predicted(seen, fold, task, fitted)))
-    tested = [_tested(seen, half, name, outputs_of) for name, outputs_of in outputs.items()]
-    rows = [row for held in tested for row in scores(held, config.seed, config.resamples)]
-    return Prediction(rows, sizes, contrasts(tested, config.seed, config.resamples))
+        models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
+    return scores.Held(holdout, seen.rows(rows[order]), half[rows[order]] == 1, models)
 
 
 def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
     train = seen.rows(fold.train)
     idm = fit_population(train)
     last = residuals(idm, seen)
-    own_first = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
-    return Task(
-        train,
-        last[fold.train],
-        half[fold.train] == 0,
-        seen.rows(own_first),
-        last[own_first],
-        idm,
-        seed,
-    )
-
-
-def _predicted(
-    seen: Situations, fold: Fold, task: Task, fitted: dict[str, Fitted]
-) -> list[Predicted]:
-    test, last = seen.rows(fold.test), residuals(task.idm, seen)[fold.test]
-    predictions = []
-    for name, model in fitted.items():
-        forecast = model.forecast(test, last)
-        predictions.append(
-            Predicted(
-                name,
-                model.personal,
-                model.spread.log_density(forecast, test.acceleration, test.moving),
-                forecast.mean,
-                rollout(model, task.idm, test, last),
-            )
-        )
-    return predictions
-
-
-def _tested(
-    seen: Situations, half: np.ndarray, holdout: str, each: list[tuple[Fold, list[Predicted]]]
-) -> Held:
-    """Return the predictions of all folds of a holdout, in the order of the moments."""
-    rows = np.concatenate([np.flatnonzero(fold.test) for fold, _ in each])
-    order = np.argsort(rows, kind="stable")
-    moments = seen.rows(rows[order])
-    models = []
-    for same in zip(*(predictions for _, predictions in each), strict=True):
-        columns = (
-            np.concatenate([getattr(prediction, name) for prediction in same])[order]
-            for name in ("log_density", "mean", "driven")
-        )
-        models.append(Predicted(same[0].model, same[0].personal, *columns))
-    return Held(
-        holdout,
-        moments.acceleration,
-        moments.driven,
-        moments.chain,
-        moments.vehicle,
-        moments.moving,
-        moments.conflict,
-        half[rows[order]] == 1,
-        models,
-    )
-
-
-def _fold_row(seen: Situations, fold: Fold, task: Task) -> Row:
-    return {
-        "holdout": fold.holdout,
-        "fold": fold.name,
-        "train": int(fold.train.sum()),
-        "test": int(fold.test.sum()),
-        "test_drivers": len(np.unique(seen.vehicle[fold.test])),
-        "test_chains": len(np.unique(seen.chain[fold.test])),
-        **dict(zip(FITTED, np.exp(task.idm).tolist(), strict=True)),
-    }
+    is_own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
+    first = half[fold.train] == 0
+    return Task(train, last[fold.train], first, seen.rows(is_own), idm, seed)
 
 
 def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
     """Return every moment as a choice among accelerations, tilted by nothing but the base model.
 
-    The base predictor of a moment was trained on other chains (`folds`, held-out vehicles).
-
-    Args:
-        seen: All moments.
-        seed: Of the base predictor.
+    Log-probabilities of a moment are in proportion to the density by the base predictor, which was
+    trained on other chains (held-out vehicles).
 
     Raises:
         UserError: If vehicles can't be held out.
@@ -222,18 +273,22 @@ def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
         task = _task(seen, half, fold, seed)
         model = MODELS[BASE](task)
         test, last = seen.rows(fold.test), residuals(task.idm, seen)[fold.test]
-        log_base[fold.test] = on_grid(model, test, last, grid)
+        forecast = model.forecast(test, last)
+        densities = [
+            model.spread.log_density(forecast, np.full(len(test), acceleration), test.moving)
+            for acceleration in grid
+        ]
+        log_density = np.stack(densities, axis=1)
+        log_base[fold.test] = log_density - logsumexp(log_density, axis=1, keepdims=True)
         mean[fold.test] = np.exp(log_base[fold.test]) @ grid
     before, pair = seen.previous(), rewards(seen, grid)
     off = seen.acceleration - mean
     return ChoiceTable(
         driver=seen.vehicle,
         chain=seen.chain,
-        site=seen.site,
         time=seen.time,
         half=half,
         conflict=seen.conflict & seen.moving,
-        moving=seen.moving,
         grid=grid,
         log_base=log_base,
         r_env=pair.env,
@@ -241,26 +296,3 @@ def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
         acceleration=seen.acceleration,
         residual=np.where(before >= 0, off[before], 0.0),
     )
-
-
-def on_grid(
-    model: Fitted,
-    seen: Situations,
-    residual: Residuals,
-    grid: Float64[np.ndarray, " candidate"],
-) -> Float64[np.ndarray, "moment candidate"]:
-    """Return log-probabilities of the accelerations of a grid, in proportion to the density.
-
-    Args:
-        model: The model.
-        seen: Situations.
-        residual: Last residuals.
-        grid: m/s².
-    """
-    made: Forecast = model.forecast(seen, residual)
-    densities = [
-        model.spread.log_density(made, np.full(len(seen), acceleration), seen.moving)
-        for acceleration in grid
-    ]
-    log_density = np.stack(densities, axis=1)
-    return log_density - logsumexp(log_density, axis=1, keepdims=True)

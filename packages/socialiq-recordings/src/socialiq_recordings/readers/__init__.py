@@ -1,1 +1,90 @@
-"""Readers of recorded traffic: CommonRoad XML, and CSV by column maps."""
+"""Import of recorded traffic: read a file of any format, with a map, and keep plausible tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError, one_of
+from socialiq_recordings.plausible import MeasurementError, sift
+from socialiq_recordings.readers.argoverse import read_argoverse
+from socialiq_recordings.readers.column_map import ColumnMap
+from socialiq_recordings.readers.commonroad import read_commonroad, road_of
+from socialiq_recordings.readers.csv_recording import read_csv
+from socialiq_recordings.readers.csv_table import origin_of
+from socialiq_recordings.readers.lanelet2_road import read_lanelet2
+from socialiq_recordings.readers.tracks import MOST_STATES
+from socialiq_recordings.recording import Imported, Recording
+from socialiq_recordings.road.network import RoadNetwork
+
+FORMATS = ("commonroad", "csv", "argoverse")
+
+
+def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
+    """Read a map in the frame of a recording's tracks: CommonRoad XML, a recording, or Lanelet2.
+
+    The recording's provenance has the origin of the frame of inD's tracks, `utm_origin`.
+
+    Raises:
+        UserError: If it can't be read, or holds no lanelet.
+    """
+    if path.suffix.lower() != ".osm":
+        return road_of(path)
+    origin = source.get("utm_origin")
+    if origin is None:
+        return read_lanelet2(path)
+    try:
+        x, y = (float(coordinate) for coordinate in origin)
+    except (TypeError, ValueError) as error:
+        raise UserError("the recording's utm_origin is not two numbers: import it again") from error
+    return read_lanelet2(path, (x, y))
+
+
+def import_file(
+    path: Path,
+    format: str = "commonroad",
+    columns: ColumnMap | None = None,
+    most_states: int = MOST_STATES,
+    road: Path | None = None,
+    error: MeasurementError | None = None,
+) -> list[Imported]:
+    """Read the recordings of a file, and leave out the tracks that can't be true.
+
+    Args:
+        path: The file.
+        format: One of `FORMATS`.
+        columns: Column map of a CSV file.
+        most_states: More than these are refused before they fill the memory.
+        road: Map of a CSV file: CommonRoad XML, Lanelet2 OSM or a recording; its lanes give
+            standing vehicles their heading.
+        error: Standard errors of measurement; by default the column map's, or those assumed.
+
+    Raises:
+        UserError: If the file can't be read, or most tracks fail in the same way; the line names
+            the file.
+    """
+    one_of("format", format, FORMATS)
+    if format == "csv":
+        if columns is None:
+            raise UserError("a CSV file needs a column map: name one with --columns")
+        lanelets, origin = None, origin_of(path, columns) if road is not None else None
+        if road is not None:
+            lanelets = map_of(road, {} if origin is None else {"utm_origin": list(origin)})
+        recordings, error = read_csv(path, columns, most_states, lanelets), error or columns.error
+    elif road is not None:
+        raise UserError(f"--road goes with csv: a {format} file has a map of its own")
+    else:
+        read = read_commonroad if format == "commonroad" else read_argoverse
+        recordings = [read(path, most_states)]
+    sifted = []
+    for imported in recordings:
+        try:
+            tracks, refused = sift(imported.recording.tracks, error)
+        except UserError as fault:
+            raise UserError(f"{path}: {fault}") from fault
+        recording = Recording(tracks, imported.recording.road)
+        refused = (*imported.refused, *refused)
+        sifted.append(replace(imported, recording=recording, refused=refused))
+    return sifted

@@ -17,22 +17,12 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.reading import check_file, sha256_of_file
 from socialiq.storage import read_json
-from socialiq_recordings.readers.commonroad import MOST_STATES
-from socialiq_recordings.readers.motion import wrapped
-from socialiq_recordings.recording import (
-    FARTHEST,
-    Imported,
-    Recording,
-    Refused,
-    RoadUser,
-    Tracks,
-    order_fault,
-)
+from socialiq_recordings.physics import wrapped_heading
+from socialiq_recordings.readers import tracks
+from socialiq_recordings.recording import Imported, RoadUser
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, equal_bounds
 
-DT = 0.1
-"""s; scenarios have 10 states a second, for 11 s."""
-
+DT = 0.1  # s; scenarios have 10 states a second, for 11 s
 LICENCE = "CC BY-NC-SA 4.0 (Argoverse 2); name Wilson et al. 2021"
 
 KINDS = {
@@ -47,65 +37,69 @@ KINDS = {
 """Class, length and width in m by the file's word; scenarios have no sizes, these are typical."""
 
 _OBJECTS = ("static", "background", "construction")  # no road users
-_COLUMNS = (
-    *("track_id", "object_type", "timestep", "position_x", "position_y", "heading"),
-    *("velocity_x", "velocity_y", "scenario_id", "city"),
-)
+_TEXTS = ("track_id", "object_type", "scenario_id", "city")
+_STATES = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
 
 
-def read_argoverse(path: Path, most_states: int = MOST_STATES) -> Imported:
-    """Read a scenario with the map beside it, if there is one.
-
-    Args:
-        path: `scenario_ID.parquet`.
-        most_states: More rows than these are refused.
+def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Imported:
+    """Read a scenario, `scenario_ID.parquet`, with the map beside it, if there is one.
 
     Raises:
-        UserError: If a file can't be read, lacks a column, or no track can be used.
+        UserError: If a file can't be read, lacks a column, has more states than `most_states`, or
+            no track can be used.
     """
     table = _table(path, most_states)
-    refused: list[Refused] = []
-    skipped = {kind: int(count) for kind in _OBJECTS if (count := (table["kind"] == kind).sum())}
-    usable = [track for track in _tracks(path, table) if _usable(table, track, refused)]
-    if not usable:
-        raise UserError(f"{path} holds no track that can be used")
-    rows = np.concatenate(usable)
-    users = [KINDS[str(table["kind"][track[0]])] for track in usable]
-    tracks = Tracks(
-        track=np.repeat(
-            np.arange(len(usable), dtype=np.int32), [len(rows_of) for rows_of in usable]
-        ),
-        frame=table["timestep"][rows].astype(np.int32),
-        x=table["position_x"][rows],
-        y=table["position_y"][rows],
-        heading=wrapped(table["heading"][rows]),
-        vx=table["velocity_x"][rows],
-        vy=table["velocity_y"][rows],
-        identity=np.arange(len(usable), dtype=np.int64) + 1,
-        road_user=np.array([int(user[0]) for user in users], np.int8),
-        length=np.array([user[1] for user in users]),
-        width=np.array([user[2] for user in users]),
-        dt=DT,
-        recording=one_line(str(table["scenario_id"][0]), 60) or path.stem,
-        source={
-            "format": "argoverse",
-            "file": path.name,
-            "sha256": sha256_of_file(path),
-            "licence": LICENCE,
-            "city": one_line(str(table["city"][0]), 60),
-            "track_ids": [one_line(str(table["name"][track[0]]), 60) for track in usable],
-        },
-    )
-    recording = Recording(tracks, _road_beside(path))
-    return Imported(recording, tuple(refused), skipped, len(table["kind"]))
+    kinds, gathered, names = table["object_type"], tracks.Gathered(path), []
+    gathered.n_states = len(kinds)
+    for kind in _OBJECTS:
+        if count := int((kinds == kind).sum()):
+            gathered.skipped[kind] = count
+    # Rows by road user, in order of time.
+    users = np.flatnonzero(~np.isin(kinds.astype(str), _OBJECTS))
+    number = np.unique(table["track_id"][users].astype(str), return_inverse=True)[1]
+    order = np.lexsort([table["timestep"][users], number])
+    ends = np.flatnonzero(np.diff(number[order])) + 1
+    for track in np.split(users[order], ends) if len(users) else []:
+        name, kind = one_line(str(table["track_id"][track[0]]), 60), str(kinds[track[0]])
+
+        def row(at: int, rows: np.ndarray = track) -> str:
+            return f"row {rows[at] + 1}: "
+
+        try:
+            if kind not in KINDS:
+                raise ValueError(f"object type '{one_line(kind, 40)}' is unknown")
+            if (kinds[track] != kind).any():
+                raise ValueError(f"its class changes from '{kind}'")
+            tracks.check_frames(table["timestep"][track], row)
+            states = np.stack([table[column][track] for column in _STATES])
+            tracks.check_numbers("a value", np.abs(states).max(axis=0), row)
+        except ValueError as error:
+            gathered.refuse(name, error)
+            continue
+        states[2] = wrapped_heading(states[2])
+        names.append(name)
+        gathered.add(len(names), KINDS[kind], table["timestep"][track], states)
+    beside = path.with_name(f"log_map_archive_{path.stem.removeprefix('scenario_')}.json")
+    recording = one_line(table["scenario_id"][0], 60) or path.stem
+    source = {
+        "format": "argoverse",
+        "file": path.name,
+        "sha256": sha256_of_file(path),
+        "licence": LICENCE,
+        "city": one_line(table["city"][0], 60),
+        "track_ids": names,
+    }
+    road = read_map(beside) if beside.exists() else RoadNetwork()
+    return gathered.imported(recording, DT, source, road)
 
 
 def _table(path: Path, most_states: int) -> dict[str, np.ndarray]:
     check_file(path)
     parquet = optional("pyarrow.parquet", "parquet", "an Argoverse 2 scenario")
+    needed = (*_TEXTS, "timestep", *_STATES)
     try:
         file = parquet.ParquetFile(path)
-        missing = [name for name in _COLUMNS if name not in file.schema_arrow.names]
+        missing = [name for name in needed if name not in file.schema_arrow.names]
         if missing:
             raise UserError(f"{path} has no column {', '.join(missing)}: name a scenario's table")
         if not 0 < file.metadata.num_rows <= most_states:
@@ -113,51 +107,14 @@ def _table(path: Path, most_states: int) -> dict[str, np.ndarray]:
                 f"{path} holds {file.metadata.num_rows:,} states, and at most {most_states:,} are "
                 "read: name a scenario's table, or raise --most-states"
             )
-        read = file.read(columns=list(_COLUMNS)).to_pydict()
-        floats = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
-        columns: dict[str, np.ndarray] = {name: np.array(read[name], np.float64) for name in floats}
-        columns["timestep"] = np.array(read["timestep"], np.int64)
+        columns = file.read(columns=list(needed)).to_pydict()
+        table = {name: np.array([str(text) for text in columns[name]], object) for name in _TEXTS}
+        table |= {name: np.array(columns[name], np.float64) for name in _STATES}
+        return table | {"timestep": np.array(columns["timestep"], np.int64)}
     except UserError:
         raise
     except Exception as error:  # pyarrow has many
         raise UserError(f"cannot read {path} as Parquet: {one_line(str(error))}") from error
-    columns["name"], columns["kind"] = (
-        np.array([str(text) for text in read[name]], object) for name in ("track_id", "object_type")
-    )
-    return columns | {name: np.array(read[name], object) for name in ("scenario_id", "city")}
-
-
-def _tracks(path: Path, table: dict[str, np.ndarray]) -> list[np.ndarray]:
-    """Return the rows of each road user, in order of time."""
-    unknown = {*table["kind"].tolist()} - {*KINDS, *_OBJECTS}
-    if unknown:
-        raise UserError(f"{path}: object type '{one_line(min(unknown), 40)}' is unknown")
-    users = np.flatnonzero(~np.isin(table["kind"].astype(str), _OBJECTS))
-    number = np.unique(table["name"][users].astype(str), return_inverse=True)[1]
-    order = np.lexsort([table["timestep"][users], number])
-    ends = np.flatnonzero(np.diff(number[order])) + 1
-    return [rows for rows in np.split(users[order], ends) if len(rows)]
-
-
-def _usable(table: dict[str, np.ndarray], track: np.ndarray, refused: list[Refused]) -> bool:
-    frames = table["timestep"][track]
-    fault = order_fault(frames)
-    if frames.min() < 0 or frames.max() >= 2**31:
-        fault = f"frame {frames.min()} is negative or out of range"
-    names = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
-    if not all((np.abs(table[name][track]) <= FARTHEST).all() for name in names):
-        fault = "a value is not finite or too large"
-    if len({*table["kind"][track].tolist()}) > 1:
-        fault = "its class changes"
-    if fault:
-        refused.append(Refused(one_line(str(table["name"][track[0]]), 60), fault))
-    return not fault
-
-
-def _road_beside(path: Path) -> RoadNetwork:
-    scenario = path.stem.removeprefix("scenario_")
-    beside = path.with_name(f"log_map_archive_{scenario}.json")
-    return read_map(beside) if beside.exists() else RoadNetwork()
 
 
 def read_map(path: Path) -> RoadNetwork:
@@ -183,21 +140,20 @@ def read_map(path: Path) -> RoadNetwork:
     return RoadNetwork(road)
 
 
-def _lanelet(one: dict[str, Any]) -> Lanelet:
-    bounds = [
-        np.array([(float(point["x"]), float(point["y"])) for point in one[f"{side}_lane_boundary"]])
-        for side in ("left", "right")
-    ]
-    left, right = equal_bounds(bounds[0].reshape(-1, 2), bounds[1].reshape(-1, 2))
-    beside = [one.get(f"{side}_neighbor_id") for side in ("left", "right")]
-    # A neighbour may have the other direction, which the map doesn't say: none is taken as same.
-    sides = [None if neighbour is None else (int(neighbour), False) for neighbour in beside]
+def _lanelet(segment: dict[str, Any]) -> Lanelet:
+    bounds, beside = [], []
+    for side in ("left", "right"):
+        points = [(float(at["x"]), float(at["y"])) for at in segment[f"{side}_lane_boundary"]]
+        bounds.append(np.array(points).reshape(-1, 2))
+        neighbour = segment.get(f"{side}_neighbor_id")
+        # It may have the other direction, which the map doesn't say: none is taken as same.
+        beside.append(None if neighbour is None else (int(neighbour), False))
+    left, right = equal_bounds(*bounds)
     return Lanelet(
-        int(one["id"]),
+        int(segment["id"]),
         left,
         right,
-        tuple(int(number) for number in one["successors"]),
-        tuple(int(number) for number in one["predecessors"]),
-        adjacent_left=sides[0],
-        adjacent_right=sides[1],
+        tuple(int(number) for number in segment["successors"]),
+        tuple(int(number) for number in segment["predecessors"]),
+        *beside,
     )

@@ -14,7 +14,7 @@ from typing import Any
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.reading import read_toml
-from socialiq_recordings.measurement import MeasurementError
+from socialiq_recordings.plausible import MeasurementError
 from socialiq_recordings.recording import RoadUser
 
 _FOOT = 0.3048
@@ -38,49 +38,25 @@ _MAPS = Path(__file__).parent / "column_maps"
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Description of a CSV layout.
+    """Description of a CSV layout."""
 
-    Attributes:
-        format: Name of the layout.
-        licence: A line about the data's licence, stored with the recording.
-        separator: Separator of cells.
-        columns: The file's name of a column, by our name of its quantity.
-        scales: Factor of the file's unit, by quantity of `UNITS`.
-        rate: Frames a second; 0 if `rate_file` has it.
-        rate_file: Ending of the file's name, its replacement for the file with the rate,
-            and the column there.
-        any_order: Whether the rows of a track may come in any order.
-        repeated_ids: Whether an id may be reused for another road user, after a gap.
-        y_down: Whether y points down (south) in the file.
-        point: Reference point of positions: `centre`, `front` or `corner` of the box.
-        users_file: Ending of the file's name, and its replacement for the file with a row
-            for each track; None if there is a single file.
-        users_columns: Names of that file's columns.
-        classes: The file's words for classes.
-        default_sizes: Length and width in m, by the file's word for a class without sizes.
-        periods: Whether ids and frames begin again with each period of observation, which are
-            separated by the difference of time and frame.
-        origin: Columns of `rate_file` with the UTM coordinates of the origin, m.
-        error: Standard errors of the measurement, as the makers state them.
-    """
-
-    format: str
-    columns: dict[str, str]
-    classes: dict[str, RoadUser]
-    licence: str = ""
-    separator: str = ","
-    scales: dict[str, float] = field(default_factory=dict)
-    rate: float = 0.0
-    rate_file: tuple[str, str, str] | None = None
-    any_order: bool = False
-    repeated_ids: bool = False
-    y_down: bool = False
-    point: str = "centre"
-    users_file: tuple[str, str] | None = None
-    users_columns: dict[str, str] = field(default_factory=dict)
-    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    periods: bool = False
-    origin: tuple[str, str] | None = None
+    format: str  # name of the layout
+    columns: dict[str, str]  # the file's name of a column, by our name of its quantity
+    classes: dict[str, RoadUser]  # the file's words for classes
+    licence: str = ""  # a line about the data's licence, stored with the recording
+    separator: str = ","  # separator of cells
+    scales: dict[str, float] = field(default_factory=dict)  # of the file's units, by quantity
+    rate: float = 0.0  # frames a second; 0 if `rate_file` has it
+    rate_file: tuple[str, str, str] | None = None  # ending of the name, that of this file, column
+    any_order: bool = False  # whether the rows of a track may come in any order
+    repeated_ids: bool = False  # whether an id may be reused for another road user, after a gap
+    y_down: bool = False  # whether y points down (south) in the file
+    point: str = "centre"  # reference point of positions: `centre`, `front` or `corner` of the box
+    users_file: tuple[str, str] | None = None  # the same of a file with a row for each track
+    users_columns: dict[str, str] = field(default_factory=dict)  # names of that file's columns
+    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)  # m, by class
+    periods: bool = False  # whether ids and frames begin again; time and frame tell them apart
+    origin: tuple[str, str] | None = None  # columns of `rate_file` with UTM coordinates, m
     error: MeasurementError = field(default_factory=MeasurementError)
 
 
@@ -90,10 +66,7 @@ def known_maps() -> tuple[str, ...]:
 
 
 def read_map(name: str) -> ColumnMap:
-    """Read a column map.
-
-    Args:
-        name: Name of a map in the package, or a path that ends in `.toml`.
+    """Read a column map, by the name of one in the package or a path that ends in `.toml`.
 
     Raises:
         UserError: If there is no such map, or it has an invalid entry.
@@ -109,32 +82,49 @@ def read_map(name: str) -> ColumnMap:
         raise UserError(f"{path}: {error}") from error
 
 
-def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
-    tables = (
-        *("time", "columns", "units", "axes", "road_users", "classes", "default_sizes"),
-        *("map", "error"),
-    )
-    _only("", said, (*tables, "format", "licence", "separator"))
-    sections = {table: said.get(table, {}) for table in tables}
-    for table, content in sections.items():
-        if not isinstance(content, dict):
+_TABLES: dict[str, tuple[str, ...]] = {
+    "time": ("rate", "rate_file", "rate_column", "order", "repeated_ids", "periods"),
+    "columns": COLUMNS,
+    "units": tuple(UNITS),
+    "axes": ("y", "point"),
+    "road_users": ("file", "id", *_PER_TRACK),
+    "map": ("origin",),
+    "error": tuple(field.name for field in fields(MeasurementError)),
+}
+"""Keys of each table; those of `classes` and `default_sizes` are the file's words."""
+
+
+def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
+    tables = (*_TABLES, "classes", "default_sizes")
+    _only("", content, (*tables, "format", "licence", "separator"))
+    sections: dict[str, dict[str, Any]] = {table: content.get(table, {}) for table in tables}
+    for table, section in sections.items():
+        if not isinstance(section, dict):
             raise UserError(f"{table} must be a table: write [{table}]")
+        _only(table, section, _TABLES.get(table, tuple(section)))
     time, users, axes = sections["time"], sections["road_users"], sections["axes"]
-    _only("time", time, ("rate", "rate_file", "rate_column", "order", "repeated_ids", "periods"))
-    _only("map", sections["map"], ("origin",))
-    _only("road_users", users, ("file", "id", *_PER_TRACK))
-    _only("axes", axes, ("y", "point"))
-    separator = _choice("separator", said.get("separator", ","), (",", ";", "\t", "|", " "))
+    separator = _choice("separator", content.get("separator", ","), (",", ";", "\t", "|", " "))
     order = _choice("time.order", time.get("order", "ascending"), ("ascending", "any"))
+    rate, rate_file = _rate(time)
+    if not sections["classes"]:
+        raise UserError("[classes] is missing: give the class of each word of the class column")
+    kinds = {kind.name.lower(): kind for kind in RoadUser}
+    for word, kind in sections["classes"].items():
+        one_of(f"class of '{one_line(word, 40)}'", kind, tuple(kinds))
+    for quantity, unit in sections["units"].items():
+        one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
     column_map = ColumnMap(
-        format=_text("format", said.get("format", name)),
-        licence=_text("licence", said.get("licence", "not stated by the column map")),
+        format=_text("format", content.get("format", name)),
+        licence=_text("licence", content.get("licence", "not stated by the column map")),
         separator=separator,
         columns=_columns(sections["columns"], users),
-        classes=_classes(sections["classes"]),
-        scales=_scales(sections["units"]),
-        rate=_rate(time),
-        rate_file=_rate_file(time),
+        classes={word: kinds[kind] for word, kind in sections["classes"].items()},
+        scales={
+            quantity: factors[sections["units"].get(quantity, next(iter(factors)))]
+            for quantity, factors in UNITS.items()
+        },
+        rate=rate,
+        rate_file=rate_file,
         any_order=order == "any",
         repeated_ids=_choice("time.repeated_ids", time.get("repeated_ids", False), (True, False)),
         y_down=_choice("axes.y", axes.get("y", "up"), ("up", "down")) == "down",
@@ -144,11 +134,13 @@ def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
         default_sizes=_default_sizes(sections["default_sizes"]),
         periods=_choice("time.periods", time.get("periods", False), (True, False)),
         origin=_endings("map.origin", sections["map"]["origin"]) if sections["map"] else None,
-        error=_error(sections["error"]),
+        error=MeasurementError(
+            **{key: _number(f"error.{key}", value) for key, value in sections["error"].items()}
+        ),
     )
     if column_map.periods and not {"time", "frame"} <= set(column_map.columns):
         raise UserError("time.periods needs the columns time and frame")
-    if column_map.origin and column_map.rate_file is None:
+    if column_map.origin and rate_file is None:
         raise UserError("map.origin needs time.rate_file, the file with these columns")
     if column_map.users_file and "id" not in column_map.users_columns:
         raise UserError(
@@ -178,8 +170,19 @@ def _text(what: str, value: Any) -> str:
     return one_line(value)
 
 
+def _number(what: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise UserError(f"{what} must be a number of at least 0")
+    return float(value)
+
+
+def _endings(what: str, value: Any) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise UserError(f"{what} must be a list of two texts")
+    return _text(what, value[0]), _text(what, value[1])
+
+
 def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
-    _only("columns", columns, COLUMNS)
     names = {name: _text(f"columns.{name}", column) for name, column in columns.items()}
     missing = [name for name in REQUIRED if name not in names]
     missing += [name for name in _PER_TRACK if name not in names and name not in users]
@@ -192,65 +195,22 @@ def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
     return names
 
 
-def _classes(classes: dict[str, Any]) -> dict[str, RoadUser]:
-    if not classes:
-        raise UserError("[classes] is missing: give the class of each word of the class column")
-    for word, kind in classes.items():
-        one_of(f"class of '{one_line(word, 40)}'", kind, [kind.name.lower() for kind in RoadUser])
-    return {word: RoadUser[kind.upper()] for word, kind in classes.items()}
-
-
-def _scales(units: dict[str, Any]) -> dict[str, float]:
-    _only("units", units, tuple(UNITS))
-    for quantity, unit in units.items():
-        one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
-    return {
-        quantity: factors[units.get(quantity, next(iter(factors)))]
-        for quantity, factors in UNITS.items()
-    }
-
-
-def _rate(time: dict[str, Any]) -> float:
-    rate = time.get("rate", 0.0)
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 <= rate < math.inf:
-        raise UserError("time.rate must be a number of frames a second")
+def _rate(time: dict[str, Any]) -> tuple[float, tuple[str, str, str] | None]:
+    rate = _number("time.rate, frames a second,", time.get("rate", 0.0))
     if bool(rate) == ("rate_file" in time):
         raise UserError("[time] needs a rate in frames a second, or a rate_file and a rate_column")
-    return float(rate)
-
-
-def _rate_file(time: dict[str, Any]) -> tuple[str, str, str] | None:
     if "rate_file" not in time:
-        return None
+        return rate, None
     column = _text("time.rate_column", time.get("rate_column", ""))
-    return (*_endings("time.rate_file", time["rate_file"]), column)
-
-
-def _endings(what: str, value: Any) -> tuple[str, str]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise UserError(f"{what} must be a list of two texts")
-    return _text(what, value[0]), _text(what, value[1])
-
-
-def _error(stated: dict[str, Any]) -> MeasurementError:
-    names = tuple(field.name for field in fields(MeasurementError))
-    _only("error", stated, names)
-    for name, value in stated.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise UserError(f"error.{name} must be a number")
-    return MeasurementError(**{name: float(value) for name, value in stated.items()})
+    return rate, (*_endings("time.rate_file", time["rate_file"]), column)
 
 
 def _default_sizes(sizes: dict[str, Any]) -> dict[str, tuple[float, float]]:
     result = {}
     for word, size in sizes.items():
-        numbers = size if isinstance(size, list) else []
-        good = [
-            number
-            for number in numbers
-            if isinstance(number, int | float) and 0 < number < math.inf
-        ]
-        if len(numbers) != 2 or len(good) != 2:
-            raise UserError(f"default_sizes.{one_line(word, 40)} must be [length, width] in metres")
-        result[word] = float(good[0]), float(good[1])
+        what = f"default_sizes.{one_line(word, 40)}"
+        numbers = [_number(what, side) for side in size] if isinstance(size, list) else []
+        if len(numbers) != 2 or min(numbers) <= 0:
+            raise UserError(f"{what} must be [length, width] in metres")
+        result[word] = (numbers[0], numbers[1])
     return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -34,16 +34,6 @@ TYPES = {
 }
 """Classes of road users. An emergency vehicle is not a car: others make way for it."""
 
-TYPES_WRITTEN = {
-    RoadUser.CAR: "car",
-    RoadUser.TRUCK: "truck",
-    RoadUser.BUS: "bus",
-    RoadUser.MOTORCYCLE: "motorcycle",
-    RoadUser.BICYCLE: "bicycle",
-    RoadUser.PEDESTRIAN: "pedestrian",
-    RoadUser.OTHER: "unknown",
-}
-
 SIGNS = {
     "205": Sign.YIELD,
     "206": Sign.STOP,
@@ -59,11 +49,6 @@ Australia and Spain number them; no number has different meanings in two countri
 
 SPEED_LIMITS = ("274", "R2-1", "R15", "r301", "3.24", "C43", "B14", "B31", "Ρ-32")
 """Signs whose value is a speed limit, in m/s."""
-
-LIGHT = "light"
-SPEED_LIMIT_NUMBER = "274"
-SIGN_NUMBERS = {Sign.PRIORITY: "306", Sign.YIELD: "205", Sign.STOP: "206", Sign.LIGHT: LIGHT}
-"""Numbers of right-of-way signs that are written."""
 
 COLOURS = {
     "green": Colour.GREEN,
@@ -94,9 +79,9 @@ class Consumer(Protocol):
         """Receive the first element."""
 
     def state(self, state: State) -> None:
-        """Receive a state; `thing` follows after the last state of its obstacle or problem."""
+        """Receive a state; `element` follows after the last state of its obstacle or problem."""
 
-    def thing(self, thing: Element) -> None:
+    def element(self, element: Element) -> None:
         """Receive a complete child of the first element, without its states."""
 
 
@@ -112,9 +97,10 @@ def read(path: Path, consumer: Consumer) -> str:
     """
     digest = hashlib.sha256()
     stream = _Stream(path, consumer)
-    for chunk in _chunks(path):
-        digest.update(chunk)
-        stream.feed(chunk)
+    with open_file(path) as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+            stream.feed(chunk)
     stream.end()
     return digest.hexdigest()
 
@@ -131,21 +117,16 @@ def whole_number(text: str) -> int:
     return number
 
 
-def _chunks(path: Path) -> Iterator[bytes]:
-    with open_file(path) as file:
-        while chunk := file.read(_CHUNK):
-            yield chunk
-
-
 class _Stream:
     def __init__(self, path: Path, consumer: Consumer) -> None:
         self._path, self._consumer = path, consumer
-        self._parser = parser = expat.ParserCreate()
-        parser.buffer_text = True
-        parser.StartDoctypeDeclHandler = self._refuse_doctype
+        self._parser = expat.ParserCreate()
+        self._parser.buffer_text = True
+        self._parser.StartDoctypeDeclHandler = self._refuse_doctype
         self._depth = self._total = self._bytes = self._finished = 0
         self._builder = TreeBuilder()
-        self._state_end = self._make_state_end()
+        self._texts: list[str] = []
+        self._state_end = self._end_of_state()
         self._outside_states()
 
     def feed(self, chunk: bytes) -> None:
@@ -154,10 +135,7 @@ class _Stream:
         self._parse(chunk, False)
         self._bytes = 0 if self._finished > before else self._bytes + len(chunk)
         if self._bytes > _MOST_BYTES:
-            raise UserError(
-                f"{self._where()}: one element is larger than {_MOST_BYTES >> 20} MiB: this is not "
-                "a recording"
-            )
+            raise self._error(f"one element is larger than {_MOST_BYTES >> 20} MiB")
 
     def end(self) -> None:
         if not self._total:
@@ -168,21 +146,19 @@ class _Stream:
         try:
             self._parser.Parse(chunk, last)
         except expat.ExpatError as error:
-            raise UserError(
-                f"{self._where()}: not XML ({expat.ErrorString(error.code)}): restore the file"
-            ) from error
+            reason = f"not XML ({expat.ErrorString(error.code)})"
+            raise self._error(reason, "restore the file") from error
         except (LookupError, ValueError) as error:  # of `encoding` in the first line
-            raise UserError(
-                f"{self._where()}: {one_line(str(error), 80)}: save the file as UTF-8"
-            ) from error
+            raise self._error(one_line(str(error), 80), "save the file as UTF-8") from error
 
-    def _where(self) -> str:
-        return f"{self._path}, line {self._parser.CurrentLineNumber}"
+    def _error(self, reason: str, correction: str = "this is not a recording") -> UserError:
+        line = self._parser.CurrentLineNumber
+        return UserError(f"{self._path}, line {line}: {reason}: {correction}")
 
     def _refuse_doctype(self, *_: object) -> None:
-        raise UserError(
-            f"{self._where()}: declares a document type, which could make the reader expand or "
-            "fetch without end: remove <!DOCTYPE ...>; CommonRoad has none"
+        raise self._error(
+            "declares a document type, which could make the reader expand or fetch without end",
+            "remove <!DOCTYPE ...>; CommonRoad has none",
         )
 
     def _outside_states(self) -> None:
@@ -192,26 +168,23 @@ class _Stream:
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if self._depth == 0:
+            # Only a state inside a state can invalidate the count of open elements.
             if self._finished:
-                raise self._misplaced()
+                raise self._error("a state inside a state")
             self._consumer.root(name, attributes)
         elif self._depth == 1:
             self._builder = TreeBuilder()
         elif self._depth > _MOST_DEPTH:
-            raise UserError(f"{self._where()}: elements nested too deep: this is not a recording")
+            raise self._error("elements nested too deep")
         elif name in _STATES:
             # A state's attributes are not needed, and most of a file is states: while a state is
             # read, these handlers are not called.
             self._parser.StartElementHandler = None
             self._parser.EndElementHandler = self._state_end
-            self._parser.CharacterDataHandler = self._state_text
+            self._parser.CharacterDataHandler = self._texts.append
             return
         self._depth += 1
         self._builder.start(name, attributes)
-
-    def _misplaced(self) -> UserError:
-        # Only a state inside a state can invalidate the count of open elements.
-        return UserError(f"{self._where()}: a state inside a state: this is not a recording")
 
     def _text(self, text: str) -> None:
         if self._depth > 1:
@@ -220,19 +193,17 @@ class _Stream:
     def _end(self, name: str) -> None:
         self._depth -= 1
         if self._depth < 0:
-            raise self._misplaced()
+            raise self._error("a state inside a state")
         if self._depth:
             self._builder.end(name)
         if self._depth == 1:
             self._finished += 1
-            self._consumer.thing(self._builder.close())
+            self._consumer.element(self._builder.close())
 
-    def _make_state_end(self) -> Callable[[str], None]:
+    def _end_of_state(self) -> Callable[[str], None]:
         """Return the handler of the end of an element inside a state; the inner loop of reading."""
-        texts: list[str] = []
+        texts, consumer = self._texts, self._consumer
         state: State = {}
-        consumer = self._consumer
-        self._state_text = texts.append
 
         def end(name: str) -> None:
             if name in _LEAVES:

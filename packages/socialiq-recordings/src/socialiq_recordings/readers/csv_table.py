@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
@@ -18,61 +18,59 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.storage import open_csv
 from socialiq_recordings.readers.column_map import ColumnMap
-from socialiq_recordings.recording import STEPS
+from socialiq_recordings.readers.tracks import STEPS
 
 _ROWS = 4_000
 _MOST_LINE = 1 << 20
 _MISSING = frozenset({"", "nan", "null", "none", "na"})
 _ID = re.compile(r"[A-Za-z]{0,3}(-?\d{1,18})(?:\.0*)?")
-
-Words = dict[str, int]
+_NO_NUMBER = -(2**63)  # of a cell that should be a whole number, until its row is dropped
 
 
 class Table:
-    """Columns of a file by our names; texts are numbered.
+    """Columns of a file by our names; texts are numbered, rows that can't be read are dropped.
 
     Attributes:
         path: The file.
         n_rows: Number of rows, without the header.
         words: Number of each word, for each column of text.
+        dropped: Number of rows that were dropped.
+        faults: Fault of the first row that was dropped, by the value of the column `id`.
     """
 
     def __init__(self, path: Path, separator: str, most_rows: int) -> None:
-        self.path, self.n_rows = path, 0
-        self.words: dict[str, Words] = {}
+        self.path, self.n_rows, self.dropped = path, 0, 0
+        self.words: dict[str, dict[str, int]] = {}
+        self.faults: dict[int, str] = {}
         self._separator, self._most = separator, most_rows
-        self._parts: dict[str, list[np.ndarray]] = {}
+        self._columns: dict[str, list[np.ndarray]] = {}
+        self._numbers = np.zeros(0, np.int64)
+        self._bad: dict[int, str] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return a complete column."""
-        pieces = self._parts[name]
-        if len(pieces) > 1:
-            self._parts[name] = [np.concatenate(pieces)]
-        return self._parts[name][0]
+        """Return a column."""
+        return self._columns[name][0]
 
     def __contains__(self, name: str) -> bool:
         """Whether the column was read."""
-        return name in self._parts
+        return name in self._columns
 
     def word(self, name: str, number: int) -> str:
         """Return the word with a number in a column of text."""
         return next(word for word, index in self.words[name].items() if index == number)
 
-    def row_name(self, place: int) -> str:
-        """Return the name of a row for messages: the header is row 1."""
-        return f"row {place + 2}"
+    def row_name(self, row: int | np.integer) -> str:
+        """Return the name of a row, as the beginning of a message; the header is row 1."""
+        return f"row {self._numbers[row] + 2}: "
 
     def read(self, columns: dict[str, str], texts: frozenset[str], whole: frozenset[str]) -> None:
-        """Read the file.
+        """Read columns of the file, its names by ours.
 
-        Args:
-            columns: The file's names of columns, by our names.
-            texts: Names of columns of text; the others are numbers, NaN for an empty cell.
-            whole: Names of columns of whole numbers, without empty cells.
+        Texts and whole numbers are named; the others are numbers, NaN for an empty cell.
 
         Raises:
-            UserError: If the file is missing, empty, too large, lacks a column or has a cell that
-                is not a number; the line names the column and the row.
+            UserError: If the file is missing, empty, too large or lacks a column, or more than half
+                of its rows can't be read; the line names the first such row.
         """
         rows = csv.reader(_lines(self.path), delimiter=self._separator)
         try:
@@ -80,10 +78,34 @@ class Table:
             while chunk := list(islice(rows, _ROWS)):
                 self._take(chunk, places, columns, texts, whole)
         except csv.Error as error:
-            where = self.row_name(self.n_rows)
-            raise UserError(f"{self.path}, after {where}: {error}: is this a CSV file?") from error
+            row = f"row {self.n_rows + 2}"
+            raise UserError(f"{self.path}, after {row}: {error}: is this a CSV file?") from error
         if not self.n_rows:
             raise UserError(f"{self.path} has no row but its header: name a file with states")
+        self._columns = {name: [np.concatenate(pieces)] for name, pieces in self._columns.items()}
+        self._numbers = np.arange(self.n_rows)
+        self.drop(self._bad)
+
+    def drop(self, faults: Mapping[int, str]) -> np.ndarray:
+        """Drop rows, by the fault of each; return whether each row stays.
+
+        Raises:
+            UserError: If they are more than half; the line has the first.
+        """
+        stays = np.ones(self.n_rows, bool)
+        for row, fault in faults.items():
+            fault = f"{self.row_name(row)}{fault}"
+            if 2 * len(faults) > self.n_rows:
+                raise UserError(f"{self.path}, {fault}")
+            if "id" in self:
+                self.faults.setdefault(int(self["id"][row]), fault)
+            stays[row] = False
+        if faults:
+            self._columns = {name: [self[name][stays]] for name in self._columns}
+            self._numbers = self._numbers[stays]
+            self.n_rows -= len(faults)
+            self.dropped += len(faults)
+        return stays
 
     def _take(
         self,
@@ -98,13 +120,11 @@ class Table:
                 f"{self.path} holds more than {self._most:,} states: cut it into recordings, or "
                 "raise --most-states where there is memory for them (about 400 bytes each)"
             )
-        needed = max(places.values())
-        short = next((at for at, row in enumerate(chunk) if len(row) <= needed), None)
-        if short is not None:
-            raise UserError(
-                f"{self.path}, {self.row_name(self.n_rows + short)}: {len(chunk[short])} cells, so "
-                "columns are missing: restore the file"
-            )
+        needed = max(places.values()) + 1
+        for at, row in enumerate(chunk):
+            if len(row) < needed:
+                self._bad[self.n_rows + at] = f"{len(row)} cells, so columns are missing"
+                chunk[at] = row + [""] * needed
         for name, index in places.items():
             cells = [row[index] for row in chunk]
             if name in texts:
@@ -112,45 +132,38 @@ class Table:
                 column = np.array(
                     [numbers.setdefault(cell, len(numbers)) for cell in cells], np.int32
                 )
-            elif name in whole:
-                column = self._whole(columns[name], cells)
             else:
-                column = self._numbers(columns[name], cells)
-            self._parts.setdefault(name, []).append(column)
+                column = self._parsed(columns[name], cells, name in whole)
+            self._columns.setdefault(name, []).append(column)
         self.n_rows += len(chunk)
 
-    def _numbers(self, column: str, cells: list[str]) -> np.ndarray:
+    def _parsed(self, column: str, cells: list[str], whole: bool) -> np.ndarray:
         try:
+            if whole:
+                return np.array(list(map(int, cells)), np.int64)
             return np.array(list(map(float, cells)))
-        except ValueError:
-            pass  # A cell is empty or not a number: check each.
-        values = np.full(len(cells), np.nan)
-        for at, cell in enumerate(cells):
-            if cell.strip().lower() not in _MISSING:
-                try:
-                    values[at] = float(cell)
-                except ValueError as error:
-                    raise self._no_number(column, at, cell, "a number") from error
-        return values
-
-    def _whole(self, column: str, cells: list[str]) -> np.ndarray:
-        try:
-            return np.array(list(map(int, cells)), np.int64)
         except (ValueError, OverflowError):
-            pass
-        values = np.zeros(len(cells), np.int64)
+            pass  # A cell is empty or not a number: check each.
+        values = np.full(len(cells), _NO_NUMBER if whole else np.nan)
         for at, cell in enumerate(cells):
-            match = _ID.fullmatch(cell.strip())
-            if match is None:
-                raise self._no_number(column, at, cell, "a whole number")
-            values[at] = int(match[1])
+            try:
+                values[at] = _whole_number(cell) if whole else _number(cell)
+            except ValueError:
+                what = "a whole number" if whole else "a number"
+                fault = f"{one_line(column, 40)} is '{one_line(cell, 40)}', not {what}"
+                self._bad.setdefault(self.n_rows + at, fault)
         return values
 
-    def _no_number(self, column: str, at: int, cell: str, what: str) -> UserError:
-        return UserError(
-            f"{self.path}, {self.row_name(self.n_rows + at)}: {one_line(column, 40)} is "
-            f"'{one_line(cell, 40)}', not {what}"
-        )
+
+def _number(cell: str) -> float:
+    return np.nan if cell.strip().lower() in _MISSING else float(cell)
+
+
+def _whole_number(cell: str) -> int:
+    match = _ID.fullmatch(cell.strip())
+    if match is None:
+        raise ValueError
+    return int(match[1])
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -162,15 +175,17 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str, int]:
+    """Return the index of each column; names may differ in case: v_length, v_Length of NGSIM."""
     if not header:
         raise UserError(f"{path} is empty: name a file with states")
-    names = _as_mapped([name.strip() for name in header], columns)
+    header = [name.strip() for name in header]
+    mapped = {name.lower(): name for name in columns.values() if name not in header}
+    names = [mapped.get(name.lower(), name) for name in header]
     missing = [column for column in columns.values() if column not in names]
     if missing:
-        names_there = one_line(", ".join(names), 300)
         raise UserError(
             f"{path} has no column {', '.join(missing)}: correct the column map; "
-            f"the file has {names_there}"
+            f"the file has {one_line(', '.join(names), 300)}"
         )
     twice = next((column for column in columns.values() if names.count(column) > 1), None)
     if twice is not None:
@@ -178,16 +193,8 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
     return {name: names.index(column) for name, column in columns.items()}
 
 
-def _as_mapped(header: list[str], columns: dict[str, str]) -> list[str]:
-    """Return the header with the map's names where only the case differs.
-
-    NGSIM's CSV has v_length in one distribution, v_Length in another.
-    """
-    mapped = {name.lower(): name for name in columns.values() if name not in header}
-    return [mapped.get(name.lower(), name) for name in header]
-
-
-def _beside(path: Path, endings: tuple[str, str]) -> Path:
+def beside(path: Path, endings: tuple[str, str]) -> Path:
+    """Return the file whose name has the second ending in place of the first."""
     if not path.name.endswith(endings[0]):
         raise UserError(
             f"{path}: the column map expects a name that ends in {endings[0]}, to find the file "
@@ -197,11 +204,7 @@ def _beside(path: Path, endings: tuple[str, str]) -> Path:
 
 
 def rate_of(path: Path, columns: ColumnMap) -> float:
-    """Return the frames a second, from the column map or the file that it names.
-
-    Raises:
-        UserError: If that file is missing, or does not have exactly one such number.
-    """
+    """Return the frames a second, from the column map or the file that it names."""
     if columns.rate_file is None:
         return columns.rate
     rate = _number_beside(path, columns, columns.rate_file[2])
@@ -211,14 +214,10 @@ def rate_of(path: Path, columns: ColumnMap) -> float:
 
 
 def origin_of(path: Path, columns: ColumnMap) -> tuple[float, float] | None:
-    """Return the UTM coordinates of the origin of a file's positions, m; None if not known.
-
-    Raises:
-        UserError: If the file that the column map names has other things than numbers there.
-    """
+    """Return the UTM coordinates of the origin of a file's positions, m; None if not known."""
     if columns.origin is None or columns.rate_file is None:
         return None
-    with open_csv(_beside(path, columns.rate_file[:2])) as file:
+    with open_csv(beside(path, columns.rate_file[:2])) as file:
         header = [name.strip() for name in file.readline(_MOST_LINE).split(columns.separator)]
     if not {*columns.origin} <= {*header}:
         return None
@@ -228,29 +227,12 @@ def origin_of(path: Path, columns: ColumnMap) -> tuple[float, float] | None:
 
 def _number_beside(path: Path, columns: ColumnMap, column: str) -> float:
     assert columns.rate_file is not None
-    beside = Table(_beside(path, columns.rate_file[:2]), columns.separator, 100)
-    beside.read({"number": column}, frozenset(), frozenset())
-    numbers = np.unique(beside["number"])
+    table = Table(beside(path, columns.rate_file[:2]), columns.separator, 100)
+    table.read({"number": column}, frozenset(), frozenset())
+    numbers = np.unique(table["number"])
     if len(numbers) != 1 or not np.isfinite(numbers[0]):
-        raise UserError(f"{beside.path}: {column} is not one number")
+        raise UserError(f"{table.path}: {column} is not one number")
     return float(numbers[0])
-
-
-def users_of(path: Path, columns: ColumnMap) -> Table | None:
-    """Return the file with a row for each track; None if the column map names none.
-
-    Raises:
-        UserError: If it is missing, can't be read, or has two rows for a track.
-    """
-    if columns.users_file is None:
-        return None
-    users = Table(_beside(path, columns.users_file), columns.separator, 10_000_000)
-    users.read(columns.users_columns, frozenset({"class"}), frozenset({"id"}))
-    order = np.sort(users["id"])
-    twice = order[1:][order[1:] == order[:-1]]
-    if len(twice):
-        raise UserError(f"{users.path}: {int(twice[0])} has two rows: leave one")
-    return users
 
 
 _MOST_RECORDINGS = 1_000
@@ -262,15 +244,26 @@ def recordings_of(
 ) -> tuple[np.ndarray, dict[int, str]]:
     """Return the number of each row's recording, and the recordings' names.
 
-    Within a period of observation frames count its time, so their difference is constant.
+    A name is the file's, with the column's word if it has several. Within a period of observation
+    frames count its time, so their difference is constant.
     """
-    group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)
-    names = _names(table, columns)
+    stem = table.path.stem
+    if columns.users_file is not None:
+        stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
+    group, names = np.zeros(table.n_rows, np.int32), {0: stem}
+    if "recording" in table:
+        group = table["recording"]
+        numbers = np.unique(group).tolist()
+        if len(numbers) > _MOST_RECORDINGS:
+            column = columns.columns["recording"]
+            raise UserError(
+                f"{table.path}: {len(numbers):,} recordings by {column}: correct the column map"
+            )
+        names = {n: f"{stem}-{one_line(table.word('recording', n), 60)}" for n in numbers}
+        names = names if len(names) > 1 else {numbers[0]: stem}
     if not columns.periods:
         return group, names
     began = np.round(table["time"] * columns.scales["time"] / dt) - frame
-    if not np.isfinite(began).all():
-        raise UserError(f"{table.path}, {_first(table, ~np.isfinite(began))}: no time")
     starts = np.unique(began)
     period = np.concatenate([[0], np.cumsum(np.diff(starts) > _SAME_PERIOD / dt)])
     pairs = np.column_stack([group, period[np.searchsorted(starts, began)]])
@@ -280,48 +273,32 @@ def recordings_of(
             f"{table.path}: {len(distinct):,} periods: frames and times have different rates; "
             "correct the rate or the unit of time in the column map"
         )
-    several = {word for word in distinct[:, 0].tolist() if (distinct[:, 0] == word).sum() > 1}
-    numbers = [(distinct[:at, 0] == word).sum() + 1 for at, word in enumerate(distinct[:, 0])]
-    return group.ravel(), {
-        at: names[word] + (f"-period-{numbers[at]}" if word in several else "")
-        for at, word in enumerate(distinct[:, 0].tolist())
-    }
-
-
-def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
-    """Return the names of the recordings: the file's, and the column's word if it has several."""
-    stem = table.path.stem
-    if columns.users_file is not None:
-        stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
-    words = table.words.get("recording", {"": 0})
-    if len(words) > _MOST_RECORDINGS:
-        column = columns.columns["recording"]
-        raise UserError(
-            f"{table.path}: {len(words):,} recordings by {column}: correct the column map"
-        )
-    if len(words) == 1:
-        return {0: stem}
-    return {number: f"{stem}-{one_line(word, 60)}" for word, number in words.items()}
+    of_word, recordings = distinct[:, 0], {}
+    for at, word in enumerate(of_word.tolist()):
+        several = (of_word == word).sum() > 1
+        number = (of_word[:at] == word).sum() + 1
+        recordings[at] = names[word] + (f"-period-{number}" if several else "")
+    return group.ravel(), recordings
 
 
 def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
-    """Return the numbers of frames, derived from the time if the file has none."""
+    """Return the numbers of frames, derived from the time if the file has none.
+
+    Rows without a time, and those whose time fits no frame, are dropped.
+    """
+    if "time" in table:
+        bad = np.flatnonzero(~np.isfinite(table["time"])).tolist()
+        table.drop(dict.fromkeys(bad, "no time"))
     if "frame" in table:
         frame = table["frame"]
     else:
         steps = table["time"] * columns.scales["time"] / dt
-        if not np.isfinite(steps).all():
-            raise UserError(f"{table.path}, {_first(table, ~np.isfinite(steps))}: no time")
         frame = np.round(steps - steps.min()).astype(np.int64)
-        off = np.abs(steps - steps.min() - frame) > 0.1
-        if off.any():
-            raise UserError(
-                f"{table.path}, {_first(table, off)}: the time is not a multiple of {dt:g} s after "
-                "the first: correct the unit or the rate in the column map"
-            )
+        off = np.flatnonzero(np.abs(steps - steps.min() - frame) > 0.1).tolist()
+        fault = (
+            f"the time is not a multiple of {dt:g} s after the first: correct the unit or the rate "
+            "in the column map"
+        )
+        frame = frame[table.drop(dict.fromkeys(off, fault))]
     low, high = int(frame.min()), int(frame.max())
     return frame if low >= 0 and high < 2**31 else frame - low
-
-
-def _first(table: Table, bad: np.ndarray) -> str:
-    return table.row_name(int(np.argmax(bad)))

@@ -13,7 +13,6 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,8 @@ _ANSWER = "\x1elanelets "  # before the answer, after whatever the library print
 _NODE = re.compile(rb"<node\b[^>]*>")
 _PLACE = (re.compile(rb"\blat=['\"]([^'\"]+)"), re.compile(rb"\blon=['\"]([^'\"]+)"))
 
+_SIGNS = {"TrafficLight": Sign.LIGHT, "AllWayStop": Sign.STOP}
+
 _Key = tuple[int, bool]  # number, and whether it is driven backwards
 
 
@@ -46,34 +47,14 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.
     """
     optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
-    _check_content(path)
-    answer = _in_a_process(path, utm_origin)
-    try:
-        road = RoadNetwork({values["identity"]: _of_plain(values) for values in answer})
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
-    if not road.lanelets:
-        raise UserError(f"{path} holds no lanelet for vehicles: name a map that does")
-    return road
-
-
-def _check_content(path: Path) -> None:
     content = read_bytes(path, _MOST_BYTES)
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise UserError(f"{path} declares a document type: remove it; Lanelet2 maps have none")
-
-
-def _in_a_process(path: Path, utm_origin: tuple[float, float] | None) -> list[dict[str, Any]]:
-    """Return the lanelets as plain values, read by a process of its own.
-
-    The library dereferences what a damaged file lacks, which would end this process.
-    """
-    request = json.dumps({"path": str(path.resolve()), "utm_origin": utm_origin})
-    code = f"from {__name__} import serve; serve()"
     try:
+        # The library dereferences what a damaged file lacks, which would end this process.
         done = subprocess.run(
-            [sys.executable, "-c", code],
-            input=request,
+            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
+            input=json.dumps({"path": str(path.resolve()), "utm_origin": utm_origin}),
             capture_output=True,
             text=True,
             timeout=_MOST_SECONDS,
@@ -81,7 +62,7 @@ def _in_a_process(path: Path, utm_origin: tuple[float, float] | None) -> list[di
             env=os.environ
             | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
         )
-        told = json.loads(done.stdout.rpartition(_ANSWER)[2])
+        answer = json.loads(done.stdout.rpartition(_ANSWER)[2])
     except subprocess.TimeoutExpired as error:
         raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
     except (OSError, ValueError) as error:
@@ -89,64 +70,36 @@ def _in_a_process(path: Path, utm_origin: tuple[float, float] | None) -> list[di
             f"{path} is not a Lanelet2 map: lanelet2 ended without an answer; check its references "
             "of nodes, ways and regulatory elements"
         ) from error
-    if "error" in told:
-        raise UserError(f"{path} is not a Lanelet2 map: {one_line(told['error'])}")
-    return told["lanelets"]
+    if "error" in answer:
+        raise UserError(f"{path} is not a Lanelet2 map: {one_line(answer['error'])}")
+    lanelets = {}
+    for values in answer["lanelets"]:
+        for name in ("left", "right", "stop_line"):
+            values[name] = None if values[name] is None else np.array(values[name])
+        for name in ("successors", "predecessors", "adjacent_left", "adjacent_right"):
+            values[name] = None if values[name] is None else tuple(values[name])
+        try:
+            lanelets[values["identity"]] = Lanelet(**values | {"sign": Sign(values["sign"])})
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from error
+    if not lanelets:
+        raise UserError(f"{path} holds no lanelet for vehicles: name a map that does")
+    return RoadNetwork(lanelets)
 
 
 def serve() -> None:
     """Read the map that standard input names, and write its lanelets as JSON."""
     request = json.load(sys.stdin)
     try:
-        told: dict[str, Any] = {"lanelets": _read(Path(request["path"]), request["utm_origin"])}
+        library = optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
+        path = Path(request["path"])
+        projector, origin = _projector(library, path, request["utm_origin"])
+        loaded, _ = library.io.loadRobust(str(path), projector)
+        lanelets = _Road(library, loaded, np.array(origin)).lanelets(loaded)
+        answer: dict[str, Any] = {"lanelets": lanelets}
     except Exception as error:  # of the library's own kinds, and ours
-        told = {"error": str(error)}
-    sys.stdout.write(_ANSWER + json.dumps(told))
-
-
-def _read(path: Path, utm_origin: tuple[float, float] | None) -> list[dict[str, Any]]:
-    library = optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
-    projector, origin = _projector(library, path, utm_origin)
-    map_read, _ = library.io.loadRobust(str(path), projector)
-    rules = library.traffic_rules.create(
-        library.traffic_rules.Locations.Germany, library.traffic_rules.Participants.Vehicle
-    )
-    graph = library.routing.RoutingGraph(map_read, rules)
-    return [_plain(lanelet) for lanelet in _Road(graph, rules, np.array(origin)).lanelets(map_read)]
-
-
-def _plain(one: Lanelet) -> dict[str, Any]:
-    return {
-        "identity": one.identity,
-        "left": one.left.tolist(),
-        "right": one.right.tolist(),
-        "successors": one.successors,
-        "predecessors": one.predecessors,
-        "adjacent_left": one.adjacent_left,
-        "adjacent_right": one.adjacent_right,
-        "speed_limit": one.speed_limit,
-        "sign": int(one.sign),
-        "stop_line": None if one.stop_line is None else one.stop_line.tolist(),
-    }
-
-
-def _of_plain(one: dict[str, Any]) -> Lanelet:
-    left, right = (
-        None if one[side] is None else (int(one[side][0]), bool(one[side][1]))
-        for side in ("adjacent_left", "adjacent_right")
-    )
-    return Lanelet(
-        int(one["identity"]),
-        np.array(one["left"]),
-        np.array(one["right"]),
-        tuple(one["successors"]),
-        tuple(one["predecessors"]),
-        left,
-        right,
-        speed_limit=float(one["speed_limit"]),
-        sign=Sign(one["sign"]),
-        stop_line=None if one["stop_line"] is None else np.array(one["stop_line"]),
-    )
+        answer = {"error": str(error)}
+    sys.stdout.write(_ANSWER + json.dumps(answer))
 
 
 def _projector(
@@ -170,14 +123,18 @@ def _projector(
 
 
 class _Road:
-    """Builder of a road network from a routing graph."""
+    """Builder of lanelets as plain values from a routing graph."""
 
-    def __init__(self, graph: Any, rules: Any, origin: np.ndarray) -> None:
-        self._graph, self._rules, self._origin = graph, rules, origin
+    def __init__(self, library: Any, loaded: Any, origin: np.ndarray) -> None:
+        country = library.traffic_rules.Locations.Germany
+        vehicle = library.traffic_rules.Participants.Vehicle
+        self._rules = library.traffic_rules.create(country, vehicle)
+        self._graph = library.routing.RoutingGraph(loaded, self._rules)
+        self._origin = origin
         self._numbers: dict[_Key, int] = {}
 
-    def lanelets(self, found: Any) -> Iterator[Lanelet]:
-        lanelets = list(found.laneletLayer)
+    def lanelets(self, loaded: Any) -> list[dict[str, Any]]:
+        lanelets = list(loaded.laneletLayer)
         driven = [lanelet for lanelet in lanelets if self._rules.canPass(lanelet)]
         for drivable in driven:
             self._numbers[_key(drivable)] = drivable.id
@@ -185,58 +142,56 @@ class _Road:
         backwards = [drivable.invert() for drivable in driven if not self._rules.isOneWay(drivable)]
         for number, drivable in enumerate(backwards, free):
             self._numbers[_key(drivable)] = number
-        return (self._lanelet(drivable) for drivable in (*driven, *backwards))
+        return [self._plain(drivable) for drivable in (*driven, *backwards)]
 
-    def _lanelet(self, one: Any) -> Lanelet:
-        left, right = equal_bounds(self._points(one.leftBound), self._points(one.rightBound))
-        limit = float(self._rules.speedLimit(one).speedLimit) / 3.6
-        sign, line = self._sign(one)
-        return Lanelet(
-            identity=self._numbers[_key(one)],
-            left=left,
-            right=right,
-            successors=self._of(self._graph.following(one)),
-            predecessors=self._of(self._graph.previous(one)),
-            adjacent_left=self._beside(self._graph.left(one) or self._graph.adjacentLeft(one)),
-            adjacent_right=self._beside(self._graph.right(one) or self._graph.adjacentRight(one)),
-            speed_limit=limit if 0 < limit < 100 else np.inf,
-            sign=sign,
-            stop_line=line,
-        )
+    def _plain(self, lanelet: Any) -> dict[str, Any]:
+        left, right = equal_bounds(*map(self._points, (lanelet.leftBound, lanelet.rightBound)))
+        limit = float(self._rules.speedLimit(lanelet).speedLimit) / 3.6
+        graph, (sign, line) = self._graph, self._sign(lanelet)
+        beside = {
+            "adjacent_left": graph.left(lanelet) or graph.adjacentLeft(lanelet),
+            "adjacent_right": graph.right(lanelet) or graph.adjacentRight(lanelet),
+        }
+        numbers = {
+            name: None if near is None else self._numbers.get(_key(near))
+            for name, near in beside.items()
+        }
+        return {
+            "identity": self._numbers[_key(lanelet)],
+            "left": left.tolist(),
+            "right": right.tolist(),
+            "successors": self._numbers_of(graph.following(lanelet)),
+            "predecessors": self._numbers_of(graph.previous(lanelet)),
+            **{name: None if n is None else (n, True) for name, n in numbers.items()},
+            "speed_limit": limit if 0 < limit < 100 else np.inf,
+            "sign": int(sign),
+            "stop_line": None if line is None else line.tolist(),
+        }
 
     def _points(self, line: Any) -> np.ndarray:
         points = np.array([(point.x, point.y) for point in line], np.float64).reshape(-1, 2)
         return points - self._origin
 
-    def _of(self, lanelets: Any) -> tuple[int, ...]:
+    def _numbers_of(self, lanelets: Any) -> list[int]:
         keys = (_key(lanelet) for lanelet in lanelets)
-        return tuple(self._numbers[key] for key in keys if key in self._numbers)
+        return [self._numbers[key] for key in keys if key in self._numbers]
 
-    def _beside(self, other: Any) -> tuple[int, bool] | None:
-        if other is None or _key(other) not in self._numbers:
-            return None
-        return self._numbers[_key(other)], True
-
-    def _sign(self, one: Any) -> tuple[Sign, np.ndarray | None]:
+    def _sign(self, lanelet: Any) -> tuple[Sign, np.ndarray | None]:
         """Return a lanelet's right of way and its stop line; a light takes precedence."""
         sign, line = Sign.NONE, None
-        for rule in one.regulatoryElements:
+        for rule in lanelet.regulatoryElements:
             kind = type(rule).__name__
-            kind_of_sign = Sign.NONE
-            if kind == "TrafficLight":
-                kind_of_sign = Sign.LIGHT
-            elif kind == "AllWayStop":
-                kind_of_sign = Sign.STOP
-            elif kind == "RightOfWay":
-                manoeuvre = str(rule.getManeuver(one))
-                kind_of_sign = Sign.YIELD if manoeuvre.endswith("Yield") else Sign.NONE
-                kind_of_sign = Sign.PRIORITY if manoeuvre.endswith("RightOfWay") else kind_of_sign
-            sign = max(sign, kind_of_sign)
+            sign_of_rule = _SIGNS.get(kind, Sign.NONE)
+            if kind == "RightOfWay":
+                manoeuvre = str(rule.getManeuver(lanelet))
+                sign_of_rule = Sign.YIELD if manoeuvre.endswith("Yield") else Sign.NONE
+                sign_of_rule = Sign.PRIORITY if manoeuvre.endswith("RightOfWay") else sign_of_rule
+            sign = max(sign, sign_of_rule)
             stop = getattr(rule, "stopLine", None)
-            if stop is not None and len(stop) >= 2 and kind_of_sign in (Sign.YIELD, Sign.LIGHT):
+            if stop is not None and len(stop) >= 2 and sign_of_rule in (Sign.YIELD, Sign.LIGHT):
                 line = self._points(stop)[[0, -1]]
         return sign, line
 
 
-def _key(one: Any) -> _Key:
-    return one.id, bool(one.inverted())
+def _key(lanelet: Any) -> _Key:
+    return lanelet.id, bool(lanelet.inverted())

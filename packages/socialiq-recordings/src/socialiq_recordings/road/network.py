@@ -1,9 +1,7 @@
 """Road network of a recording: lanelets, right of way, and the junctions of lanelets in conflict.
 
-The frame is that of `tracks`: metres, x to the east, y to the north. Two lanelets cross if their
-centre lines do; they merge if they lead to the same lanelet. Lanelets that follow each other or
-leave the same lanelet also overlap, but their vehicles follow each other: no conflict. Conflicts
-need Shapely (extra `maps`), which only this module and `conflicts.encounters` use.
+The frame is that of the tracks: metres, x to the east, y to the north. Conflicts need Shapely
+(extra `maps`), which only this module and `conflicts.encounters` use.
 """
 
 from __future__ import annotations
@@ -19,11 +17,8 @@ from socialiq.errors import UserError
 from socialiq.foreign import optional
 from socialiq_recordings import DISTRIBUTION
 
-STEP = 2.0
-"""m between the points of a line that is compared with others."""
-
-LONGEST = 1e5
-"""m of a lanelet's bound; no map's is as long, and its points would fill the memory."""
+STEP = 2.0  # m between the points of a line that is compared with others
+LONGEST = 1e5  # m of a lanelet's bound; no map's is as long, and its points would fill the memory
 
 
 class Sign(enum.IntEnum):
@@ -47,12 +42,7 @@ class Colour(enum.IntEnum):
 
 
 class Cycle(NamedTuple):
-    """Cycle of a traffic light, in frames of the recording.
-
-    Attributes:
-        phases: Colour and number of frames of each phase, in their order.
-        offset: Frame at which the first phase begins.
-    """
+    """Cycle of a traffic light: colour and number of frames of each phase, frame of the first."""
 
     phases: tuple[tuple[Colour, int], ...]
     offset: int = 0
@@ -75,35 +65,22 @@ class Cycle(NamedTuple):
 class Lanelet:
     """Section of a lane, driven from the first points of its bounds to the last.
 
-    Attributes:
-        identity: Number of the lanelet in the file.
-        left: Left bound, in driving direction.
-        right: Right bound, with the same number of points.
-        successors: Lanelets that it leads to.
-        predecessors: Lanelets that lead to it.
-        adjacent_left: The lanelet to its left, and whether it has the same direction.
-        adjacent_right: The same to its right.
-        speed_limit: m/s; infinity if unknown.
-        sign: Right of way.
-        stop_line: Two points, if the file has a stop line.
-        cycle: Of the traffic light at its end; None if the file has no states of it.
-
     Raises:
         UserError: If a bound has fewer than two points, the numbers differ, or a coordinate
             isn't finite.
     """
 
-    identity: int
-    left: Float64[np.ndarray, "point 2"]
-    right: Float64[np.ndarray, "point 2"]
-    successors: tuple[int, ...] = ()
-    predecessors: tuple[int, ...] = ()
-    adjacent_left: tuple[int, bool] | None = None
+    identity: int  # number of the lanelet in the file
+    left: Float64[np.ndarray, "point 2"]  # left bound, in driving direction
+    right: Float64[np.ndarray, "point 2"]  # right bound, with the same number of points
+    successors: tuple[int, ...] = ()  # lanelets that it leads to
+    predecessors: tuple[int, ...] = ()  # lanelets that lead to it
+    adjacent_left: tuple[int, bool] | None = None  # beside it, and whether in the same direction
     adjacent_right: tuple[int, bool] | None = None
-    speed_limit: float = float("inf")
-    sign: Sign = Sign.NONE
-    stop_line: Float64[np.ndarray, "2 2"] | None = None
-    cycle: Cycle | None = None
+    speed_limit: float = float("inf")  # m/s; infinity if unknown
+    sign: Sign = Sign.NONE  # right of way
+    stop_line: Float64[np.ndarray, "2 2"] | None = None  # two points, if the file has a stop line
+    cycle: Cycle | None = None  # of the light at its end, if the file has states of it
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
@@ -132,18 +109,9 @@ class Lanelet:
 
 @dataclass(frozen=True, eq=False)
 class RoadNetwork:
-    """Lanelets of a road, by their numbers.
-
-    Attributes:
-        lanelets: Lanelets in the order of the file.
-    """
+    """Lanelets of a road, by their numbers, in the order of the file."""
 
     lanelets: dict[int, Lanelet] = field(default_factory=dict)
-
-
-def lanelet_points(lanelet: Lanelet) -> Float64[np.ndarray, "point 3"]:
-    """Return x, y and direction of a lanelet's centre line, every `STEP` metres."""
-    return every_step(lanelet.centre)
 
 
 def every_step(line: Float64[np.ndarray, "corner 2"]) -> Float64[np.ndarray, "point 3"]:
@@ -166,7 +134,10 @@ def equal_bounds(
     """Return two bounds with as many points each, at the same shares of their lengths."""
     if min(len(left), len(right)) < 2:
         return left, right  # `Lanelet` refuses them
-    shares = [_shares(bound) for bound in (left, right)]
+    shares = []
+    for line in (left, right):
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        shares.append(lengths / max(lengths[-1], 1e-9))
     if len(left) == len(right) and np.allclose(*shares, atol=0.02):
         return left, right
     every = np.unique(np.concatenate(shares))
@@ -178,11 +149,6 @@ def equal_bounds(
     return resampled[0], resampled[1]
 
 
-def _shares(line: np.ndarray) -> np.ndarray:
-    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    return lengths / max(lengths[-1], 1e-9)
-
-
 class Conflict(enum.IntEnum):
     """Kind of conflict of two lanelets."""
 
@@ -192,19 +158,11 @@ class Conflict(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """Road network with its conflicts.
+    """Road network with its conflicts."""
 
-    Attributes:
-        road: The lanelets.
-        conflicts: Kind of conflict of two lanelets, by their numbers, the smaller first.
-        junctions: Numbers of the lanelets that are connected by conflicts.
-        junction_of: Index in `junctions`, by lanelet; lanelets without a conflict are omitted.
-    """
-
-    road: RoadNetwork
-    conflicts: dict[tuple[int, int], Conflict]
-    junctions: tuple[frozenset[int], ...]
-    junction_of: dict[int, int]
+    road: RoadNetwork  # the lanelets
+    conflicts: dict[tuple[int, int], Conflict]  # of two lanelets, the smaller number first
+    junction_of: dict[int, int]  # number by lanelet in conflict: those that conflicts connect share
 
     def conflict(self, one: int, other: int) -> bool:
         """Whether two lanelets are in conflict."""
@@ -213,6 +171,10 @@ class Lanes:
 
 def lanes_of(road: RoadNetwork) -> Lanes:
     """Find a road network's conflicts.
+
+    Two lanelets cross if their centre lines do; they merge if they lead to the same lanelet.
+    Lanelets that follow each other or leave the same lanelet also overlap, but their vehicles
+    follow each other: no conflict.
 
     Raises:
         UserError: If it has no lanelet, or Shapely is not installed.
@@ -223,42 +185,33 @@ def lanes_of(road: RoadNetwork) -> Lanes:
             "name its map with --road, here or at `socialiq data import`"
         )
     library = shapely()
-    areas = {number: _area(lanelet) for number, lanelet in road.lanelets.items()}
-    centres = {n: library.linestrings(lane.centre) for n, lane in road.lanelets.items()}
+    lanelets = [road.lanelets[number] for number in sorted(road.lanelets)]
+    centres = [library.linestrings(lanelet.centre) for lanelet in lanelets]
+    areas = []
+    for lanelet in lanelets:
+        ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
+        area = library.make_valid(library.polygons(ring))
+        areas.append(area if area.geom_type != "GeometryCollection" else area.buffer(0))
     conflicts: dict[tuple[int, int], Conflict] = {}
-    numbers = sorted(road.lanelets)
-    tree = library.STRtree([areas[number] for number in numbers])
-    for first, second in tree.query([areas[n] for n in numbers], predicate="intersects").T:
-        lower, higher = numbers[first], numbers[second]
-        if lower >= higher:
+    for first, second in library.STRtree(areas).query(areas, predicate="intersects").T:
+        if first >= second:
             continue
-        kind = _kind(road.lanelets[lower], road.lanelets[higher], centres[lower], centres[higher])
-        if kind is not None:
-            conflicts[lower, higher] = kind
+        low, high = lanelets[first], lanelets[second]
+        if high.identity in low.successors or low.identity in high.successors:
+            continue
+        if {*low.predecessors} & {*high.predecessors}:
+            continue
+        if {*low.successors} & {*high.successors}:
+            conflicts[low.identity, high.identity] = Conflict.MERGING
+        elif centres[first].crosses(centres[second]):
+            conflicts[low.identity, high.identity] = Conflict.CROSSING
     groups: list[set[int]] = []
     for pair in conflicts:
         joined = [group for group in groups if group & set(pair)]
         groups = [group for group in groups if not group & set(pair)]
         groups.append(set(pair).union(*joined))
-    junctions = tuple(frozenset(group) for group in sorted(groups, key=min))
-    junction_of = {number: index for index, group in enumerate(junctions) for number in group}
-    return Lanes(road, conflicts, junctions, junction_of)
-
-
-def _kind(one: Lanelet, other: Lanelet, line: Any, other_line: Any) -> Conflict | None:
-    if other.identity in one.successors or one.identity in other.successors:
-        return None
-    if set(one.predecessors) & set(other.predecessors):
-        return None
-    if set(one.successors) & set(other.successors):
-        return Conflict.MERGING
-    return Conflict.CROSSING if line.crosses(other_line) else None
-
-
-def _area(lanelet: Lanelet) -> Any:
-    ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
-    area = shapely().make_valid(shapely().polygons(ring))
-    return area if area.geom_type != "GeometryCollection" else area.buffer(0)
+    junctions = enumerate(sorted(groups, key=min))
+    return Lanes(road, conflicts, {number: index for index, group in junctions for number in group})
 
 
 def shapely() -> Any:

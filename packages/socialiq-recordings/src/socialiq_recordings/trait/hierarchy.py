@@ -10,9 +10,7 @@ from scipy.special import softmax
 
 from socialiq_recordings.trait.traits import Trait
 
-FOLDS = 20
-"""Most folds of chains."""
-
+FOLDS = 20  # most folds of chains
 _BLOCK = 4_000_000  # numbers in one block of products, 32 MB
 
 
@@ -23,10 +21,7 @@ def driver_log_likelihood(
 ) -> Float[np.ndarray, "driver shared value"]:
     """Return the sum over each driver's decisions of log p(a | s); 0 without a decision.
 
-    Args:
-        of_decision: log p of what was chosen, for each grid point.
-        driver: Number of each decision's driver, from 0.
-        drivers: Number of drivers.
+    `driver` is the number of each decision's driver, below the number of drivers.
     """
     order = np.argsort(driver, kind="stable")
     total = np.zeros((drivers, *of_decision.shape[1:]))
@@ -54,15 +49,10 @@ def log_marginal(
 
 
 class Population(NamedTuple):
-    """Posterior of what drivers have in common, on the grid of a trait.
+    """Posterior of what drivers have in common, on the grid of a trait."""
 
-    Attributes:
-        trait: The grid.
-        chance: Of each shared number, mean and spread.
-    """
-
-    trait: Trait
-    chance: Float[np.ndarray, "shared hyper"]
+    trait: Trait  # the grid
+    chance: Float[np.ndarray, "shared hyper"]  # of each shared number, mean and spread
 
     @property
     def driver_prior(self) -> Float[np.ndarray, "shared value"]:
@@ -70,16 +60,9 @@ class Population(NamedTuple):
         return self.chance @ self.trait.population
 
     def quantiles(self, name: str, at: tuple[float, ...]) -> list[float]:
-        """Return posterior quantiles of `shared`, `mean` or `spread`; of angles see `directions`.
-
-        Args:
-            name: Name of the quantity.
-            at: Orders.
-        """
-        by_hyper = name != "shared"
-        values = getattr(self.trait, name)
-        chance = self.chance.sum(axis=0 if by_hyper else 1)
-        return weighted_quantiles(values, chance, at)
+        """Return posterior quantiles of `shared`, `mean` or `spread`; of angles see `direction`."""
+        chance = self.chance.sum(axis=1 if name == "shared" else 0)
+        return weighted_quantiles(getattr(self.trait, name), chance, at)
 
 
 def population_posterior(
@@ -89,10 +72,7 @@ def population_posterior(
 ) -> Population:
     """Return the posterior of shared number, mean and spread, under an even prior on the grid.
 
-    Args:
-        log_marginals: Of each driver.
-        trait: The grid.
-        counts: How often each driver counts; once by default. 0 leaves it out.
+    `counts` says how often each driver counts: once by default; 0 leaves it out.
     """
     weight = np.ones(len(log_marginals)) if counts is None else counts
     total = np.tensordot(weight, log_marginals, 1)
@@ -105,10 +85,6 @@ def driver_posteriors(
     """Return each driver's posterior of its trait, jointly with the shared number.
 
     The population must come from other drivers: otherwise their own evidence would count twice.
-
-    Args:
-        log_likelihood: Of each driver.
-        population: Posterior of the population from other drivers.
     """
     prior = population.driver_prior
     weight = prior * np.exp(log_likelihood - log_likelihood.max(axis=(1, 2), keepdims=True))
@@ -116,18 +92,12 @@ def driver_posteriors(
 
 
 class Inference(NamedTuple):
-    """A trait inferred from drivers' decisions.
+    """A trait inferred from drivers' decisions."""
 
-    Attributes:
-        population: From all drivers.
-        fold: Number of each driver's fold, a group of chains.
-        others: From the drivers of the other folds, by fold.
-        drivers: Posterior of each driver, with the population of the other folds as its prior.
-    """
-
-    population: Population
-    fold: Int64[np.ndarray, " driver"]
-    others: tuple[Population, ...]
+    population: Population  # from all drivers
+    fold: Int64[np.ndarray, " driver"]  # number of each driver's fold, a group of chains
+    others: tuple[Population, ...]  # from the drivers of the other folds, by fold
+    # posterior of each driver, with the population of the other folds as its prior
     drivers: Float[np.ndarray, "driver shared value"]
 
     def left(
@@ -135,19 +105,18 @@ class Inference(NamedTuple):
     ) -> tuple[Bool[np.ndarray, " shared"], Bool[np.ndarray, " value"], Bool[np.ndarray, " hyper"]]:
         """Whether any population leaves each shared number, value and place of the population.
 
-        Args:
-            least: Probability over that of the likeliest point.
+        It leaves a point whose probability is `least` times that of the likeliest one, or more.
         """
         populations = (self.population, *self.others)
-        chances = (
-            [population.chance.sum(axis=1) for population in populations],
-            [population.driver_prior.sum(axis=0) for population in populations],
-            [population.chance.sum(axis=0) for population in populations],
+
+        def any_leaves(chances: list[np.ndarray]) -> Bool[np.ndarray, " point"]:
+            return np.any([chance >= least * chance.max() for chance in chances], axis=0)
+
+        return (
+            any_leaves([population.chance.sum(axis=1) for population in populations]),
+            any_leaves([population.driver_prior.sum(axis=0) for population in populations]),
+            any_leaves([population.chance.sum(axis=0) for population in populations]),
         )
-        shared, value, hyper = (
-            np.any([chance >= least * chance.max() for chance in of], axis=0) for of in chances
-        )
-        return shared, value, hyper
 
 
 def infer(
@@ -157,12 +126,7 @@ def infer(
 ) -> Inference:
     """Infer a trait of all drivers; nothing of a driver's own chain is in its population.
 
-    Up to `FOLDS` chains are folds of their own.
-
-    Args:
-        log_likelihood: Of each driver.
-        chain: Number of each driver's chain, from 0.
-        trait: The grid.
+    Up to `FOLDS` chains, numbered from 0, are folds of their own.
     """
     marginals, fold = log_marginal(log_likelihood, trait), chain % FOLDS
     without = tuple(
@@ -177,9 +141,7 @@ def infer(
 
 
 def weighted_quantiles(
-    values: Float[np.ndarray, " point"],
-    chance: Float[np.ndarray, " point"],
-    at: tuple[float, ...],
+    values: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], at: tuple[float, ...]
 ) -> list[float]:
     """Return quantiles of a distribution on grid points: the first value that reaches the order."""
     order = np.argsort(values, kind="stable")
@@ -189,29 +151,17 @@ def weighted_quantiles(
 
 
 class Direction(NamedTuple):
-    """Mean direction of a distribution of angles and its interval, degrees.
+    """Mean direction of a distribution of angles and its interval, degrees."""
 
-    Attributes:
-        angle: Direction of the mean unit vector.
-        low: `angle` plus a quantile of the wrapped deviations.
-        high: Likewise.
-    """
-
-    angle: float
-    low: float
-    high: float
+    angle: float  # direction of the mean unit vector
+    low: float  # `angle` plus a quantile of the wrapped deviations
+    high: float  # likewise
 
 
 def direction(
     angle: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], confidence: float
 ) -> Direction:
-    """Return the circular mean and the interval of equal tails around it.
-
-    Args:
-        angle: Grid points, degrees.
-        chance: Of each.
-        confidence: Of the interval.
-    """
+    """Return the circular mean of grid points in degrees, and the interval of equal tails."""
     radians = np.radians(angle)
     mean = float(np.degrees(np.arctan2(chance @ np.sin(radians), chance @ np.cos(radians))))
     off = (angle - mean + 180.0) % 360.0 - 180.0

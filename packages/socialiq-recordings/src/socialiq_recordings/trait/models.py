@@ -14,7 +14,7 @@ halves of the other chains. Every model has the same decisions and the same base
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,43 +26,25 @@ from socialiq.statistics.clusters import cluster_mean, clusters_needed
 from socialiq.statistics.comparisons import holm
 from socialiq.types import Row
 from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.trait.choice_model import (
-    Evaluated,
-    Prediction,
-    Tabulated,
-    evaluate,
-    log_choice,
-    predict,
-    reward_scale,
-    rewards_of,
-)
+from socialiq_recordings.trait import traits
 from socialiq_recordings.trait.hierarchy import Inference, driver_log_likelihood, infer
-from socialiq_recordings.trait.traits import Trait, angle_trait, progress_trait
+from socialiq_recordings.trait.traits import Evaluated, Tabulated, Trait, evaluate
 
 GAINS = np.linspace(-1.0, 1.0, 41)
 """κ of residuals: of a normal prediction the mean moves by κ times the residual."""
 
-SHUFFLES = 20
-"""Turns of the shuffled angle."""
-
+SHUFFLES = 20  # turns of the shuffled angle
 _NARROWER = 4  # times that a grid is narrowed at most
 _LEFT = 1e-4  # probability, over that of the likeliest point, above which a point of a grid is left
 
 
 class Sample(NamedTuple):
-    """Decisions in conflict of drivers with both halves.
+    """Decisions in conflict of drivers with both halves."""
 
-    Attributes:
-        table: The decisions.
-        driver: Number of each decision's driver, from 0.
-        chain: Number of each driver's chain, from 0.
-        identity: Each driver's number in the table.
-    """
-
-    table: ChoiceTable
-    driver: Int64[np.ndarray, " decision"]
-    chain: Int64[np.ndarray, " driver"]
-    identity: Int64[np.ndarray, " driver"]
+    table: ChoiceTable  # the decisions
+    driver: Int64[np.ndarray, " decision"]  # number of each decision's driver, from 0
+    chain: Int64[np.ndarray, " driver"]  # number of each driver's chain, from 0
+    identity: Int64[np.ndarray, " driver"]  # each driver's number in the table
 
     @property
     def second(self) -> np.ndarray:
@@ -90,31 +72,18 @@ def sample_of(table: ChoiceTable) -> Sample:
 
 
 class Models(NamedTuple):
-    """Predictions of second halves, by model.
+    """Predictions of second halves, by model."""
 
-    Attributes:
-        sample: The decisions.
-        predictions: By name, of the decisions of second halves.
-        angle: The inferred angle.
-        trait: Its grid.
-        shuffled: Mean log-likelihood of each turn of the shuffled angle.
-    """
-
-    sample: Sample
-    predictions: dict[str, Prediction]
-    angle: Inference
-    trait: Trait
-    shuffled: tuple[float, ...]
+    sample: Sample  # the decisions
+    predictions: dict[str, Evaluated]  # by name, of the decisions of second halves
+    angle: Inference  # the inferred angle
 
 
 def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
     """Infer every trait from first halves and predict second halves.
 
-    Args:
-        table: Decisions of at least two drivers with both halves.
-        seed: Of the shuffling.
-        step: Of the angles integrated over, degrees.
-        narrow: Whether grids are narrowed to what first halves leave (`traits`).
+    `step` is that of the angles integrated over, degrees; `narrow`: grids are narrowed to what
+    first halves leave (`traits`).
 
     Raises:
         UserError: If fewer than two drivers have decisions in conflict in both halves.
@@ -122,10 +91,9 @@ def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = 
     sample = sample_of(table)
     if len(sample.identity) < 2:
         raise UserError("one driver has decisions in both halves: at least two are needed")
-    scale = reward_scale(sample.table)
-    angle = angle_trait(step, scale=scale)
-    gain = progress_trait(scale=scale)
-    of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
+    scale = traits.reward_scale(sample.table)
+    angle, gain = traits.angle_trait(step, scale=scale), traits.progress_trait(scale=scale)
+    of_angle, of_gain = (evaluate(sample.table, trait) for trait in (angle, gain))
     again = (lambda trait: evaluate(sample.table, trait)) if narrow else None
     return models_of(sample, angle, of_angle, gain, of_gain, seed, again=again)
 
@@ -158,21 +126,28 @@ def models_of(
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
     chosen = np.take_along_axis(table.log_base, table.chosen[:, None], axis=1)[:, 0]
-    predictions = {"base": Prediction(chosen, base)}
-    alike, later = _narrowed(sample, angle.alike(), of_angle, again)
-    predictions["population"] = predict(later, alike.drivers, driver)
-    progress, later = _narrowed(sample, gain, of_gain, again)
-    predictions["progress gain"] = predict(later, progress.drivers, driver)
+    alike, of_alike = _narrowed(sample, angle.alike(), of_angle, again)
+    progress, of_progress = _narrowed(sample, gain, of_gain, again)
     inferred, later = _narrowed(sample, angle, of_angle, again)
-    predictions["angle"] = predict(later, inferred.drivers, driver)
-    predictions |= residual_models(sample, alike, every)
-    turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
-    predictions["shuffled angle"] = Prediction(
+    predictions = {
+        "base": Evaluated(chosen, base),
+        "population": predict(of_alike, alike.drivers, driver),
+        "progress gain": predict(of_progress, progress.drivers, driver),
+        "angle": predict(later, inferred.drivers, driver),
+        **_residual_models(sample, alike, every),
+    }
+    rng, count = np.random.default_rng(seed), len(inferred.drivers)
+    turns = []
+    for _ in range(shuffles):
+        cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
+        next_driver = np.empty(count, np.int64)
+        next_driver[cycle] = np.roll(cycle, 1)
+        turns.append(predict(later, inferred.drivers, next_driver[driver]))
+    predictions["shuffled angle"] = Evaluated(
         np.mean([turn.log_likelihood for turn in turns], axis=0),
         np.mean([turn.mean for turn in turns], axis=0),
     )
-    shuffled_means = tuple(float(turn.log_likelihood.mean()) for turn in turns)
-    return Models(sample, predictions, inferred, inferred.population.trait, shuffled_means)
+    return Models(sample, predictions, inferred)
 
 
 def _narrowed(
@@ -182,57 +157,42 @@ def _narrowed(
 
     With `again` the grids are narrowed until first halves leave nothing of them out.
     """
-    inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
-    for _ in range(_NARROWER if again else 0):
-        assert again is not None
-        finer = trait.narrowed(*inferred.left(_LEFT))
-        if finer is None:
+    first, drivers = ~sample.second, len(sample.chain)
+    for number in range(_NARROWER + 1):
+        of_decision = evaluated.log_likelihood[first]
+        log_likelihood = driver_log_likelihood(of_decision, sample.driver[first], drivers)
+        inferred = infer(log_likelihood, sample.chain, trait)
+        finer = trait.narrowed(*inferred.left(_LEFT)) if number < _NARROWER else None
+        if finer is None or again is None:
             break
         trait, evaluated = finer, again(finer)
-        inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
     return inferred, evaluated.rows(sample.second)
 
 
-def _of_first_halves(
-    sample: Sample, evaluated: Evaluated
-) -> Float[np.ndarray, "driver shared value"]:
-    first = ~sample.second
-    return driver_log_likelihood(
-        evaluated.log_likelihood[first], sample.driver[first], len(sample.chain)
-    )
-
-
-def _shuffled(
+def predict(
     evaluated: Evaluated,
     posterior: Float[np.ndarray, "driver shared value"],
     driver: Int64[np.ndarray, " decision"],
-    seed: int,
-    shuffles: int,
-) -> list[Prediction]:
-    """Return predictions by the posteriors of other drivers, who are drawn for each turn."""
-    rng, count = np.random.default_rng(seed), len(posterior)
-    turns = []
-    for _ in range(shuffles):
-        cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
-        next_driver = np.empty(count, np.int64)
-        next_driver[cycle] = np.roll(cycle, 1)
-        turns.append(predict(evaluated, posterior, next_driver[driver]))
-    return turns
+) -> Evaluated:
+    """Return the predictions with the trait integrated out over each decision's own posterior.
+
+    log Σ p(shared, z | first half) p(a | s, shared, z), and the mean under the same mixture.
+    `driver` is the row of each decision's posterior.
+    """
+    weight = posterior[driver]
+    within = np.einsum("dsv,dsv->d", weight, np.exp(evaluated.log_likelihood))
+    mean = np.einsum("dsv,dsv->d", weight, evaluated.mean)
+    return Evaluated(np.log(np.maximum(within, np.finfo(np.float64).tiny)), mean)
 
 
-def residual_models(
-    sample: Sample, alike: Inference, every: Tabulated | None = None
-) -> dict[str, Prediction]:
+def _residual_models(
+    sample: Sample, alike: Inference, every: Tabulated | None
+) -> dict[str, Evaluated]:
     """Return predictions of second halves by residuals of the base predictor.
 
     The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
     its variance and r the residual. κ is integrated out; its posterior is from the first halves of
     other chains.
-
-    Args:
-        sample: Decisions; their residuals are those of the decision before.
-        alike: The population's angle, inferred.
-        every: Probabilities of every candidate, if they are not by weights of rewards.
     """
     table, second = sample.table, sample.second
     log_population = _population_choice(sample, alike, every)
@@ -246,8 +206,12 @@ def residual_models(
     )
     weight = np.exp(of_others - of_others.max(axis=1, keepdims=True))
     posterior = (weight / weight.sum(axis=1, keepdims=True))[:, None, :]
-    began = _known_at_the_second_half(sample)[sample.driver]
-    last = _tilted(log_population, table, began)
+    # Each driver's residual at the first decision of its second half: the earliest is written last.
+    rows = np.flatnonzero(second)
+    rows = rows[np.argsort(table.time[rows], kind="stable")][::-1]
+    began = np.zeros(len(sample.chain))
+    began[sample.driver[rows]] = table.residual[rows]
+    last = _tilted(log_population, table, began[sample.driver])
     return {
         name: predict(
             Evaluated(tilted.log_likelihood[second, None], tilted.mean[second, None]),
@@ -265,16 +229,17 @@ def _population_choice(
 
     It is that of the mean weights, or the mean of the tabulated probabilities.
     """
-    table, rewards = sample.table, rewards_of(sample.table)
+    table, rewards = sample.table, traits.rewards_of(sample.table)
     fold, log_choices = alike.fold[sample.driver], np.empty_like(table.log_base)
     for number, population in enumerate(alike.others):
-        rows = fold == number
+        rows, prior = fold == number, population.driver_prior
         if every is None:
-            weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
-            log_choices[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
+            weights = np.tensordot(prior, population.trait.weights, 2)[None]
+            score = np.einsum("dcr,wr->dwc", rewards[rows], weights)
+            log_p = log_softmax(table.log_base[rows][:, None, :] + score, axis=2)
+            log_choices[rows] = log_p[:, 0]
         else:
-            chance = np.exp(every.log_p[rows])
-            log_choices[rows] = np.log(np.tensordot(chance, population.driver_prior, 2))
+            log_choices[rows] = np.log(np.tensordot(np.exp(every.log_p[rows]), prior, 2))
     return log_choices
 
 
@@ -282,7 +247,7 @@ def _tilted(
     log_population: Float[np.ndarray, "decision candidate"],
     table: ChoiceTable,
     residual: Float[np.ndarray, " decision"],
-) -> Prediction:
+) -> Evaluated:
     """Return predictions for each κ of `GAINS`, each (decision, gain)."""
     chance = np.exp(log_population)
     mean = chance @ table.grid
@@ -290,24 +255,14 @@ def _tilted(
     tilt = np.einsum("d,k,c->dkc", residual / variance, GAINS, table.grid)
     log_p = log_softmax(log_population[:, None, :] + tilt, axis=2)
     chosen = np.take_along_axis(log_p, table.chosen[:, None, None], axis=2)[..., 0]
-    return Prediction(chosen, np.exp(log_p) @ table.grid)
-
-
-def _known_at_the_second_half(sample: Sample) -> Float[np.ndarray, " driver"]:
-    """Return each driver's residual at the first decision of its second half."""
-    rows = np.flatnonzero(sample.second)
-    rows = rows[np.argsort(sample.table.time[rows], kind="stable")][::-1]
-    residuals = np.zeros(len(sample.chain))
-    residuals[sample.driver[rows]] = sample.table.residual[rows]  # the earliest is written last
-    return residuals
+    return Evaluated(chosen, np.exp(log_p) @ table.grid)
 
 
 RIVALS = ("population", "progress gain", "last residual", "running residual", "shuffled angle")
 """Models that the angle must be better than, and what it would show: that drivers differ, in what
 they do about others, for longer than a moment, and each in its own way."""
 
-ERROR = 0.05
-"""Chance that any contrast is called a gain though none is."""
+ERROR = 0.05  # chance that any contrast is called a gain though none is
 
 
 def scores(models: Models) -> list[Row]:
@@ -329,52 +284,35 @@ def scores(models: Models) -> list[Row]:
 def contrasts(models: Models, seed: int, resamples: int = 2000) -> list[Row]:
     """Return what the angle gains over each rival, with intervals by chain and Holm's correction.
 
-    The differences of log-likelihoods are tested. Those of errors are given with intervals.
-
-    Args:
-        models: Predictions.
-        seed: Of the resampling.
-        resamples: Number of resamples.
+    The differences of log-likelihoods are tested. Those of errors are given with intervals. `seed`
+    is that of the resampling.
     """
-    sample = models.sample
+    sample, angle, rows = models.sample, models.predictions["angle"], []
     chain = sample.chain[sample.driver[sample.second]]
     observed = sample.table.acceleration[sample.second]
-    rows = [
-        _contrast(models.predictions, rival, observed, chain, seed, resamples) for rival in RIVALS
-    ]
+    for name in RIVALS:
+        rival = models.predictions[name]
+        gain = cluster_mean(angle.log_likelihood - rival.log_likelihood, chain, seed, resamples)
+        squared = [(observed - prediction.mean) ** 2 for prediction in (rival, angle)]
+        less = cluster_mean(squared[0] - squared[1], chain, seed, resamples)
+        rows.append(
+            {
+                "angle_over": name,
+                "gain_nats": gain.mean,
+                "low": gain.low,
+                "high": gain.high,
+                "p": gain.p,
+                "rmse_gain": 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean())),
+                "less_squared_error": less.mean,
+                "error_low": less.low,
+                "error_high": less.high,
+                "decisions": len(observed),
+                "chains": gain.clusters,
+            }
+        )
     for row, p in zip(rows, holm([row["p"] for row in rows]).tolist(), strict=True):
-        row["p_holm"] = p
-        row["found"] = bool(p <= ERROR and row["gain_nats"] > 0)
+        row |= {"p_holm": p, "found": bool(p <= ERROR and row["gain_nats"] > 0)}
     return rows
-
-
-def _contrast(
-    predictions: Mapping[str, Prediction],
-    rival: str,
-    observed: Float[np.ndarray, " decision"],
-    chain: np.ndarray,
-    seed: int,
-    resamples: int,
-) -> Row:
-    angle, rival_prediction = predictions["angle"], predictions[rival]
-    gain = cluster_mean(
-        angle.log_likelihood - rival_prediction.log_likelihood, chain, seed, resamples
-    )
-    squared = [(observed - prediction.mean) ** 2 for prediction in (rival_prediction, angle)]
-    less = cluster_mean(squared[0] - squared[1], chain, seed, resamples)
-    return {
-        "angle_over": rival,
-        "gain_nats": gain.mean,
-        "low": gain.low,
-        "high": gain.high,
-        "p": gain.p,
-        "rmse_gain": 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean())),
-        "less_squared_error": less.mean,
-        "error_low": less.low,
-        "error_high": less.high,
-        "decisions": len(observed),
-        "chains": gain.clusters,
-    }
 
 
 def chains_to_find_anything() -> int:

@@ -20,65 +20,54 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
+from scipy.special import log_softmax
+
+from socialiq_recordings.prediction.choices import ChoiceTable
 
 STRENGTHS = (0.0, *(0.1 * 2.0 ** (third / 3) for third in range(19)))
-"""β from 0 to 6.4, per typical difference of reward (`choice_model.reward_scale`)."""
+"""β from 0 to 6.4, per typical difference of reward (`reward_scale`)."""
 
-PROGRESS_SPREADS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
-"""Spreads of g, per typical difference of reward."""
+PROGRESS_SPREADS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # spreads of g, per typical difference of reward
+LEAST_SCALE = 1e-9
+"""Typical difference of reward below which the rewards of all candidates count as equal."""
 
+_WIDEST = 90.0  # degrees; largest spread of angles
 _TURNS = 3  # of the circle beyond which a wrapped normal of 90 degrees has nothing left
+_BLOCK = 500_000  # probabilities held at once, 4 MB
+
+Values = Float[np.ndarray, " value"]
 
 
 class Rule(NamedTuple):
-    """Functions from which a trait follows on any grid.
+    """Functions from which a trait follows on any grid."""
 
-    Attributes:
-        weights: Of r_env and r_social, for shared numbers (a column) and values (a row).
-        shares: Of drivers with each value, for values, mean and spread.
-    """
-
+    # of r_env and r_social, for shared numbers (a column) and values (a row)
     weights: Callable[[Any, Any], Any]
+    # of drivers with each value, for values, mean and spread
     shares: Callable[[Any, float, float], Any]
 
 
 class Trait(NamedTuple):
-    """Grid of a trait: what is integrated out.
+    """Grid of a trait: what is integrated out."""
 
-    Attributes:
-        name: Name in tables.
-        shared: What all drivers have in common, by grid point.
-        value: What a driver has of its own, ascending.
-        weights: Of r_env and r_social at each of them.
-        mean: Mean of the population, by grid point of the population.
-        spread: Spread of the population; 0 if all drivers are alike.
-        population: Share of the drivers with each value, given mean and spread.
-        rule: How weights and shares follow from the grids; None if the grids are fixed.
-    """
-
-    name: str
-    shared: Float[np.ndarray, " shared"]
-    value: Float[np.ndarray, " value"]
-    weights: Float[np.ndarray, "shared value 2"]
-    mean: Float[np.ndarray, " hyper"]
-    spread: Float[np.ndarray, " hyper"]
+    shared: Float[np.ndarray, " shared"]  # what all drivers have in common, by grid point
+    value: Float[np.ndarray, " value"]  # what a driver has of its own, ascending
+    weights: Float[np.ndarray, "shared value 2"]  # of r_env and r_social at each of them
+    mean: Float[np.ndarray, " hyper"]  # mean of the population, by grid point of the population
+    spread: Float[np.ndarray, " hyper"]  # spread of the population; 0 if all drivers are alike
+    # share of the drivers with each value, given mean and spread
     population: Float[np.ndarray, "hyper value"]
+    # how weights and shares follow from the grids; None if the grids are fixed
     rule: Rule | None = None
 
     @staticmethod
-    def of(
-        name: str,
-        rule: Rule,
-        shared: Float[np.ndarray, " shared"],
-        value: Float[np.ndarray, " value"],
-        spreads: Float[np.ndarray, " spread"],
-    ) -> Trait:
+    def of(rule: Rule, shared: np.ndarray, value: np.ndarray, spreads: np.ndarray) -> Trait:
         """Return the trait of a rule on grids; means are on the grid of the values."""
         mean, spread = (grid.ravel() for grid in np.meshgrid(value, spreads, indexing="ij"))
         population = np.array([rule.shares(value, m, s) for m, s in zip(mean, spread, strict=True)])
         weights = rule.weights(shared[:, None], value[None, :])
-        return Trait(name, shared, value, weights, mean, spread, population, rule)
+        return Trait(shared, value, weights, mean, spread, population, rule)
 
     def narrowed(
         self,
@@ -86,66 +75,40 @@ class Trait(NamedTuple):
         value: Bool[np.ndarray, " value"],
         spread: Bool[np.ndarray, " hyper"],
     ) -> Trait | None:
-        """Return the trait on finer grids, as many points over the part that is left.
+        """Return the trait on finer grids, as many points over the part that the data leave.
 
-        Args:
-            shared: Shared numbers that the data leave.
-            value: Values that they leave.
-            spread: Populations whose spreads they leave.
-
-        Returns:
-            The trait; None if nothing is left out, or its grids are fixed.
+        `spread` says of which populations they leave the spread. None if nothing is left out, or
+        the grids are fixed.
         """
         if self.rule is None:
             return None
         spreads = np.unique(self.spread)
         left = np.isin(spreads, self.spread[spread])
         grids = [(self.shared, shared), (self.value, value), (spreads, left)]
-        finer = [_finer(*grid_and_left) for grid_and_left in grids]
-        if all(
-            len(new) == len(old) and (new == old).all()
-            for new, (old, _) in zip(finer, grids, strict=True)
-        ):
-            return None
-        return Trait.of(self.name, self.rule, *finer)
+        finer, same = [], True
+        for grid, remaining in grids:
+            # Between the neighbours of what is left, even in the index of the old grid, so that the
+            # density of the prior stays.
+            places = np.flatnonzero(remaining)
+            ends = max(int(places[0]) - 1, 0), min(int(places[-1]) + 1, len(grid) - 1)
+            is_same = ends == (0, len(grid) - 1)
+            at, numbers = np.linspace(*ends, len(grid)), np.arange(len(grid))
+            finer.append(grid if is_same else np.interp(at, numbers, grid))
+            same = same and is_same
+        return None if same else Trait.of(self.rule, *finer)
 
     def alike(self) -> Trait:
         """Return the trait without differences between drivers: only populations of spread 0."""
-        without_spread = self.spread == 0.0
-        return self._replace(
-            name="population",
-            mean=self.mean[without_spread],
-            spread=self.spread[without_spread],
-            population=self.population[without_spread],
-        )
+        alike = self.spread == 0.0
+        mean, spread, population = self.mean[alike], self.spread[alike], self.population[alike]
+        return self._replace(mean=mean, spread=spread, population=population)
 
 
-def _finer(
-    grid: Float[np.ndarray, " point"], left: Bool[np.ndarray, " point"]
-) -> Float[np.ndarray, " point"]:
-    """Return as many points between the neighbours of those that are left.
-
-    They are even in the index of the old grid, so that the density of the prior stays.
-    """
-    places = np.flatnonzero(left)
-    ends = max(int(places[0]) - 1, 0), min(int(places[-1]) + 1, len(grid) - 1)
-    if ends == (0, len(grid) - 1):
-        return grid
-    return np.interp(np.linspace(*ends, len(grid)), np.arange(len(grid)), grid)
-
-
-def wrapped_normal(
-    angle: Float[np.ndarray, " value"], mean: float, spread: float
-) -> Float[np.ndarray, " value"]:
+def _wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
     """Return the shares of a wrapped normal distribution (Mardia and Jupp 2000, 3.5.7) on a grid.
 
-    On a grid of the whole circle whose step is at most the spread, sums of smooth functions over it
-    are their integrals to a relative error of about exp(-2 π²).
-
-    Args:
-        angle: The grid, degrees, evenly spaced.
-        mean: One of the grid's angles, degrees.
-        spread: Standard deviation in degrees; with 0 all is at the mean.
+    On an even grid of the whole circle whose step is at most the spread, sums of smooth functions
+    over it are their integrals to a relative error of about exp(-2 π²).
     """
     off = (angle - mean + 180.0) % 360.0 - 180.0
     if spread == 0.0:
@@ -155,9 +118,7 @@ def wrapped_normal(
     return density / density.sum()
 
 
-def normal_on_grid(
-    value: Float[np.ndarray, " value"], mean: float, spread: float
-) -> Float[np.ndarray, " value"]:
+def _normal_on_grid(value: Values, mean: float, spread: float) -> Values:
     """Return the shares of a normal distribution on a grid of any spacing, cut off at its ends."""
     if spread == 0.0:
         return (np.abs(value - mean) < 1e-9).astype(np.float64)
@@ -165,35 +126,22 @@ def normal_on_grid(
     return density / density.sum()
 
 
-def angle_grid(step: float) -> Float[np.ndarray, " value"]:
-    """Return the angles of the circle from -180 + step to 180 degrees; the step divides 360."""
-    return step * np.arange(1, round(360 / step) + 1) - 180.0
-
-
 def angle_trait(
-    step: float = 5.0,
-    largest_spread: float = 90.0,
-    strengths: tuple[float, ...] = STRENGTHS,
-    scale: float = 1.0,
+    step: float = 5.0, strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0
 ) -> Trait:
     """Return the social angle as a trait: β (cos α r_env + sin α r_social), β shared.
 
-    Prior: β, the population's mean and its spread each even over their grids.
-
-    Args:
-        step: Of the angles and spreads, degrees; divides 360.
-        largest_spread: Of the population, degrees.
-        strengths: Grid of β times `scale`.
-        scale: Typical difference of reward between candidates.
+    Prior: β, the population's mean and its spread each even over their grids. The grid of β is
+    `strengths` over the typical difference of reward `scale`; `step` in degrees divides 360.
     """
-    spreads = np.arange(0.0, largest_spread + step / 2, step)
-    rule = Rule(_by_angle, wrapped_normal)
-    return Trait.of("angle", rule, np.array(strengths) / scale, angle_grid(step), spreads)
 
+    def weights(strength: Any, angle: Any) -> Any:
+        radians = np.radians(angle)
+        return strength[..., None] * np.stack([np.cos(radians), np.sin(radians)], axis=-1)
 
-def _by_angle(strength: Any, angle: Any) -> Any:
-    radians = np.radians(angle)
-    return strength[..., None] * np.stack([np.cos(radians), np.sin(radians)], axis=-1)
+    rule, spreads = Rule(weights, _wrapped_normal), np.arange(0.0, _WIDEST + step / 2, step)
+    circle = step * np.arange(1, round(360 / step) + 1) - 180.0
+    return Trait.of(rule, np.array(strengths) / scale, circle, spreads)
 
 
 def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0) -> Trait:
@@ -201,16 +149,97 @@ def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0)
 
     It has the freedom of `angle_trait` (mean, spread, one shared number), reaches as far, and says
     nothing about others.
-
-    Args:
-        strengths: Grid of the size of g and c times `scale`.
-        scale: Typical difference of reward between candidates.
     """
+
+    def weights(others: Any, gain: Any) -> Any:
+        return np.stack(np.broadcast_arrays(gain, others), axis=-1)
+
     sizes = np.array(sorted({0.0, *strengths})) / scale
     value = np.concatenate([-sizes[:0:-1], sizes])
-    rule = Rule(_by_progress, normal_on_grid)
-    return Trait.of("progress gain", rule, value, value, np.array(PROGRESS_SPREADS) / scale)
+    spreads = np.array(PROGRESS_SPREADS) / scale
+    return Trait.of(Rule(weights, _normal_on_grid), value, value, spreads)
 
 
-def _by_progress(others: Any, gain: Any) -> Any:
-    return np.stack(np.broadcast_arrays(gain, others), axis=-1)
+def family_trait(
+    angle: Values, strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0
+) -> Trait:
+    """Return the angle of a family of policies as a trait.
+
+    Prior: β, the population's mean and its spread each even over their grids. A population is a
+    normal distribution that is cut off at the ends of the family, angles at equal distances.
+    """
+
+    def weights(strength: Any, angle: Any) -> Any:  # of rewards: the values replace them
+        return np.zeros((*np.broadcast_shapes(strength.shape, angle.shape), 2))
+
+    step, rule = float(angle[1] - angle[0]), Rule(weights, _normal_on_grid)
+    spreads = np.arange(0.0, _WIDEST + step / 2, step)
+    return Trait.of(rule, np.array(strengths) / scale, angle, spreads)._replace(rule=None)
+
+
+def rewards_of(table: ChoiceTable) -> Float[np.ndarray, "decision candidate 2"]:
+    """Return the reward pairs of all candidates."""
+    return np.stack([table.r_env, table.r_social], axis=2)
+
+
+def reward_scale(table: ChoiceTable) -> float:
+    """Return the typical difference of reward between candidates; 1 if there is none.
+
+    It is the root mean square over decisions and both rewards of the standard deviation under the
+    base predictor. Both rewards are divided by one number, so that an angle keeps its meaning.
+    """
+    chance, rewards = np.exp(table.log_base)[:, :, None], rewards_of(table)
+    off = rewards - (chance * rewards).sum(axis=1, keepdims=True)
+    scale = float(np.sqrt((chance * off**2).sum(axis=1).mean())) if len(table) else 0.0
+    return scale if scale > LEAST_SCALE else 1.0
+
+
+class Evaluated(NamedTuple):
+    """Predictions of some decisions: by one model, or by every grid point of a trait."""
+
+    log_likelihood: Float[np.ndarray, "decision ..."]  # log p of the chosen candidate, nats
+    # mean of the candidates, in the unit of the table's grid
+    mean: Float[np.ndarray, "decision ..."]
+
+    def rows(self, mask: np.ndarray) -> Evaluated:
+        """Return some decisions."""
+        return Evaluated(self.log_likelihood[mask], self.mean[mask])
+
+
+def evaluate(table: ChoiceTable, trait: Trait) -> Evaluated:
+    """Return the predictions of every decision for every shared number and value of a trait."""
+    weights = trait.weights.reshape(-1, 2)
+    rewards, chosen = rewards_of(table), table.chosen
+    result = np.empty((2, len(table), len(weights)))
+    block = max(1, _BLOCK // (len(weights) * len(table.grid)))
+    for first in range(0, len(table), block):
+        block_rows = slice(first, first + block)
+        score = table.log_base[block_rows, :, None] + rewards[block_rows] @ weights.T
+        score -= score.max(axis=1, keepdims=True)
+        of_chosen = np.take_along_axis(score, chosen[block_rows, None, None], axis=1)[:, 0]
+        chance = np.exp(score, out=score)
+        total = chance.sum(axis=1)
+        result[0, block_rows] = of_chosen - np.log(total)
+        result[1, block_rows] = np.einsum("dcw,c->dw", chance, table.grid) / total
+    return Evaluated(*result.reshape(2, len(table), *trait.weights.shape[:2]))
+
+
+class Tabulated(NamedTuple):
+    """Predictions of every candidate at every decision and grid point of a trait."""
+
+    # by decision, candidate, shared number and value
+    log_p: Float[np.ndarray, "decision candidate shared value"]
+    mean: Float[np.ndarray, "decision shared value"]  # by decision, shared number and value
+
+    @staticmethod
+    def of(table: ChoiceTable, trait: Trait) -> Tabulated:
+        """Evaluate all candidates once, so that repeats only look them up."""
+        shape, weights = trait.weights.shape[:2], trait.weights.reshape(-1, 2)
+        score = table.log_base[:, :, None] + rewards_of(table) @ weights.T
+        log_p = log_softmax(score, axis=1)
+        mean = np.einsum("dcw,c->dw", np.exp(log_p), table.grid)
+        return Tabulated(log_p.reshape(len(table), -1, *shape), mean.reshape(len(table), *shape))
+
+    def at(self, rows: np.ndarray, chosen: Int64[np.ndarray, " decision"]) -> Evaluated:
+        """Return the predictions of some rows for what was chosen there."""
+        return Evaluated(self.log_p[rows, chosen], self.mean[rows])

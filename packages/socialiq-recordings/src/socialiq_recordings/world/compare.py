@@ -19,11 +19,10 @@ from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.world.batch import JunctionBatch, Traffic
 from socialiq_recordings.world.build import Made
-from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.drivers import Observed, observe
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.gym import JunctionBatch, Traffic
+from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
 
 QUANTITIES = {
     "speeds": "speed, m/s",
@@ -38,26 +37,19 @@ QUANTITIES = {
 def simulate(made: Made, seed: int, repeats: int = 1) -> Observed:
     """Return what simulated traffic shows from the recorded starts, as long as was recorded.
 
-    Every vehicle is a driver of the population. Vehicles that count once in the recordings count
-    once here.
-
-    Args:
-        made: World and recordings.
-        seed: Of the first repeat's drivers.
-        repeats: Times that each recording is simulated, with new drivers.
+    Every vehicle is a driver of the population, a new one in each repeat; `seed` is that of the
+    first. Vehicles that count once in the recordings count once here.
     """
     every, counted = [], []
     for repeat in range(repeats):
-        for number_of_recording, encounters in enumerate(made.every):
-            states = run(made.world, number_of_recording, _steps(encounters), seed + repeat)
-            moved = _moved(encounters, states)
-            if moved is None:
-                continue
-            encounters_of, number = moved
-            every.append(encounters_of)
-            counted.append(
-                {number[track] for track in made.kept[number_of_recording] if track in number}
-            )
+        for recording, (encounters, tracks) in enumerate(zip(made.every, made.kept, strict=True)):
+            frame, dt = encounters.scene.tracks.frame, encounters.scene.tracks.dt
+            seconds = (int(frame.max()) - int(frame.min())) * dt
+            steps = int(seconds * SUB_STEPS + 1e-6) + 1
+            moved = _moved(encounters, run(made.world, recording, steps, seed + repeat))
+            if moved is not None:
+                every.append(moved[0])
+                counted.append({moved[1][track] for track in tracks if track in moved[1]})
     return observe(every, counted)
 
 
@@ -66,11 +58,7 @@ def run(
 ) -> Float64[np.ndarray, "step vehicle 2"]:
     """Return coordinates and speeds of a recording's vehicles, all simulated; NaN: not there.
 
-    Args:
-        world: The world.
-        recording: Number of the recording.
-        steps: Sub-steps from its first frame.
-        seed: Of the drivers.
+    Sub-steps count from the recording's first frame; `seed` is that of the drivers.
     """
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
@@ -82,12 +70,6 @@ def run(
     run_in_parts(core.without_ego, 1, 1, *arguments)
     first = world.road.recording_first
     return states[0, :, : int(first[recording + 1] - first[recording])]
-
-
-def _steps(encounters: Encounters) -> int:
-    tracks = encounters.scene.tracks
-    seconds = (int(tracks.frame.max()) - int(tracks.frame.min())) * tracks.dt
-    return int(seconds * SUB_STEPS + 1e-6) + 1
 
 
 def _moved(
@@ -102,36 +84,27 @@ def _moved(
         if len(there) < 2:
             continue
         along, speed = states[there, index].T.copy()
-        number[way.track] = len(number)
-        ways[way.track] = dataclasses.replace(
-            way,
-            track=number[way.track],
-            first=int(there[0]),
-            along=along,
-            speed=speed,
-            dt=1 / SUB_STEPS,
-        )
+        track = number[way.track] = len(number)
+        moved = {"track": track, "first": int(there[0]), "along": along, "speed": speed}
+        ways[way.track] = dataclasses.replace(way, **moved, dt=1 / SUB_STEPS)
         points, heading = way.line.points_at(along)
         columns.append(
-            {"track": np.full(len(there), number[way.track], np.int32)}
+            {"track": np.full(len(there), track, np.int32)}
             | {"frame": there.astype(np.int32), "x": points[:, 0], "y": points[:, 1]}
             | {"heading": np.pi - (np.pi - heading) % (2 * np.pi)}
             | {"vx": speed * np.cos(heading), "vy": speed * np.sin(heading)}
         )
     if not number:
         return None
-    old, chosen = encounters.scene.tracks, list(number)
-    states_of_all = {
-        name: np.concatenate([column[name] for column in columns]) for name in columns[0]
-    }
+    recorded, chosen = encounters.scene.tracks, list(number)
     tracks = Tracks(
-        **states_of_all,
-        identity=old.identity[chosen],
-        road_user=old.road_user[chosen],
-        length=old.length[chosen],
-        width=old.width[chosen],
+        **{name: np.concatenate([column[name] for column in columns]) for name in columns[0]},
+        identity=recorded.identity[chosen],
+        road_user=recorded.road_user[chosen],
+        length=recorded.length[chosen],
+        width=recorded.width[chosen],
         dt=1 / SUB_STEPS,
-        recording=old.recording,
+        recording=recorded.recording,
         source={"made_by": "socialiq data world"},
     )
     scene = Scene(Recording(tracks, encounters.scene.lanes.road))
@@ -146,15 +119,14 @@ def table(recorded: Observed, simulated: Observed) -> list[Row]:
     """
     rows: list[Row] = []
     for name in QUANTITIES:
-        recorded_values, simulated_values = getattr(recorded, name), getattr(simulated, name)
+        samples = {"recorded": getattr(recorded, name), "simulated": getattr(simulated, name)}
         row: Row = {"quantity": name}
-        for source, values in (("recorded", recorded_values), ("simulated", simulated_values)):
+        for source, values in samples.items():
             row[f"{source}_n"] = len(values)
             quartiles = np.quantile(values, (0.25, 0.5, 0.75)) if len(values) else [np.nan] * 3
             for label, value in zip(("low", "median", "high"), quartiles, strict=True):
                 row[f"{source}_{label}"] = float(value) if np.isfinite(value) else None
-        row["distance"] = distance(recorded_values, simulated_values)
-        rows.append(row)
+        rows.append(row | {"distance": distance(*samples.values())})
     return rows
 
 
@@ -170,16 +142,12 @@ def distance(
 
 
 _REACH = 50.0  # m around the ego
+_BAR = 1.6  # m to either side of a closed line
 _INKS = {"recorded": COLORS["baseline"], "simulated": COLORS["prosocial"]}
 
 
 def scene(batch: JunctionBatch, row: int = 0) -> Figure:
-    """Draw a moment: all ways, the ego's way, vehicles, closed lines.
-
-    Args:
-        batch: The episodes.
-        row: Number of the episode.
-    """
+    """Draw a moment of an episode: all ways, the ego's way, vehicles, closed lines."""
     road, traffic = batch.world.road, batch.traffic
     recording = int(traffic.recording[row])
     base, end = (int(road.recording_first[recording + offset]) for offset in range(2))
@@ -194,13 +162,19 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
         vehicle = int(traffic.present[row, slot])
         ink = COLORS["egoistic"] if vehicle == ego else COLORS["prosocial"]
         x, y, heading = _place(lines[vehicle], float(traffic.along[row, vehicle]))
-        size = float(road.length[base + vehicle]), float(road.width[base + vehicle])
-        axes.add_patch(Polygon(_corners(x, y, heading, *size), color=ink, zorder=3))
+        cos, sin = math.cos(heading), math.sin(heading)
+        along = np.array([cos, sin]) * float(road.length[base + vehicle]) / 2
+        left = np.array([-sin, cos]) * float(road.width[base + vehicle]) / 2
+        corners = np.array([along + left, along - left, -along - left, left - along])
+        axes.add_patch(Polygon(np.array([x, y]) + corners, color=ink, zorder=3))
         for at, begin, until in road.closed[
             road.closed_first[base + vehicle] : road.closed_first[base + vehicle + 1]
         ]:
             if begin <= now < until:
-                _bar(axes, lines[vehicle], float(at))
+                x, y, heading = _place(lines[vehicle], float(at))
+                dx, dy = -_BAR * math.sin(heading), _BAR * math.cos(heading)
+                ends = [x - dx, x + dx], [y - dy, y + dy]
+                axes.plot(*ends, color="black", linewidth=2.0, zorder=4)
     x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
     axes.set_aspect("equal")
     axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))
@@ -215,29 +189,13 @@ def _place(line: np.ndarray, along: float) -> tuple[float, float, float]:
     return x, y, math.atan2(step[1], step[0])
 
 
-def _corners(x: float, y: float, heading: float, length: float, width: float) -> np.ndarray:
-    along = np.array([math.cos(heading), math.sin(heading)]) * length / 2
-    left = np.array([-math.sin(heading), math.cos(heading)]) * width / 2
-    return np.array([x, y]) + np.array([along + left, along - left, -along - left, left - along])
-
-
-def _bar(axes: Any, line: np.ndarray, at: float) -> None:
-    x, y, heading = _place(line, at)
-    dx, dy = -1.6 * math.sin(heading), 1.6 * math.cos(heading)
-    axes.plot([x - dx, x + dx], [y - dy, y + dy], color="black", linewidth=2.0, zorder=4)
-
-
 def beside(recorded: Observed, simulated: Observed) -> Figure:
-    """Draw the distribution function of each quantity, recorded and simulated.
-
-    Args:
-        recorded: What the recordings show.
-        simulated: What simulated traffic shows from the same starts.
-    """
+    """Draw distribution functions of each quantity, and gap by speed at moments of following."""
     drawing = figure(9.5, 5.6)
     panels = drawing.subplots(2, 3).ravel()
+    samples = {"recorded": recorded, "simulated": simulated}
     for axes, (name, label) in zip(panels, QUANTITIES.items(), strict=False):
-        for source, observed in (("recorded", recorded), ("simulated", simulated)):
+        for source, observed in samples.items():
             values = np.sort(getattr(observed, name))
             if len(values):
                 share = np.arange(1, len(values) + 1) / len(values)
@@ -245,21 +203,10 @@ def beside(recorded: Observed, simulated: Observed) -> Figure:
                 axes.step(values, share, where="post", color=_INKS[source], label=text)
         size = 8 if axes.lines else None  # nothing of this kind may have been seen
         finish(axes, "", size, xlabel=label, ylabel="share", ylim=(0, 1.02))
-    _followed(panels[-1], recorded, simulated)
+    for source, observed in samples.items():
+        points = observed.followed.speed, observed.followed.gap
+        style = {"markersize": 3, "color": _INKS[source], "alpha": 0.5, "label": source}
+        panels[-1].plot(*points, ".", **style)
+    labels = {"xlabel": "speed, m/s", "ylabel": "gap to the leader, m"}
+    finish(panels[-1], "", 8, **labels, ylim=(0, 60))
     return drawing
-
-
-def _followed(axes: Any, recorded: Observed, simulated: Observed) -> None:
-    """Draw gap by speed at the moments of following."""
-    for source, observed in (("recorded", recorded), ("simulated", simulated)):
-        moments = observed.followed
-        axes.plot(
-            moments.speed,
-            moments.gap,
-            ".",
-            markersize=3,
-            color=_INKS[source],
-            alpha=0.5,
-            label=source,
-        )
-    finish(axes, "", 8, xlabel="speed, m/s", ylabel="gap to the leader, m", ylim=(0, 60))

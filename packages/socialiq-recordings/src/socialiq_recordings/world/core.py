@@ -1,54 +1,27 @@
-"""Compiled entry points: resets and decisions of recorded junctions, and traffic without an ego."""
+"""Compiled entry points: resets and decisions of recorded junctions, and traffic without an ego.
+
+`gym`, `replay` and `compare` call them. `row` is an episode, `base` the first vehicle of its
+recording, `count` the number of its vehicles.
+"""
 
 from __future__ import annotations
 
-import hashlib
 import math
-from pathlib import Path
 
 import numpy as np
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
-from socialiq.worlds.highway.options import Contact
+from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
+from socialiq_recordings.world import traffic as rules
 from socialiq_recordings.world.observation import annotate, observe, touched
-from socialiq_recordings.world.traffic import (
-    DT,
-    GONE,
-    HARDEST,
-    PRESENT,
-    WAITING,
-    advance,
-    ahead_of,
-    closed_line,
-    drive,
-    following,
-    hashed,
-    limit_at,
-    normal,
-    uniform,
-)
-
-RESET, DECIDE, SKIP = range(3)
-"""Commands for an episode."""
+from socialiq_recordings.world.traffic import DT, GONE, HARDEST, PRESENT, WAITING, ahead_of
 
 _EGO, _MOMENT = 100, 101  # purposes of random numbers; drivers have those below
 _NONE, _ARRIVAL, _COLLISION, _TIMEOUT, _OTHER = (int(kind) for kind in Ending)
 _UNTOUCHED = int(Contact.NONE)
 _LEAST_WAY = 15.0  # m that the ego has ahead of it when it begins
 _CURVE = 0.5  # s in which the ego's control comes down to the speed of a curve
-
-
-@kernel
-def draw_driver(road, traffic, row, base, vehicle):
-    """Draw a driver's parameters; its desired speed is at least its recorded first one."""
-    for number in range(len(road.drivers)):
-        mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
-        value = mean + deviation * normal(traffic.seed[row], number, vehicle)
-        value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
-        traffic.driver[row, vehicle, number] = value
-    first = road.state[road.state_first[base + vehicle], 1]
-    traffic.driver[row, vehicle, 0] = max(traffic.driver[row, vehicle, 0], first)
 
 
 @kernel
@@ -62,23 +35,23 @@ def _put(traffic, row, vehicle, along, speed):
 
 @inlined_kernel
 def populate(road, traffic, row, recording, ego, step):
-    """Place the vehicles that were recorded at a sub-step as they were then.
+    """Place the vehicles that were recorded at a sub-step as they were then; no ego: -1.
 
-    Args:
-        road: Arrays of the world.
-        traffic: State of the episodes, overwritten.
-        row: The episode.
-        recording: Its recording.
-        ego: Number of the ego in the recording, or -1.
-        step: The sub-step.
+    Drivers draw their parameters; the desired speed is at least the recorded first one.
     """
     base, end = road.recording_first[recording], road.recording_first[recording + 1]
     traffic.recording[row], traffic.ego[row] = recording, ego
     traffic.step[row] = traffic.begun[row] = step
     traffic.n_present[row] = 0
     for vehicle in range(end - base):
-        draw_driver(road, traffic, row, base, vehicle)
         first, last = road.state_first[base + vehicle], road.state_first[base + vehicle + 1] - 1
+        for number in range(len(road.drivers)):
+            mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
+            value = mean + deviation * rules.normal(traffic.seed[row], number, vehicle)
+            value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
+            traffic.driver[row, vehicle, number] = value
+        desired = max(traffic.driver[row, vehicle, 0], road.state[first, 1])
+        traffic.driver[row, vehicle, 0] = desired
         since = step - road.state_step[base + vehicle]
         if since < 0:
             traffic.status[row, vehicle] = WAITING
@@ -92,7 +65,7 @@ def populate(road, traffic, row, recording, ego, step):
 def reset(road, traffic, row):
     """Begin an episode: draw the ego's place and the moment from the row's seed."""
     seed = traffic.seed[row]
-    vehicle = road.egos[np.int64(uniform(seed, _EGO, 0) * len(road.egos))]
+    vehicle = road.egos[np.int64(rules.uniform(seed, _EGO, 0) * len(road.egos))]
     recording = np.int64(0)
     while road.recording_first[recording + 1] <= vehicle:
         recording += 1
@@ -102,7 +75,7 @@ def reset(road, traffic, row):
         road.arrival[vehicle] - road.state[first + moments, 0] >= _LEAST_WAY
     ):
         moments += 1
-    moment = np.int64(uniform(seed, _MOMENT, 0) * moments)
+    moment = np.int64(rules.uniform(seed, _MOMENT, 0) * moments)
     ego = vehicle - road.recording_first[recording]
     populate(road, traffic, row, recording, ego, road.state_step[vehicle] + moment)
 
@@ -126,26 +99,15 @@ def enter(road, traffic, row, base, count):
                 traffic.along[row, present],
                 half + 0.5 * road.length[base + present],
             )
-            at = ahead_of(
-                road.stretch_first,
-                road.stretch,
-                pairs + vehicle * count + present,
-                along_there,
-                along,
-            )
+            pair, back = pairs + vehicle * count + present, pairs + present * count + vehicle
+            at = ahead_of(road.stretch_first, road.stretch, pair, along_there, along)
             if at > along:
                 clear = at - along - need - jam
                 free = free and clear > 0.0
                 # It enters no faster than lets it stop behind the other.
                 reach = traffic.speed[row, present] ** 2 + 2.0 * 3.0 * max(clear, 0.0)
                 speed = min(speed, math.sqrt(reach))
-            behind = ahead_of(
-                road.stretch_first,
-                road.stretch,
-                pairs + present * count + vehicle,
-                along,
-                along_there,
-            )
+            behind = ahead_of(road.stretch_first, road.stretch, back, along, along_there)
             if behind > along_there:
                 free = free and behind - along_there - need > 0.5
         if free:
@@ -153,8 +115,26 @@ def enter(road, traffic, row, base, count):
 
 
 @inlined_kernel
-def leave(road, traffic, row, base):
-    """Take vehicles off the road that are at the end of their ways; the ego stays."""
+def sub_step(road, traffic, row, base, count, level, fastest):
+    """Advance by a sub-step; vehicles at the end of their ways leave the road, the ego stays.
+
+    `level` is the ego's acceleration, m/s²; NaN: it drives as a driver of the population.
+    """
+    now = traffic.step[row] * DT
+    for slot in range(traffic.n_present[row]):
+        vehicle = traffic.present[row, slot]
+        rate = rules.drive(road, traffic, row, base, count, vehicle, now)
+        if vehicle == traffic.ego[row] and not math.isnan(level):
+            along, speed = traffic.along[row, vehicle], traffic.speed[row, vehicle]
+            limit = rules.limit_at(road.line_first, road.line, base + vehicle, along)
+            rate = min(level, max((min(limit, fastest) - speed) / _CURVE, -HARDEST))
+        traffic.rate[row, vehicle] = rate
+    for slot in range(traffic.n_present[row]):
+        vehicle = traffic.present[row, slot]
+        driven, speed = rules.advance(traffic.speed[row, vehicle], traffic.rate[row, vehicle])
+        traffic.along[row, vehicle] += driven
+        traffic.speed[row, vehicle] = speed
+    traffic.step[row] += 1
     remaining = 0
     for slot in range(traffic.n_present[row]):
         vehicle = traffic.present[row, slot]
@@ -165,51 +145,15 @@ def leave(road, traffic, row, base):
             traffic.present[row, remaining] = vehicle
             remaining += 1
     traffic.n_present[row] = remaining
-
-
-@inlined_kernel
-def sub_step(road, traffic, row, base, count, level, fastest):
-    """Advance by a sub-step.
-
-    Args:
-        road: Arrays of the world.
-        traffic: State of the episodes.
-        row: The episode.
-        base: First vehicle of its recording.
-        count: Vehicles of the recording.
-        level: The ego's acceleration, m/s²; NaN: it drives as a driver of the population.
-        fastest: The ego's largest speed, m/s.
-    """
-    now = traffic.step[row] * DT
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
-        rate = drive(road, traffic, row, base, count, vehicle, now)
-        if vehicle == traffic.ego[row] and not math.isnan(level):
-            speed = traffic.speed[row, vehicle]
-            most = min(
-                limit_at(road.line_first, road.line, base + vehicle, traffic.along[row, vehicle]),
-                fastest,
-            )
-            rate = min(level, max((most - speed) / _CURVE, -HARDEST))
-        traffic.rate[row, vehicle] = rate
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
-        driven, speed = advance(traffic.speed[row, vehicle], traffic.rate[row, vehicle])
-        traffic.along[row, vehicle] += driven
-        traffic.speed[row, vehicle] = speed
-    traffic.step[row] += 1
-    leave(road, traffic, row, base)
     enter(road, traffic, row, base, count)
 
 
 @inlined_kernel
-def decide(road, traffic, results, row, level, options, slack):
+def decide(road, traffic, results, row, level, settings, slack):
     """Run the sub-steps of a decision and write its results."""
-    settings = options[0]
-    recording = traffic.recording[row]
+    recording, ego = traffic.recording[row], traffic.ego[row]
     base = road.recording_first[recording]
     count = road.recording_first[recording + 1] - base
-    ego = traffic.ego[row]
     vehicle, half = base + ego, 0.5 * road.length[base + ego]
     start, ending = traffic.along[row, ego], _NONE
     for slot in range(traffic.n_present[row]):
@@ -218,7 +162,7 @@ def decide(road, traffic, results, row, level, options, slack):
     results.contact[row] = _UNTOUCHED
     for _ in range(settings.frames):
         front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
-        line = closed_line(road.closed_first, road.closed, vehicle, front, now)
+        line = rules.closed_line(road.closed_first, road.closed, vehicle, front, now)
         sub_step(road, traffic, row, base, count, level, settings.max_speed)
         contact = touched(road, traffic, row, base, slack)
         if contact != _UNTOUCHED:
@@ -235,41 +179,44 @@ def decide(road, traffic, results, row, level, options, slack):
         ending = _TIMEOUT
     results.speed[row], results.ending[row] = traffic.speed[row, ego], ending
     progress = traffic.along[row, ego] - start
-    annotate(
-        road,
-        traffic,
-        row,
-        base,
-        count,
-        progress,
-        ending,
-        settings,
-        results.signals[row],
-        results.pair[row],
-    )
+    annotate(road, traffic, row, base, count, progress, ending, settings, results, row)
 
 
-def _sources() -> int:
-    """Return a number that changes with any source that the compiled code depends on."""
-    here = Path(__file__).parent
-    names = ("batch", "core", "observation", "recorded_world", "traffic")
-    text = b"".join((here / f"{name}.py").read_bytes() for name in names)
-    return int.from_bytes(hashlib.sha256(text).digest()[:7], "big") ^ fingerprint()
+@inlined_kernel
+def replay_moment(road, traffic, results, moment, recording, ego, step, settings):
+    """Write observation and rewards of a recorded state and the decision that follows it."""
+    base = road.recording_first[recording]
+    count = road.recording_first[recording + 1] - base
+    populate(road, traffic, 0, recording, ego, step)
+    observe(road, traffic, 0, base, count, results.observation[moment])
+    results.speed[moment] = traffic.speed[0, ego]
+    start = traffic.along[0, ego]
+    populate(road, traffic, 0, recording, ego, step + settings.frames)
+    for slot in range(traffic.n_present[0]):
+        vehicle = traffic.present[0, slot]
+        begun = max(road.state_step[base + vehicle], step)
+        at = road.state_first[base + vehicle] + begun - road.state_step[base + vehicle]
+        traffic.before[0, vehicle] = road.state[at, 1]
+    progress = traffic.along[0, ego] - start
+    ending = _ARRIVAL if traffic.along[0, ego] >= road.arrival[base + ego] else _NONE
+    results.ending[moment] = ending
+    annotate(road, traffic, 0, base, count, progress, ending, settings, results, moment)
 
 
 def _entries(sources: int):
     @entry_point
-    def run(road, traffic, results, commands, seeded, seeds, levels, options, slack, first, end):
+    def run(results, commands, seeds, seeded, actions, options, junction, first, end):
+        road, traffic, levels, slack = junction
         for row in range(first, end):
             if commands[row] == SKIP:
                 continue
             if commands[row] == DECIDE:
-                decide(road, traffic, results, row, levels[row], options, slack)
+                decide(road, traffic, results, row, levels[actions[row]], options[0], slack)
             else:
                 if seeded[row]:
-                    traffic.seed[row] = hashed(seeds[row])
+                    traffic.seed[row] = rules.hashed(seeds[row])
                 else:
-                    traffic.seed[row] = following(traffic.seed[row])
+                    traffic.seed[row] = rules.following(traffic.seed[row])
                 reset(road, traffic, row)
             base = road.recording_first[traffic.recording[row]]
             count = road.recording_first[traffic.recording[row] + 1] - base
@@ -277,44 +224,14 @@ def _entries(sources: int):
         return sources  # so that the cache depends on the sources
 
     @entry_point
-    def replay(road, traffic, results, rows, egos, steps, options, first, end):
-        """Write observation and rewards of recorded states; `replay.py` documents it."""
-        settings = options[0]
+    def replay(road, traffic, results, recordings, egos, steps, options, first, end):
         for moment in range(first, end):
-            recording = rows[moment]
-            base = road.recording_first[recording]
-            count = road.recording_first[recording + 1] - base
-            ego, step = egos[moment], steps[moment]
-            populate(road, traffic, 0, recording, ego, step)
-            observe(road, traffic, 0, base, count, results.observation[moment])
-            results.speed[moment] = traffic.speed[0, ego]
-            start = traffic.along[0, ego]
-            populate(road, traffic, 0, recording, ego, step + settings.frames)
-            for spot in range(traffic.n_present[0]):
-                vehicle = traffic.present[0, spot]
-                begun = max(road.state_step[base + vehicle], step)
-                at = road.state_first[base + vehicle] + begun - road.state_step[base + vehicle]
-                traffic.before[0, vehicle] = road.state[at, 1]
-            progress = traffic.along[0, ego] - start
-            ending = _ARRIVAL if traffic.along[0, ego] >= road.arrival[base + ego] else _NONE
-            results.ending[moment] = ending
-            annotate(
-                road,
-                traffic,
-                0,
-                base,
-                count,
-                progress,
-                ending,
-                settings,
-                results.signals[moment],
-                results.pair[moment],
-            )
+            at = recordings[moment], egos[moment], steps[moment]
+            replay_moment(road, traffic, results, moment, at[0], at[1], at[2], options[0])
         return sources
 
     @entry_point
     def without_ego(road, traffic, recordings, states, steps, first, end):
-        """Run traffic without an ego; `compare.py` documents it."""
         for row in range(first, end):
             populate(road, traffic, row, recordings[row], -1, 0)
             base = road.recording_first[recordings[row]]
@@ -330,21 +247,20 @@ def _entries(sources: int):
     return run, replay, without_ego
 
 
-run, replay, without_ego = _entries(_sources())
-"""Compiled entry points; `batch`, `replay` and `compare` call them.
+run, replay, without_ego = _entries(fingerprint(__file__))
+"""Entry points.
 
 Args:
-    road: `recorded_world.Road`.
-    traffic: `state.Traffic`.
-    made: `state.Made`.
-    commands: RESET, DECIDE or SKIP, by row.
+    results: `state.Buffers`.
+    commands: RESET, DECIDE or SKIP of `state`, by row.
+    seeds: Seeds of the streams that a reset begins, uint64.
     seeded: Whether a reset begins a stream, by row.
-    seeds: Its seeds, uint64.
-    levels: The egos' accelerations, m/s²; NaN: it drives as a driver of the population.
+    actions: Numbers of levels.
     options: SETTINGS record in an array of one.
-    slack: m by which vehicles are smaller than recorded.
+    junction: `recorded_world.Road`, `gym.Traffic`, the levels in m/s² (NaN: as a driver of the
+        population) and m by which vehicles are smaller than recorded.
     first: First row of the part to do.
     end: End of that part.
 """
 
-__all__ = ["DECIDE", "RESET", "SKIP", "replay", "run", "without_ego"]
+__all__ = ["replay", "run", "without_ego"]

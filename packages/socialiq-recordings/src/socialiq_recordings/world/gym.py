@@ -1,26 +1,138 @@
-"""Recorded junction as a Gymnasium environment."""
+"""Episodes of a recorded junction: side by side, and one as a Gymnasium environment."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
+from jaxtyping import Float32
 
 from socialiq.errors import UserError
-from socialiq.social.angle import check_angle, score, weights
-from socialiq.types import Ending
-from socialiq.worlds.highway.options import Contact
-from socialiq_recordings.world.batch import JunctionBatch
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.gym import RoadEnv
+from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SIGNALS, SKIP, Buffers
+from socialiq.worlds.highway.world import RoadBatch
+from socialiq.worlds.intersection.options import settings_of
+from socialiq.worlds.world import Decisions
+from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
 
-_TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
+
+class Traffic(NamedTuple):
+    """Episodes side by side; vehicles are numbered within the recording of their episode."""
+
+    seed: np.ndarray  # of the episode, uint64
+    recording: np.ndarray  # number of the recording
+    ego: np.ndarray  # number of the ego
+    step: np.ndarray  # sub-steps since the recording's first frame
+    begun: np.ndarray  # sub-step at which the episode began
+    n_present: np.ndarray  # vehicles on the road
+    present: np.ndarray  # their numbers, first those that came first, (row, vehicle)
+    status: np.ndarray  # WAITING, PRESENT or GONE, (row, vehicle)
+    along: np.ndarray  # coordinates of their middles on their ways, m
+    speed: np.ndarray  # m/s
+    before: np.ndarray  # speeds at the last decision, or since they entered, m/s
+    rate: np.ndarray  # accelerations of the sub-step, m/s²
+    barrier: np.ndarray  # coordinate of the next leader or closed line, m
+    driver: np.ndarray  # parameters, (row, vehicle, 6)
+
+    @staticmethod
+    def of(world: RecordedWorld, size: int) -> Traffic:
+        """Return empty episodes."""
+        vehicles = size, world.capacity
+        by_row = ("recording", "ego", "step", "begun", "n_present")
+        by_vehicle = ("along", "speed", "before", "rate", "barrier")
+        return Traffic(
+            seed=np.zeros(size, np.uint64),
+            **{name: np.zeros(size, np.int64) for name in by_row},
+            present=np.zeros(vehicles, np.int64),
+            status=np.zeros(vehicles, np.int8),
+            **{name: np.zeros(vehicles) for name in by_vehicle},
+            driver=np.zeros((*vehicles, len(world.road.drivers))),
+        )
 
 
-class RecordedJunctionEnv(gymnasium.Env):
+class State(tuple[np.ndarray, ...]):
+    """Arrays that are the complete state of some episodes: `Traffic`, and the batch's own."""
+
+    def rows(self, chosen: Any) -> State:
+        """Return the state of the chosen episodes; indices may repeat."""
+        return State(column[np.asarray(chosen)] for column in self)
+
+
+class JunctionBatch(RoadBatch):
+    """Episodes of one world side by side, in the state `traffic`; see `RoadBatch`.
+
+    An action is the number of a level, or `AS_DRIVER`.
+
+    Raises:
+        UserError: If `size` or `threads` is not positive.
+    """
+
+    def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
+        options = world.options
+        buffers = Buffers.of(options, np.dtype(np.int8), 0, size)
+        super().__init__(options, buffers, settings_of(options), threads)
+        self.world, self.traffic = world, Traffic.of(world, size)
+        self.n_actions = world.n_actions
+        self._levels = np.array([*world.config.levels, np.nan])  # the last is that of AS_DRIVER
+
+    @property
+    def time(self) -> Float32[np.ndarray, " row"]:
+        """Number of decisions since the last reset of every episode."""
+        steps = self.traffic.step - self.traffic.begun
+        return (steps // self.options.frames).astype(np.float32)
+
+    def like(self, size: int) -> JunctionBatch:
+        """Return a batch of so many episodes of the same world."""
+        return JunctionBatch(self.world, size, self._threads)
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        as_driver = np.asarray(actions) == AS_DRIVER
+        return np.where(as_driver, AS_DRIVER, super()._checked(np.where(as_driver, 0, actions)))
+
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
+        from socialiq_recordings.world import core  # import Numba only when it is needed
+
+        junction = self.world.road, self.traffic, self._levels, self.world.config.slack
+        return core.run, junction, np.zeros(0)
+
+    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        again = commands == DECIDE_AND_RESET
+        commands = np.where(again, DECIDE, commands).astype(np.int8)
+        super()._run(commands, seeds, seeded, actions)
+        self.buffers.reached[:] = self.buffers.observation
+        again &= self.buffers.ending != int(Ending.NONE)
+        if again.any():
+            commands = np.where(again, RESET, SKIP).astype(np.int8)
+            super()._run(commands, seeds, seeded, actions)
+
+    def _decisions(self) -> Decisions:
+        results = self.buffers
+        return Decisions(
+            results.reached.reshape(self.size, -1).copy(),
+            RewardPair(*results.rewards.T.copy()),
+            results.ending.copy(),
+            dict(zip(SIGNALS, results.signals.T.copy(), strict=True)),
+            results.speed.copy(),
+            results.contact.copy(),
+        )
+
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        return (*self.traffic, self.buffers.observation, self._waiting, self.begun)
+
+    def save(self) -> Any:
+        """Return a copy of the state of every episode."""
+        return State(column.copy() for column in self._arrays())
+
+    def restore(self, state: Any) -> None:
+        """Restore a saved state with as many rows; episodes go on from it undisturbed."""
+        for column, saved in zip(self._arrays(), state, strict=True):
+            column[:] = saved
+
+
+class RecordedJunctionEnv(RoadEnv):
     """Recorded junction with the Gymnasium interface.
 
     The ego takes the place of a recorded vehicle at a recorded moment, both drawn by the seed, and
@@ -52,57 +164,24 @@ class RecordedJunctionEnv(gymnasium.Env):
         clock: bool = False,
         sha256: str = "",
     ) -> None:
-        self.world = load_world(file)
-        if sha256 and sha256 != self.world.sha256:
+        world = load_world(file)
+        if sha256 and sha256 != world.sha256:
             raise UserError(f"{file} is not the world with the SHA-256 {sha256[:12]}...")
-        self.render_mode = render_mode
-        self._weights = weights(check_angle(angle))
-        self._clock = clock
-        self.batch = JunctionBatch(self.world, 1)
-        decisions = int(self.world.config.duration * self.world.config.policy_rate)
-        low, high = (np.full(self.world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
-        if clock:
-            low[-1], high[-1] = 0.0, decisions + 1
-        self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self.action_space = spaces.Discrete(self.world.n_actions)
+        super().__init__(world, angle, render_mode, clock)
+        self.world: RecordedWorld
+        self.batch: JunctionBatch
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode."""
-        super().reset(seed=seed, options=options)
-        if seed is None and not self.batch.begun.all():
-            seed = int(self.np_random.integers(2**31))
-        observation = self.batch.reset(None if seed is None else [seed])
-        return self._seen(observation), self._place()
-
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take one decision. A timeout truncates; every other ending terminates."""
-        decisions = self.batch.step(np.array([int(action)]))
-        ending = int(decisions.ending[0])
-        info = {
-            "reward_pair": np.array([decisions.rewards.env[0], decisions.rewards.social[0]]),
-            "signals": {name: float(values[0]) for name, values in decisions.signals.items()},
-            "ending": Ending(ending).name.lower(),
-            "speed": float(decisions.speed[0]),
-            "contact": Contact(int(decisions.contact[0])).name.lower(),
-        }
-        reward = float(score(self._weights, decisions.rewards)[0])
-        ended = ending in _TERMINAL
-        return self._seen(decisions.observation), reward, ended, ending == int(Ending.TIMEOUT), info
-
-    def _seen(self, observation: np.ndarray) -> np.ndarray:
-        if self._clock:
-            return np.append(observation[0], self.batch.time[0]).astype(np.float32)
-        return observation[0]
-
-    def _place(self) -> dict[str, Any]:
-        traffic, road = self.batch.traffic, self.world.road
+        observation, _ = super().reset(seed=seed, options=options)
+        traffic, world = self.batch.traffic, self.world
         recording = int(traffic.recording[0])
-        vehicle = int(road.recording_first[recording] + traffic.ego[0])
-        described = self.world.provenance.get("recordings", [])
+        vehicle = int(world.road.recording_first[recording] + traffic.ego[0])
+        described = world.provenance.get("recordings", [])
         name = described[recording]["recording"] if recording < len(described) else ""
-        return {"recording": name, "vehicle": int(road.identity[vehicle])}
+        return observation, {"recording": name, "vehicle": int(world.road.identity[vehicle])}
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""
@@ -123,11 +202,7 @@ def load_world(file: str | Path) -> RecordedWorld:
     if not str(file):
         raise UserError("name the world: file=W, a file of `socialiq data world`")
     path = Path(file).absolute()
-    try:
-        changed = path.stat().st_mtime_ns
-    except OSError:
-        changed = 0  # `load` says why it can't be read
-    return _load(path, changed)
+    return _load(path, path.stat().st_mtime_ns if path.exists() else 0)
 
 
 @lru_cache(maxsize=4)

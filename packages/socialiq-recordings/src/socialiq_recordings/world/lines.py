@@ -16,33 +16,18 @@ from jaxtyping import Float64
 
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, projected
-from socialiq_recordings.road.paths import wrapped
-from socialiq_recordings.world.config import SUB_STEPS
+from socialiq_recordings.physics import wrapped
+from socialiq_recordings.world.recorded_world import SUB_STEPS
 
-SPACING = 1.0
-"""m between the points of a line."""
-
-FASTEST = 45.0
-"""m/s; no speed limit of a curve is higher."""
-
+SPACING = 1.0  # m between the points of a line
+FASTEST = 45.0  # m/s; no speed limit of a curve is higher
 _AROUND = 5  # points before and behind between which a direction changes
 _SLOWING = 1.5  # m/s²; deceleration before a curve
 _PROBED = 2.0  # m between the points of a way that are looked for on another
 _REACH = 3.0  # m; wider than any lane position that could be in the way
 
-
-class Line(NamedTuple):
-    """Line of a way, a point every `SPACING` m.
-
-    Attributes:
-        x: m to the east.
-        y: m to the north.
-        heading: Direction, rad.
-    """
-
-    x: Float64[np.ndarray, " point"]
-    y: Float64[np.ndarray, " point"]
-    heading: Float64[np.ndarray, " point"]
+Line = Float64[np.ndarray, "point 3"]
+"""Points of a way, one every `SPACING` m: x and y in m, direction in rad."""
 
 
 def line_of(way: Way) -> Line:
@@ -51,12 +36,12 @@ def line_of(way: Way) -> Line:
     points, _ = way.line.points_at(at)
     steps = np.diff(points, axis=0)
     heading = np.arctan2(steps[:, 1], steps[:, 0])
-    return Line(points[:, 0].copy(), points[:, 1].copy(), np.append(heading, heading[-1]))
+    return np.column_stack([points, np.append(heading, heading[-1])])
 
 
 def curvature(line: Line) -> Float64[np.ndarray, " point"]:
     """Return the curvature of a line over 10 m around each point, 1/m, without its sign."""
-    turned = np.unwrap(line.heading)
+    turned = np.unwrap(line[:, 2])
     places = np.arange(len(turned))
     low = np.maximum(places - _AROUND, 0)
     high = np.minimum(places + _AROUND, len(turned) - 1)
@@ -66,11 +51,7 @@ def curvature(line: Line) -> Float64[np.ndarray, " point"]:
 def speed_limits(line: Line, lateral: float) -> Float64[np.ndarray, " point"]:
     """Return the speed at each point that keeps a lateral acceleration there and ahead, m/s.
 
-    v² κ <= lateral, with a comfortable deceleration before a curve.
-
-    Args:
-        line: The line.
-        lateral: Largest lateral acceleration, m/s².
+    v² κ <= `lateral` in m/s², with a comfortable deceleration before a curve.
     """
     limit = np.minimum(np.sqrt(lateral / np.maximum(curvature(line), 1e-6)), FASTEST)
     for point in range(len(limit) - 2, -1, -1):
@@ -79,93 +60,46 @@ def speed_limits(line: Line, lateral: float) -> Float64[np.ndarray, " point"]:
     return limit
 
 
-class States(NamedTuple):
-    """Recorded states of a way at the sub-steps of the simulator.
-
-    Attributes:
-        first: Sub-step of the first state, from the recording's first frame.
-        along: Coordinate, m.
-        speed: m/s.
-    """
-
-    first: int
-    along: Float64[np.ndarray, " step"]
-    speed: Float64[np.ndarray, " step"]
-
-
-def states_of(way: Way, first_frame: int) -> States:
+def states_of(way: Way, first_frame: int) -> tuple[int, Float64[np.ndarray, "step 2"]]:
     """Return a way's states at the sub-steps of the simulator, interpolated between frames.
 
-    Args:
-        way: The way.
-        first_frame: First frame of the recording.
+    These are the sub-step of the first state, from the recording's first frame, and coordinates in
+    m and speeds in m/s.
     """
     times = (np.arange(way.first, way.last + 1) - first_frame) * way.dt
     first = int(np.ceil(times[0] * SUB_STEPS - 1e-6))
     last = max(int(np.floor(times[-1] * SUB_STEPS + 1e-6)), first)
     at = np.arange(first, last + 1) / SUB_STEPS
-    return States(first, np.interp(at, times, way.along), np.interp(at, times, way.speed))
+    columns = np.interp(at, times, way.along), np.interp(at, times, way.speed)
+    return first, np.column_stack(columns)
 
 
-class Stretch(NamedTuple):
-    """Part of one way that lies in another, driven in the same direction.
+def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray, "stretch 4"]:
+    """Return the parts of a leading way that lie in a following one, driven in the same direction.
 
-    Attributes:
-        begin: Coordinate on the first way, m.
-        end: Coordinate on the first way, m.
-        other_begin: The same place on the second way, m.
-        other_end: m.
+    Begin and end of each part on the leading way, then on the following one, m. `slack` are m by
+    which vehicles are narrower than recorded.
     """
-
-    begin: float
-    end: float
-    other_begin: float
-    other_end: float
-
-
-def stretches(leading: Way, following: Way, slack: float) -> list[Stretch]:
-    """Return the parts of a way on which its vehicle is ahead of or behind another's.
-
-    Args:
-        leading: Way of the vehicle that is looked for.
-        following: Way on which it is looked for.
-        slack: m by which vehicles are narrower than recorded.
-    """
-    if not _boxes_meet(leading, following):
-        return []
+    first, second = (way.line.points for way in (leading, following))
+    apart = np.maximum(
+        first.min(axis=0) - second.max(axis=0), second.min(axis=0) - first.max(axis=0)
+    )
+    if (apart > 2 * _REACH).any():
+        return np.zeros((0, 4))
     at = np.arange(0.0, leading.line.length, _PROBED)
     points, heading = leading.line.points_at(at)
     positions = following.line.coordinates(points[:, 0], points[:, 1])
-    inside = in_the_way(
-        following,
-        positions.lateral,
-        wrapped(heading - positions.heading),
-        np.full(len(at), leading.width),
-        slack,
-    )
+    turned, widths = wrapped(heading - positions.heading), np.full(len(at), leading.width)
+    inside = in_the_way(following, positions.lateral, turned, widths, slack)
     inside &= (positions.along >= 0) & (positions.along <= following.line.length)
     inside[1:] &= (np.diff(positions.along) > 0) | ~inside[:-1]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    lying = []
-    for begin, end in edges.reshape(-1, 2).tolist():
-        if end - begin >= 2:
-            last = end - 1
-            places = at[begin], at[last], positions.along[begin], positions.along[last]
-            lying.append(Stretch(*(float(coordinate) for coordinate in places)))
-    return lying
+    ends = edges.reshape(-1, 2) - np.array([0, 1])
+    ends = ends[ends[:, 1] > ends[:, 0]]
+    return np.column_stack([at[ends], positions.along[ends]])
 
 
-def _boxes_meet(one: Way, other: Way) -> bool:
-    boxes = [
-        (way.line.points.min(axis=0) - _REACH, way.line.points.max(axis=0) + _REACH)
-        for way in (one, other)
-    ]
-    return bool((boxes[0][0] <= boxes[1][1]).all() and (boxes[1][0] <= boxes[0][1]).all())
-
-
-STANDING = 0.5
-"""m/s; a slower vehicle stands."""
-
+STANDING = 0.5  # m/s; a slower vehicle stands
 _AHEAD = 12.0  # m; a leader within this distance is what a vehicle stands behind
 _SOON = 5.0  # s; a conflicting vehicle that arrives later is no reason to stand
 _UNEXPLAINED = 1.0  # s for which a vehicle must stand without a reason
@@ -175,84 +109,73 @@ _BESIDE = 1.5  # m; ways that pass further beside a line are of another lane
 
 
 class Closure(NamedTuple):
-    """Line that is closed to a lane.
+    """Line that is closed to a lane."""
 
-    Attributes:
-        x: m to the east.
-        y: m to the north.
-        heading: Direction of the lane, rad.
-        begin: s from the recording's first frame; minus infinity if from its start.
-        end: s; infinity if to its end.
-    """
-
-    x: float
-    y: float
-    heading: float
-    begin: float
-    end: float
-
-
-class Closed(NamedTuple):
-    """Closure as a vehicle on one way meets it.
-
-    Attributes:
-        at: Coordinate of the line on the way, m.
-        begin: s.
-        end: s.
-    """
-
-    at: float
-    begin: float
-    end: float
+    x: float  # m to the east
+    y: float  # m to the north
+    heading: float  # direction of the lane, rad
+    begin: float  # s from the recording's first frame; minus infinity if from its start
+    end: float  # s; infinity if to its end
 
 
 def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
     """Return the lines that were closed, one for each vehicle that stood without a known reason.
 
-    Args:
-        encounters: Of the recording.
-        first_frame: First frame of the recording.
+    A vehicle must be the first of its lane, and its stand unexplained for `_UNEXPLAINED` s.
     """
     closures = []
     for way in encounters.ways.values():
-        for begin, end in _stands(way):
-            if _unexplained(encounters, way, begin, end) >= _UNEXPLAINED:
-                closures.append(_closure(encounters, way, begin, end, first_frame))
+        standing = np.concatenate([[False], way.speed < STANDING, [False]])
+        edges = np.flatnonzero(np.diff(standing.astype(np.int8))).reshape(-1, 2)
+        for begin, end in (way.first + edges).tolist():
+            step = max(1, round(_EVERY / way.dt))
+            frames = range(begin, end, step)
+            without = sum(not _has_reason(encounters, way, frame) for frame in frames)
+            if without * step * way.dt < _UNEXPLAINED:
+                continue
+            start, passed = first_frame * way.dt, -math.inf
+            point, heading = way.line.points_at(
+                np.array([way.state(begin)[0] + way.length / 2 + _BEFORE])
+            )
+            x, y = point[0].tolist()
+            line = Closure(x, y, float(heading[0]), -math.inf, math.inf)
+            for partner in encounters.in_time.earlier(begin):
+                if partner.first + encounters.in_time.longest < passed:
+                    break  # who is seen earlier passed earlier
+                if partner.track != way.track:
+                    for at, *_ in on_way_of(partner, [line]):
+                        time = partner.reached(at - partner.length / 2)
+                        passed = max(passed, time) if time <= begin else passed
+            if math.isfinite(passed):
+                line = line._replace(begin=passed * way.dt - start)
+            if end <= way.last:
+                line = line._replace(end=end * way.dt - start)
+            closures.append(line)
     return closures
 
 
-def on_way_of(way: Way, closures: list[Closure]) -> list[Closed]:
-    """Return the closures that a vehicle on a way meets, the nearest to its start first."""
+def on_way_of(way: Way, closures: list[Closure]) -> list[tuple[float, float, float]]:
+    """Return the closures that a vehicle on a way meets, the nearest to its start first.
+
+    Each is the coordinate of the line on the way in m, and its begin and end in s.
+    """
     if not closures:
         return []
-    x, y, heading = (np.array(column) for column in list(zip(*closures, strict=True))[:3])
+    x, y, heading = np.array(closures)[:, :3].T
     low, high = way.line.points.min(axis=0) - _BESIDE, way.line.points.max(axis=0) + _BESIDE
-    places = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
-    if not len(places):
+    near = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
+    if not len(near):
         return []
-    positions = way.line.coordinates(x[places], y[places])
-    turned = np.abs(wrapped(positions.heading - heading[places]))
+    positions = way.line.coordinates(x[near], y[near])
+    turned = np.abs(wrapped(positions.heading - heading[near]))
     inside = (positions.along > 0) & (positions.along < way.line.length)
     inside &= (np.abs(positions.lateral) < _BESIDE) & (turned < math.pi / 6)
-    met = zip(places[inside].tolist(), positions.along[inside].tolist(), strict=True)
-    return sorted(Closed(at, closures[number].begin, closures[number].end) for number, at in met)
-
-
-def _stands(way: Way) -> list[tuple[int, int]]:
-    """Return the first frame of each stand, and the frame after its last."""
-    standing = np.concatenate([[False], way.speed < STANDING, [False]])
-    edges = np.flatnonzero(np.diff(standing.astype(np.int8))).reshape(-1, 2)
-    return [(way.first + int(a), way.first + int(b)) for a, b in edges]
-
-
-def _unexplained(encounters: Encounters, way: Way, begin: int, end: int) -> float:
-    """Return for how long a vehicle stood first in its lane without a reason, s."""
-    step = max(1, round(_EVERY / way.dt))
-    frames = range(begin, end, step)
-    return sum(not _has_reason(encounters, way, frame) for frame in frames) * step * way.dt
+    met = zip(near[inside].tolist(), positions.along[inside].tolist(), strict=True)
+    return sorted((at, closures[number].begin, closures[number].end) for number, at in met)
 
 
 def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
+    """Whether a vehicle stands behind another, before one that arrives, or behind all areas."""
     along, _ = way.state(frame)
     vehicles = on_way(encounters.scene, way, frame, encounters.config.slack)
     if leader(way, along, vehicles).gap < _AHEAD:
@@ -268,41 +191,5 @@ def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
         times = projected(partner, area.entry[1], area.exit[1], frame)
         if times.leaves > now and times.enters < now + _SOON:
             return True
-    # Behind the last conflict area, or on a road without one, a stand has another reason.
-    return not met and not _areas_ahead(encounters, way, along)
-
-
-def _areas_ahead(encounters: Encounters, way: Way, along: float) -> bool:
-    for partner in encounters.ways.values():
-        if partner.track != way.track:
-            area = encounters.area(way.track, partner.track)
-            if area is not None and area.entry[0] > along:
-                return True
-    return False
-
-
-def _closure(encounters: Encounters, way: Way, begin: int, end: int, first_frame: int) -> Closure:
-    along, _ = way.state(begin)
-    at = along + way.length / 2 + _BEFORE
-    point, heading = way.line.points_at(np.array([at]))
-    x, y = point[0].tolist()
-    passed = -math.inf
-    for partner in encounters.in_time.earlier(begin):
-        if partner.first + encounters.in_time.longest < passed:
-            break  # who is seen earlier passed earlier
-        if partner.track == way.track:
-            continue
-        closed = on_way_of(partner, [Closure(x, y, float(heading[0]), 0.0, 0.0)])
-        if closed:
-            time = partner.reached(closed[0].at - partner.length / 2)
-            if time <= begin:
-                passed = max(passed, time)
-    start = first_frame * way.dt
-    released = end <= way.last
-    return Closure(
-        x,
-        y,
-        float(heading[0]),
-        passed * way.dt - start if math.isfinite(passed) else -math.inf,
-        end * way.dt - start if released else math.inf,
-    )
+    areas = (encounters.area(way.track, track) for track in encounters.ways if track != way.track)
+    return not met and not any(area is not None and area.entry[0] > along for area in areas)

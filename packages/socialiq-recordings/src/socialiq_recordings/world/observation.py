@@ -70,51 +70,43 @@ def observe(road, traffic, row, base, count, observation):
     The others are ordered by distance, those first whose ways meet the ego's or lie in it.
     """
     observation[:] = 0.0
-    ego = traffic.ego[row]
-    vehicle, own_along = base + ego, traffic.along[row, ego]
+    ego, now = traffic.ego[row], traffic.step[row] * DT
+    vehicle, ego_along = base + ego, traffic.along[row, ego]
     origin, pairs = road.origin[vehicle], road.pair_first[traffic.recording[row]]
-    _write(observation[0], own_along - origin, 0.0, 0.0, traffic.speed[row, ego])
+    _write(observation[0], ego_along - origin, 0.0, 0.0, traffic.speed[row, ego])
     filled = 1
-    line = closed_line(
-        road.closed_first,
-        road.closed,
-        vehicle,
-        own_along + 0.5 * road.length[vehicle],
-        traffic.step[row] * DT,
-    )
-    if line - own_along < POSITION_RANGE:
+    front = ego_along + 0.5 * road.length[vehicle]
+    line = closed_line(road.closed_first, road.closed, vehicle, front, now)
+    if line - ego_along < POSITION_RANGE:
         _write(observation[1], line - origin, 0.0, 0.0, 0.0)
         filled = 2
-    x, y, _ = place_of(road.line_first, road.line, vehicle, own_along)
-    slots, ranks, count_seen = np.empty(count, np.int64), np.empty(count), 0
+    x, y, _ = place_of(road.line_first, road.line, vehicle, ego_along)
+    slots, ranks, near = np.empty(count, np.int64), np.empty(count), 0
     for slot in range(traffic.n_present[row]):
-        vehicle_seen = traffic.present[row, slot]
-        if vehicle_seen == ego:
+        number = traffic.present[row, slot]
+        if number == ego:
             continue
-        ox, oy, _ = place_of(
-            road.line_first, road.line, base + vehicle_seen, traffic.along[row, vehicle_seen]
-        )
+        along = traffic.along[row, number]
+        ox, oy, _ = place_of(road.line_first, road.line, base + number, along)
         apart = math.hypot(ox - x, oy - y)
         if apart >= POSITION_RANGE:
             continue
-        pair = pairs + ego * count + vehicle_seen
-        back = pairs + vehicle_seen * count + ego
+        pair, back = pairs + ego * count + number, pairs + number * count + ego
         meets = road.area_of[pair] >= 0 or road.stretch_first[pair + 1] > road.stretch_first[pair]
         meets = meets or road.stretch_first[back + 1] > road.stretch_first[back]
         rank = apart if meets else apart + _FAR
-        at = count_seen
+        at = near
         while at > 0 and ranks[at - 1] > rank:
             slots[at], ranks[at] = slots[at - 1], ranks[at - 1]
             at -= 1
-        slots[at], ranks[at] = vehicle_seen, rank
-        count_seen += 1
-    for slot in range(min(count_seen, len(observation) - filled)):
-        vehicle_seen = slots[slot]
-        ox, oy, angle = place_of(
-            road.line_first, road.line, base + vehicle_seen, traffic.along[row, vehicle_seen]
-        )
+        slots[at], ranks[at] = number, rank
+        near += 1
+    for slot in range(min(near, len(observation) - filled)):
+        number = slots[slot]
+        along = traffic.along[row, number]
+        ox, oy, angle = place_of(road.line_first, road.line, base + number, along)
         along, left, way = projected(road.line_first, road.line, vehicle, ox, oy)
-        speed = traffic.speed[row, vehicle_seen]
+        speed = traffic.speed[row, number]
         _write(observation[filled + slot], along - origin, left, angle - way, speed)
 
 
@@ -122,15 +114,8 @@ def observe(road, traffic, row, base, count, observation):
 def overlap(dx, dy, angle, other_angle, length, width, other_length, other_width):
     """Whether two rectangles overlap (separating axes).
 
-    Args:
-        dx: From the first one's middle to the other's, m.
-        dy: m.
-        angle: Direction of the first, rad.
-        other_angle: Direction of the other, rad.
-        length: Half of it, m.
-        width: Half of it, m.
-        other_length: Half of it, m.
-        other_width: Half of it, m.
+    The other's middle is dx, dy from the first one's, m; lengths and widths are halves, m; angles
+    are directions, rad.
     """
     cos, sin = abs(math.cos(other_angle - angle)), abs(math.sin(other_angle - angle))
     for axis in range(4):
@@ -146,15 +131,7 @@ def overlap(dx, dy, angle, other_angle, length, width, other_length, other_width
 
 @inlined_kernel
 def touched(road, traffic, row, base, slack):
-    """Return the ego's contact: whose motion closed the gap between the centres.
-
-    Args:
-        road: Arrays of the world.
-        traffic: State of the episodes.
-        row: The episode.
-        base: First vehicle of its recording.
-        slack: m by which vehicles are smaller than recorded.
-    """
+    """Return the ego's contact: whose motion closed the gap between the centres."""
     ego, contact = traffic.ego[row], _UNTOUCHED
     x, y, angle = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
     length = max(road.length[base + ego] - slack, 0.1) / 2
@@ -164,10 +141,8 @@ def touched(road, traffic, row, base, slack):
         vehicle, along = base + number, traffic.along[row, number]
         ox, oy, turned = place_of(road.line_first, road.line, vehicle, along)
         dx, dy = ox - x, oy - y
-        half, side = (
-            max(road.length[vehicle] - slack, 0.1) / 2,
-            max(road.width[vehicle] - slack, 0.1) / 2,
-        )
+        half = max(road.length[vehicle] - slack, 0.1) / 2
+        side = max(road.width[vehicle] - slack, 0.1) / 2
         near = dx * dx + dy * dy < (length + width + half + side) ** 2
         if number == ego or not near:
             continue
@@ -180,55 +155,34 @@ def touched(road, traffic, row, base, slack):
 
 
 @inlined_kernel
-def charged(road, traffic, row, base, count, other, far):
-    """Whether a neighbour counts in Eq 4.2: near, and the ego may be its reason to brake.
+def annotate(road, traffic, row, base, count, progress, ending, settings, results, at):
+    """Write signals and rewards of a decision in which the ego advanced by `progress`, m.
 
-    Its way meets the ego's and neither has left the conflict area, or the ego is ahead of it on its
-    way.
-    """
-    ego = traffic.ego[row]
-    x, y, _ = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
-    ox, oy, _ = place_of(road.line_first, road.line, base + other, traffic.along[row, other])
-    pairs = road.pair_first[traffic.recording[row]]
-    ego_along, other_along = traffic.along[row, ego], traffic.along[row, other]
-    number, in_the_way = road.area_of[pairs + ego * count + other], False
-    if number >= 0:
-        left = ego_along - 0.5 * road.length[base + ego] >= road.area[number, 1]
-        they_left = other_along - 0.5 * road.length[base + other] >= road.area[number, 3]
-        in_the_way = not left and not they_left
-    back = pairs + other * count + ego
-    in_the_way = (
-        in_the_way
-        or ahead_of(road.stretch_first, road.stretch, back, ego_along, other_along) > other_along
-    )
-    return in_the_way and math.hypot(ox - x, oy - y) <= far
-
-
-@inlined_kernel
-def annotate(road, traffic, row, base, count, progress, ending, settings, signals, pair):
-    """Write signals and rewards of a decision.
-
-    Args:
-        road: Arrays of the world.
-        traffic: State after the decision; `before` has the speeds before it.
-        row: The episode.
-        base: First vehicle of its recording.
-        count: Vehicles of the recording.
-        progress: Metres that the ego advanced.
-        ending: Value of `Ending`; OTHER, past a closed line, costs as a collision.
-        settings: SETTINGS record.
-        signals: Overwritten.
-        pair: r_env and r_social, overwritten.
+    `before` of the traffic has the speeds before it. The ending OTHER, past a closed line, costs as
+    a collision. A neighbour counts in Eq 4.2 if it is near and the ego may be its reason to brake:
+    its way meets the ego's and neither has left the conflict area, or the ego is ahead on its way.
     """
     ego = traffic.ego[row]
     vehicle, ego_along, speed = base + ego, traffic.along[row, ego], traffic.speed[row, ego]
+    x, y, _ = place_of(road.line_first, road.line, vehicle, ego_along)
+    pairs = road.pair_first[traffic.recording[row]]
     counted, lost = np.zeros(count, np.bool_), np.zeros(count)
     for slot in range(traffic.n_present[row]):
         number = traffic.present[row, slot]
-        if number != ego:
-            far = settings.conflict_distance
-            counted[number] = charged(road, traffic, row, base, count, number, far)
-            lost[number] = traffic.before[row, number] - traffic.speed[row, number]
+        if number == ego:
+            continue
+        along, blocks = traffic.along[row, number], False
+        area, back = road.area_of[pairs + ego * count + number], pairs + number * count + ego
+        if area >= 0:
+            left = ego_along - 0.5 * road.length[vehicle] >= road.area[area, 1]
+            they_left = along - 0.5 * road.length[base + number] >= road.area[area, 3]
+            blocks = not left and not they_left
+        ahead = ahead_of(road.stretch_first, road.stretch, back, ego_along, along)
+        ox, oy, _ = place_of(road.line_first, road.line, base + number, along)
+        near = math.hypot(ox - x, oy - y) <= settings.conflict_distance
+        counted[number] = near and (blocks or ahead > along)
+        lost[number] = traffic.before[row, number] - traffic.speed[row, number]
+    signals, pair = results.signals[at], results.rewards[at]
     rewards.env_signals(progress, True, speed, ending, settings, signals)
     within = road.zone[vehicle, 0] <= ego_along <= road.zone[vehicle, 1]
     braking = np.empty(count, np.bool_)

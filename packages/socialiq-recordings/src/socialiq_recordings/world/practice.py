@@ -3,7 +3,8 @@
 The world, its drivers and the demonstrations come from recordings alone. The first dial learns
 from the recorded drivers; each round the dials drive episodes at several angles, some decisions
 drawn at random, and new dials learn from the recorded drivers and all practice so far (growing
-batch learning: Lange, Gabel and Riedmiller 2012).
+batch learning: Lange, Gabel and Riedmiller 2012). `visit` says what each action of a driven state
+would have earned.
 """
 
 from __future__ import annotations
@@ -11,25 +12,28 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
+from socialiq.evaluation.branching import rollouts
 from socialiq.evaluation.rollout import columns_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.train import train_together
 from socialiq.learners.settings import check_counts, check_seed, check_shares
-from socialiq.types import Policy
+from socialiq.types import Ending, Policy
+from socialiq.worlds.highway.options import Contact
+from socialiq_recordings.world.gym import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
-ANGLES = 7
-"""Angles at which a dial practises, from its least to its largest."""
+ANGLES = 7  # angles at which a dial practises, from its least to its largest
 
 
 @dataclass(frozen=True)
@@ -49,11 +53,7 @@ class Practice:
     first_seed: int = 65_000_000
 
     def __post_init__(self) -> None:
-        """Refuse empty sizes.
-
-        Raises:
-            UserError: If a count, share or seed is out of its range.
-        """
+        """Refuse counts, shares or seeds out of their ranges."""
         check_counts(self, ("episodes",))
         check_shares(self, ("exploration",))
         check_seed(self.first_seed)
@@ -68,15 +68,10 @@ class Practice:
 
 @dataclass(frozen=True)
 class Practised:
-    """Outcome of a training with practice.
+    """Outcome of a training with practice."""
 
-    Attributes:
-        stages: Outcome of each stage of the last training, by its name.
-        driven: Episodes that each run has driven, of each round.
-    """
-
-    stages: dict[str, Trained]
-    driven: list[list[Demonstrations]]
+    stages: dict[str, Trained]  # outcome of each stage of the last training, by its name
+    driven: list[list[Demonstrations]]  # episodes that each run has driven, of each round
 
 
 def train_with_practice(
@@ -88,37 +83,32 @@ def train_with_practice(
     callbacks: Callable[[int, str], Callbacks] | None = None,
     chunk: int = 500,
 ) -> Practised:
-    """Train dials on demonstrations, and again after each round of practice, from new weights.
+    """Train dials on demonstrations of a world, and again after each round of practice there.
 
-    Args:
-        world: Where they practise.
-        static: Of every training.
-        hyperparameters: Numbers of each run; each practises on episodes of its own.
-        shown: Demonstrations of that world.
-        practice: Amount of practice.
-        callbacks: Called with the number of practised rounds and the name of a stage.
-        chunk: Updates between two calls of the callbacks.
+    Each training begins with new weights, and each run practises on episodes of its own.
+    `callbacks` gets the number of practised rounds and the name of a stage; `chunk` is the number
+    of updates between two calls of what it returns.
 
     Raises:
-        UserError: As `train_together`.
+        UserError: As `learners.dial.offline.train`.
         Stopped: On Ctrl-C.
     """
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
 
     def learn(number: int) -> dict[str, Trained]:
-        data = [concatenate([shown, *own]) if own else shown for own in driven]
+        data = [concatenate([shown, *tables]) if tables else shown for tables in driven]
         of_stage = functools.partial(callbacks, number) if callbacks else None
-        return train_together(static, hyperparameters, data, of_stage, chunk)
+        return train(static, hyperparameters, data, of_stage, chunk)
 
     stages = learn(0)
     for number in range(1, practice.rounds + 1):
-        for run, own in enumerate(driven):
+        for run, tables in enumerate(driven):
             dial = stages["dial"].policy(run)
             angles = np.linspace(static.low, static.high, ANGLES).tolist()
             drivers = {f"practice {number} at {a:g}": dial.at(a) for a in angles}
             first = practice.first_seed + run * practice.span
             first += (number - 1) * ANGLES * practice.episodes
-            own.append(record(world, drivers, practice.episodes, practice.exploration, first))
+            tables.append(record(world, drivers, practice.episodes, practice.exploration, first))
         stages = learn(number)
     return Practised(stages, driven)
 
@@ -129,29 +119,22 @@ def record(
     episodes: int,
     share: float,
     first_seed: int,
-    made_by: str = "practice",
 ) -> Demonstrations:
-    """Record policies in the world, each on episodes of its own.
+    """Record policies, a mode for each name, each on so many episodes of its own.
 
-    Args:
-        world: The world.
-        drivers: Policies by name; a mode for each.
-        episodes: Number of episodes of each.
-        share: Share of decisions that are drawn at random.
-        first_seed: Seed of the first episode.
-        made_by: What they are, for the record.
+    A share of the decisions is drawn at random, from one stream for all episodes of a policy.
     """
     tables = []
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
         actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
-        columns = columns_of(simulate(world.batch(episodes), actor, seeds)).transitions
+        columns, _ = columns_of(simulate(world.batch(episodes), actor, seeds))
         tables.append(
             Demonstrations.of(
                 **columns,
                 mode_names=(name,),
                 n_actions=world.n_actions,
-                source={"made_by": made_by, "first_seed": first_seed, "share": share},
+                source={"made_by": "practice", "first_seed": first_seed, "share": share},
             )
         )
     return concatenate(tables)
@@ -160,13 +143,58 @@ def record(
 def _exploring(
     policy: Policy, n_actions: int, share: float, seed: int
 ) -> Callable[[int, np.ndarray, np.ndarray], Int64[np.ndarray, " row"]]:
-    """Return a script that draws some decisions at random, from one stream for all rows."""
     rng = np.random.default_rng(seed)
 
     def decide(_time: int, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
-        rows = len(running)
-        drawn = rng.integers(n_actions, size=rows)
+        actions = rng.integers(n_actions, size=len(running))
         chosen, _ = policy.predict(observation)
-        return np.where(rng.random(rows) < share, drawn, np.asarray(chosen))
+        return np.where(rng.random(len(running)) < share, actions, np.asarray(chosen))
 
     return decide
+
+
+Act = Callable[[Float32[np.ndarray, "row feature"]], Int64[np.ndarray, " row"]]
+"""A policy: actions of observations."""
+
+
+class Visited(NamedTuple):
+    """States that a policy visits, and what each action leads to if the policy goes on."""
+
+    observation: Float32[np.ndarray, "state feature"]  # of each state
+    time: Float32[np.ndarray, " state"]  # decisions since the reset
+    action: Int64[np.ndarray, " state"]  # the policy's
+    # sums of r_env and r_social to the end of the episode, of each action
+    returns: Float[np.ndarray, "state action 2"]
+    # whether the episode then ends in a collision at fault, of each action
+    at_fault: Bool[np.ndarray, "state action"]
+
+
+def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"]) -> Visited:
+    """Drive an episode for each seed, in a batch of as many, and branch in every state.
+
+    Each action is taken in a copy of the episode, which meets the same traffic, and the policy is
+    followed to the end.
+    """
+    batch.reset(seeds)
+    running, visited = np.ones(batch.size, bool), []
+    while running.any():
+        rows = np.flatnonzero(running)
+        observation, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
+        action[rows] = policy(observation[rows])
+        visited.append((observation[rows], time[rows], action[rows], *_branch(batch, rows, policy)))
+        decisions = batch.step(action, auto_reset=False, rows=running)
+        running &= decisions.ending == int(Ending.NONE)
+    return Visited(*(np.concatenate(column) for column in zip(*visited, strict=True)))
+
+
+def _branch(batch: JunctionBatch, rows: np.ndarray, policy: Act) -> tuple[np.ndarray, np.ndarray]:
+    """Return `returns` and `at_fault` of `Visited` of each action in some rows."""
+    copies = batch.branch(np.repeat(rows, batch.n_actions))
+    first, running = np.tile(np.arange(batch.n_actions), len(rows)), np.ones(copies.size, bool)
+    returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
+    steps = rollouts(copies, first, running, lambda rows: policy(copies.observation[rows]))
+    for decided, decisions in steps:
+        returns[decided] += np.column_stack(decisions.rewards)[decided]
+        collided = decisions.ending == int(Ending.COLLISION)
+        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
+    return returns.reshape(len(rows), -1, 2), at_fault.reshape(len(rows), -1)

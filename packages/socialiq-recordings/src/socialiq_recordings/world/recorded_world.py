@@ -1,12 +1,16 @@
-"""World of recorded junctions as arrays, and its file."""
+"""World of recorded junctions: its options, its arrays, and its file."""
 
 from __future__ import annotations
 
+import collections
 import dataclasses
+import itertools
 import json
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -14,104 +18,113 @@ from gymnasium import spaces
 from socialiq import storage
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
-from socialiq.worlds.highway.options import FEATURES, SIGNALS, reward_definition
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.world import ConstantPolicy, World
-from socialiq_recordings.world.config import WorldConfig
+from socialiq.worlds.world import ConstantPolicy
 
 if TYPE_CHECKING:
-    from socialiq_recordings.world.batch import JunctionBatch
+    from socialiq_recordings.world.gym import JunctionBatch
+
+Lights = Literal["inferred", "none"]
+
+SUB_STEPS = 10  # sub-steps of a second
+LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
+"""m/s²; default actions. Those of recorded decisions, and a hard braking."""
+
+AS_DRIVER = -1  # action with which the ego drives as a driver of the population
+_LONGEST = 600.0  # s; of an episode
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """Options of a world made of recordings.
+
+    Attributes:
+        policy_rate: Decisions per second; divides `SUB_STEPS` and the recordings' rates.
+        levels: Accelerations that the ego can choose, m/s², ascending, one of them 0.
+        duration: s after which an episode times out.
+        observed_vehicles: Rows of the observation, the ego's included.
+        lights: "inferred": lines are closed while the first vehicle of a lane stood there without
+            a reason that the model of the drivers knows. "none": no line is ever closed.
+        slack: m by which vehicles are narrower and shorter than recorded.
+        rewards: Weights and units of the reward pair; its rates, duration, speeds and rows are
+            replaced by those of this world.
+    """
+
+    policy_rate: int = 1
+    levels: tuple[float, ...] = LEVELS
+    duration: float = 20.0
+    observed_vehicles: int = 12
+    lights: Lights = "inferred"
+    slack: float = 0.3
+    rewards: Options = field(default_factory=Options)
+
+    def __post_init__(self) -> None:
+        if self.policy_rate < 1 or SUB_STEPS % self.policy_rate:
+            raise UserError(f"policy rate must be 1, 2, 5 or 10, got {self.policy_rate}")
+        steps = [b - a for a, b in itertools.pairwise(self.levels)]
+        if len(self.levels) < 2 or not all(0 < step < math.inf for step in steps):
+            raise UserError(f"levels must be two or more ascending numbers, got {self.levels}")
+        if 0.0 not in self.levels or not math.isfinite(self.levels[0]):
+            raise UserError(f"levels must have 0 among them, got {self.levels}")
+        if not 1 / self.policy_rate <= self.duration <= _LONGEST:
+            raise UserError(
+                f"duration must be from one decision to {_LONGEST:g} s, got {self.duration:g}"
+            )
+        if not 2 <= self.observed_vehicles <= 100:
+            raise UserError(f"observed vehicles must be 2 to 100, got {self.observed_vehicles}")
+        if not (math.isfinite(self.slack) and 0 <= self.slack <= 1):
+            raise UserError(f"slack must be from 0 to 1 m, got {self.slack}")
+        one_of("lights", self.lights, get_args(Lights))
+
+    @property
+    def frames(self) -> int:
+        """Sub-steps of a decision."""
+        return SUB_STEPS // self.policy_rate
+
+    @property
+    def decisions(self) -> int:
+        """Decisions of an episode that times out."""
+        return math.ceil(self.duration * self.policy_rate - 1e-9)
+
+
+LAYOUT: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+    "recording_first": (np.int64, ()),  # first vehicle of each recording; the number of vehicles
+    "pair_first": (np.int64, ()),  # first pair of each recording, and the number of pairs
+    "identity": (np.int64, ()),  # number of a vehicle in the file that was recorded
+    "length": (np.float64, ()),  # m
+    "width": (np.float64, ()),  # m
+    "arrival": (np.float64, ()),  # coordinate at which the vehicle as ego has arrived, m
+    "origin": (np.float64, ()),  # coordinate on its way that its observations count from, m
+    "zone": (np.float64, (2,)),  # influence zone, from and to, m
+    "egos": (np.int64, ()),  # vehicles whose place the ego can take
+    "line_first": (np.int64, ()),  # first point of each way, and the number of points
+    "line": (np.float64, (4,)),  # x, y in m, direction in rad, largest speed in m/s, every metre
+    "state_first": (np.int64, ()),  # first recorded state of each way, and the number of states
+    "state_step": (np.int64, ()),  # sub-step of that state from the recording's first frame
+    "state": (np.float64, (2,)),  # coordinate in m and speed in m/s, a state each sub-step
+    "area_of": (np.int64, ()),  # conflict area of a pair, -1 if there is none
+    "area": (np.float64, (4,)),  # entry and exit of the first vehicle, then of the other, m
+    "area_yields": (np.int64, ()),  # 1: the first yields, -1: the other, 0: who comes first goes
+    "area_merges": (np.int64, ()),  # 1 if the ways merge, 0 if they cross
+    "stretch_first": (np.int64, ()),  # first stretch of a pair: the other's way in the first one's
+    "stretch": (np.float64, (4,)),  # begin and end on the other's way, then on the first one's, m
+    "closed_first": (np.int64, ()),  # first closure of each way
+    "closed": (np.float64, (3,)),  # coordinate of a closed line in m, from and to in s
+    "drivers": (np.float64, (4,)),  # mean, deviation and bounds by parameter of `drivers.Drivers`
+}
+"""Arrays of a world: type, and shape of one row. Vehicles are numbered over all recordings; pair
+(i, j) of a recording of n vehicles is at n i + j."""
+
+Road = collections.namedtuple("Road", list(LAYOUT))
+"""Arrays that the compiled core reads."""
 
 KIND = WORLD_FILE
 SCHEMA_VERSION = 1
 
-LAYOUT: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
-    "recording_first": (np.int64, ()),
-    "pair_first": (np.int64, ()),
-    "identity": (np.int64, ()),
-    "length": (np.float64, ()),
-    "width": (np.float64, ()),
-    "arrival": (np.float64, ()),
-    "origin": (np.float64, ()),
-    "zone": (np.float64, (2,)),
-    "egos": (np.int64, ()),
-    "line_first": (np.int64, ()),
-    "line": (np.float64, (4,)),
-    "state_first": (np.int64, ()),
-    "state_step": (np.int64, ()),
-    "state": (np.float64, (2,)),
-    "area_of": (np.int64, ()),
-    "area": (np.float64, (4,)),
-    "area_yields": (np.int64, ()),
-    "area_merges": (np.int64, ()),
-    "stretch_first": (np.int64, ()),
-    "stretch": (np.float64, (4,)),
-    "closed_first": (np.int64, ()),
-    "closed": (np.float64, (3,)),
-    "drivers": (np.float64, (4,)),
-}
-"""Arrays: type, and shape of one row."""
-
-_INFINITE = ("closed",)
-
-
-class Road(NamedTuple):
-    """Arrays that the compiled core reads; vehicles are numbered over all recordings.
-
-    Attributes:
-        recording_first: First vehicle of each recording, and the number of vehicles.
-        pair_first: Place of each recording's first ordered pair, and the number of pairs. Pair
-            (i, j) of a recording of n vehicles is at n i + j.
-        identity: Number in the file that was recorded.
-        length: m.
-        width: m.
-        arrival: Coordinate at which the vehicle as ego has arrived, m.
-        origin: Coordinate on its way that its observations count from, m.
-        zone: Influence zone, from and to, m.
-        egos: Vehicles whose place the ego can take.
-        line_first: First point of each way, and the number of points.
-        line: x and y in m, direction in rad, largest speed in m/s, a point every metre.
-        state_first: First recorded state of each way, and the number of states.
-        state_step: Sub-step of that state from the recording's first frame.
-        state: Coordinate in m and speed in m/s, a state each sub-step.
-        area_of: Conflict area of a pair, -1 if there is none.
-        area: Entry and exit of the first vehicle, then of the other, m.
-        area_yields: 1 if the first vehicle yields, -1 if the other does, 0 if who comes first goes.
-        area_merges: 1 if the ways merge, 0 if they cross.
-        stretch_first: First stretch of a pair: where the other's way lies in the first one's.
-        stretch: Begin and end on the other's way, then on the first one's, m.
-        closed_first: First closure of each way.
-        closed: Coordinate of a closed line in m, from and to in s.
-        drivers: Mean, deviation and bounds of each parameter of `drivers.Drivers`.
-    """
-
-    recording_first: np.ndarray
-    pair_first: np.ndarray
-    identity: np.ndarray
-    length: np.ndarray
-    width: np.ndarray
-    arrival: np.ndarray
-    origin: np.ndarray
-    zone: np.ndarray
-    egos: np.ndarray
-    line_first: np.ndarray
-    line: np.ndarray
-    state_first: np.ndarray
-    state_step: np.ndarray
-    state: np.ndarray
-    area_of: np.ndarray
-    area: np.ndarray
-    area_yields: np.ndarray
-    area_merges: np.ndarray
-    stretch_first: np.ndarray
-    stretch: np.ndarray
-    closed_first: np.ndarray
-    closed: np.ndarray
-    drivers: np.ndarray
-
 
 @dataclass(frozen=True, eq=False)
-class RecordedWorld(World):
+class RecordedWorld(RoadWorld):
     """World of recorded junctions.
 
     Its rule-based drivers are a driver of the calibrated population, which knows the ways of the
@@ -133,7 +146,6 @@ class RecordedWorld(World):
     sha256: str = ""
     name: str = "recorded-junction"
 
-    draws_by_seed: ClassVar[bool] = True
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers
 
@@ -144,9 +156,16 @@ class RecordedWorld(World):
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
 
     @property
-    def options(self) -> Options:
+    def options(self) -> Options:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Options of the reward pair."""
-        return self.config.options(self.max_speed)
+        return dataclasses.replace(
+            self.config.rewards,
+            simulation_frequency=SUB_STEPS,
+            policy_frequency=self.config.policy_rate,
+            duration=self.config.duration,
+            observed_vehicles=self.config.observed_vehicles,
+            target_speeds=(0.0, self.max_speed / 2, self.max_speed),
+        )
 
     @property
     def whole_episode(self) -> int:
@@ -154,59 +173,39 @@ class RecordedWorld(World):
         return self.config.decisions
 
     @property
-    def reward(self) -> dict[str, Any]:
-        """Definition of the reward pair: weights of the signals, and the options that matter."""
-        return reward_definition(self.options)
-
-    @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of all signals, those of r_env first."""
-        return SIGNALS
+    def view(self) -> Any:
+        """None: `compare.scene` draws moments."""
+        return None
 
     @property
     def action_space(self) -> spaces.Discrete:
         """Space of one action: the number of an acceleration, the strongest braking first."""
         return spaces.Discrete(len(self.config.levels))
 
-    def driver(self, name: str, seed: int = 0) -> ConstantPolicy:  # noqa: ARG002  none is random
-        """Return a driver of `drivers`.
-
-        Raises:
-            UserError: If the name is unknown.
-        """
-        from socialiq_recordings.world.batch import AS_DRIVER
-
-        one_of("driver of a recorded junction", name, self.drivers)
-        actions = {"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}
-        return ConstantPolicy(actions[name])
-
-    def batch(self, size: int, threads: int = 1) -> JunctionBatch:
-        """Return episodes side by side."""
-        from socialiq_recordings.world.batch import JunctionBatch
-
-        return JunctionBatch(self, size, threads)
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        return self.config.observed_vehicles * len(FEATURES)
-
     @property
     def capacity(self) -> int:
         """Largest number of vehicles of a recording."""
         return int(np.diff(self.road.recording_first).max())
 
-    def save(self, path: Path, replace: bool = False) -> str:
-        """Write the world to one file, whole or not at all.
+    def driver(self, name: str, seed: int = 0) -> ConstantPolicy:  # noqa: ARG002  none is random
+        """Return a driver of `drivers`; see `World.driver`."""
+        one_of("driver of a recorded junction", name, self.drivers)
+        return ConstantPolicy({"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}[name])
 
-        Returns:
-            SHA-256 of the content.
+    def batch(self, size: int, threads: int = 1, traced: bool = False) -> JunctionBatch:  # noqa: ARG002
+        """Return episodes side by side; their sub-steps are not traced."""
+        from socialiq_recordings.world.gym import JunctionBatch
+
+        return JunctionBatch(self, size, threads)
+
+    def save(self, path: Path, replace: bool = False) -> str:
+        """Write the world to one file, whole or not at all; return the SHA-256 of the content.
 
         Raises:
             UserError: If the file can't be written.
         """
         header = {
-            "config": self.config.as_header(),
+            "config": dataclasses.asdict(self.config),
             "max_speed": self.max_speed,
             "provenance": self.provenance,
         }
@@ -221,11 +220,14 @@ class RecordedWorld(World):
             UserError: If the file is missing, damaged, or holds something else.
         """
         arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
-        fault = _fault(arrays) or _header_fault(header)
-        if fault:
+        for fault in _faults(arrays, header):
             raise UserError(f"{path} {fault}: make the world again with `socialiq data world`")
+        options = header["config"]
         try:
-            config = WorldConfig.of_header(header["config"])
+            speeds = tuple(options["rewards"]["target_speeds"])
+            rewards = Options(**options["rewards"] | {"target_speeds": speeds})
+            levels = tuple(options["levels"])
+            config = WorldConfig(**options | {"levels": levels, "rewards": rewards})
         except (UserError, TypeError, KeyError, ValueError) as error:
             raise UserError(
                 f"{path} has options that make no world: make it again with `socialiq data world`"
@@ -235,80 +237,60 @@ class RecordedWorld(World):
             road, config, header["max_speed"], header["provenance"], header["sha256"]
         )
 
-    def with_config(self, **changes: Any) -> RecordedWorld:
-        """Return the same road under other options."""
-        return dataclasses.replace(self, config=dataclasses.replace(self.config, **changes))
 
-
-def _header_fault(header: dict[str, Any]) -> str:
-    speed = header.get("max_speed")
-    if not (isinstance(speed, float) and 0 < speed < 1e3):
-        return "has no largest speed"
-    if not isinstance(header.get("provenance"), dict) or not isinstance(header.get("config"), dict):
-        return "has no provenance or options"
-    return ""
-
-
-def _fault(arrays: dict[str, np.ndarray]) -> str:
-    """Return what is wrong with a world's arrays; "" if nothing is.
+def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with a world; each check relies on those before it.
 
     The compiled core checks no index, so that each is checked here.
     """
+    speed = header.get("max_speed")
+    if not (isinstance(speed, float) and 0 < speed < 1e3):
+        yield "has no largest speed"
+    if not isinstance(header.get("provenance"), dict) or not isinstance(header.get("config"), dict):
+        yield "has no provenance or options"
     for name, (dtype, shape) in LAYOUT.items():
         array = arrays.get(name)
         if array is None or array.dtype != dtype or array.shape[1:] != shape or array.ndim < 1:
-            return f"lacks the column {name}, or has it in another form"
-        if name in _INFINITE:
+            yield f"lacks the column {name}, or has it in another form"
+        elif name == "closed":
             if np.isnan(array).any():
-                return f"has numbers in {name} that are none"
+                yield f"has numbers in {name} that are none"
         elif not np.isfinite(array).all():
-            return f"has numbers in {name} that are not finite"
+            yield f"has numbers in {name} that are not finite"
     if set(arrays) != set(LAYOUT):
-        return "has columns that are no world's"
-    return _count_fault(arrays) or _index_fault(arrays)
-
-
-def _count_fault(arrays: dict[str, np.ndarray]) -> str:
+        yield "has columns that are no world's"
     vehicles, counts = len(arrays["identity"]), np.diff(arrays["recording_first"])
-    offsets = {
-        "recording_first": (None, vehicles),
-        "pair_first": (len(counts) + 1, len(arrays["area_of"])),
-        "line_first": (vehicles + 1, len(arrays["line"])),
-        "state_first": (vehicles + 1, len(arrays["state"])),
-        "stretch_first": (len(arrays["area_of"]) + 1, len(arrays["stretch"])),
-        "closed_first": (vehicles + 1, len(arrays["closed"])),
-    }
-    for name, (rows, total) in offsets.items():
+    egos, area_of, areas = arrays["egos"], arrays["area_of"], len(arrays["area"])
+    for name, rows, total in (
+        ("recording_first", None, vehicles),
+        ("pair_first", len(counts) + 1, len(area_of)),
+        ("line_first", vehicles + 1, len(arrays["line"])),
+        ("state_first", vehicles + 1, len(arrays["state"])),
+        ("stretch_first", len(area_of) + 1, len(arrays["stretch"])),
+        ("closed_first", vehicles + 1, len(arrays["closed"])),
+    ):
         first = arrays[name]
         sized = len(first) >= 2 and (rows is None or len(first) == rows)
         if not sized or first[0] != 0 or first[-1] != total or (np.diff(first) < 0).any():
-            return f"has places in {name} that don't fit the other columns"
+            yield f"has places in {name} that don't fit the other columns"
     if (counts < 1).any() or (np.diff(arrays["pair_first"]) != counts**2).any():
-        return "has a recording without vehicles or pairs"
-    short = (np.diff(arrays["line_first"]) < 2) | (np.diff(arrays["state_first"]) < 1)
-    if short.any():
-        return "has a vehicle without a line or a state"
+        yield "has a recording without vehicles or pairs"
+    if (np.diff(arrays["line_first"]) < 2).any() or (np.diff(arrays["state_first"]) < 1).any():
+        yield "has a vehicle without a line or a state"
     for name in ("length", "width", "arrival", "origin", "zone", "state_step"):
         if len(arrays[name]) != vehicles:
-            return f"has another number of rows in {name} than vehicles"
-    return ""
-
-
-def _index_fault(arrays: dict[str, np.ndarray]) -> str:
-    vehicles, areas = len(arrays["identity"]), len(arrays["area"])
-    egos, of = arrays["egos"], arrays["area_of"]
+            yield f"has another number of rows in {name} than vehicles"
     if len(egos) < 1 or (egos < 0).any() or (egos >= vehicles).any():
-        return "has an ego that is no vehicle"
-    if (of < -1).any() or (of >= areas).any():
-        return "has a conflict area that isn't there"
+        yield "has an ego that is no vehicle"
+    if (area_of < -1).any() or (area_of >= areas).any():
+        yield "has a conflict area that isn't there"
     if len(arrays["area_yields"]) != areas or len(arrays["area_merges"]) != areas:
-        return "has conflict areas without a right of way"
+        yield "has conflict areas without a right of way"
     if (arrays["length"] <= 0).any() or (arrays["width"] <= 0).any():
-        return "has a vehicle without a size"
-    if (np.abs(arrays["state_step"]) > 10**9).any() or (arrays["state_step"] < 0).any():
-        return "has a state before the recording"
+        yield "has a vehicle without a size"
+    if (arrays["state_step"] > 10**9).any() or (arrays["state_step"] < 0).any():
+        yield "has a state before the recording"
     if arrays["drivers"].shape != (6, 4) or (arrays["drivers"][:, (0, 2, 3)] <= 0).any():
-        return "has drivers without parameters"
+        yield "has drivers without parameters"
     if (np.abs(arrays["line"]) > 1e8).any() or (arrays["line"][:, 3] <= 0).any():
-        return "has a line that is none"
-    return ""
+        yield "has a line that is none"

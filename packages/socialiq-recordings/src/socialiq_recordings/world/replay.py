@@ -2,74 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int32, Int64
+from jaxtyping import Float64, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.options import Buffers
 from socialiq.worlds.intersection.options import settings_of
-from socialiq_recordings.world.batch import Made, Traffic
-from socialiq_recordings.world.config import SUB_STEPS
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.gym import Traffic
+from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
 
 HUMAN, SIMULATED = MODES = ("human", "simulated")
 """Modes of recorded drivers, by whether the recording shows signs of a simulation."""
 
 
-class Levels(NamedTuple):
-    """Decisions as levels of acceleration.
-
-    Attributes:
-        action: Index of the closest level; of two equally close, the one nearer to 0.
-        residual: Speed at the next decision minus that of the level, m/s.
-    """
-
-    action: Int32[np.ndarray, " decision"]
-    residual: Float64[np.ndarray, " decision"]
-
-
-def levels_of(
-    speed: Float64[np.ndarray, " decision_and_one"], levels: Sequence[float], seconds: float
-) -> Levels:
-    """Return the closest level of acceleration of each decision.
-
-    Args:
-        speed: Speed at every decision, and at the end of the last one, m/s.
-        levels: m/s², ascending.
-        seconds: Duration of a decision.
-    """
-    values = np.asarray(levels, np.float64)
-    changes = np.diff(speed)
-    misses = changes[:, None] - values * seconds
-    # A tie goes to the level nearer to 0.
-    action = np.argmin(np.round(np.abs(misses), 9) + 1e-12 * np.abs(values), axis=1)
-    return Levels(action.astype(np.int32), misses[np.arange(len(changes)), action])
-
-
 class Replayed(NamedTuple):
-    """Recorded decisions in the form of a world.
+    """Recorded decisions in the form of a world."""
 
-    Attributes:
-        table: Demonstrations; an episode ends with ARRIVAL, or with TIMEOUT at the end of the view.
-        vehicle: Number in the world of each episode's vehicle.
-        step: Sub-step of each decision, from the recording's first frame.
-        speed: At the end of each decision, m/s.
-        signals: Signals of the rewards of each decision, in the order of `SIGNALS`.
-        residual: Recorded speed at the next decision less that of the chosen level, m/s.
-        change: Recorded change of speed of each decision, m/s.
-    """
-
+    # demonstrations; an episode ends with ARRIVAL, or with TIMEOUT at the end of the view
     table: Demonstrations
-    vehicle: Int64[np.ndarray, " episode"]
+    vehicle: Int64[np.ndarray, " episode"]  # number in the world of each episode's vehicle
+    # sub-step of each decision, from the recording's first frame
     step: Int64[np.ndarray, " decision"]
-    speed: Float64[np.ndarray, " decision"]
+    speed: Float64[np.ndarray, " decision"]  # at the end of each decision, m/s
+    # signals of the rewards of each decision, in the order of `SIGNALS`
     signals: Float64[np.ndarray, "decision signal"]
+    # recorded speed at the next decision less that of the chosen level, m/s
     residual: Float64[np.ndarray, " decision"]
-    change: Float64[np.ndarray, " decision"]
+    change: Float64[np.ndarray, " decision"]  # recorded change of speed of each decision, m/s
 
     @property
     def residual_rms(self) -> float:
@@ -85,10 +48,12 @@ class Replayed(NamedTuple):
 def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> Replayed:
     """Return the decisions of every vehicle whose place an ego can take.
 
+    The action of a decision is the level closest to its change of speed; of two equally close, the
+    one nearer to 0.
+
     Args:
         world: The world.
-        every: s between the beginnings of a vehicle's episodes. The recorded moments between two
-            decisions are then used too, by episodes that begin there; their decisions overlap and
+        every: s between the beginnings of a vehicle's episodes, whose decisions then overlap and
             are not independent. 0: one episode for each vehicle.
         as_human: Whether vehicles of simulated recordings get the mode of people, too.
 
@@ -106,42 +71,35 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
     steps = np.concatenate([steps for _, steps in runs])
     episode = np.repeat(np.arange(len(runs)), [len(steps) for _, steps in runs])
     recording = np.searchsorted(world.road.recording_first, vehicles[episode], side="right") - 1
-    results = _made(world, recording, vehicles[episode], steps)
+    results = _results(world, recording, vehicles[episode], steps)
     last = np.append(np.diff(episode) > 0, True)
-    action, residual = np.zeros(len(steps), np.int32), np.zeros(len(steps))
-    for number in range(len(runs)):
-        rows = np.flatnonzero(episode == number)
-        levels = levels_of(results.speed[rows], world.config.levels, 1 / world.config.policy_rate)
-        action[rows[:-1]], residual[rows[:-1]] = levels
     rows = np.flatnonzero(~last)
     ending = results.ending.copy()
     final = rows[last[rows + 1]]  # the last decision of its episode
     ending[final] = np.where(ending[final] == int(Ending.NONE), int(Ending.TIMEOUT), ending[final])
+    change, levels = results.speed[rows + 1] - results.speed[rows], np.array(world.config.levels)
+    misses = change[:, None] - levels * (1 / world.config.policy_rate)
+    # A tie goes to the level nearer to 0.
+    action = np.argmin(np.round(np.abs(misses), 9) + 1e-12 * np.abs(levels), axis=1)
     observation = results.observation.reshape(len(steps), -1)
     simulated = np.array(
         [int(source["simulated"] and not as_human) for source in world.provenance["recordings"]]
     )
     table = Demonstrations.of(
         observation=observation[rows],
-        action=action[rows],
+        action=action.astype(np.int32),
         next_observation=observation[rows + 1],
         ending=ending[rows],
-        rewards=RewardPair(results.pair[rows, 0], results.pair[rows, 1]),
+        rewards=RewardPair(results.rewards[rows, 0], results.rewards[rows, 1]),
         episode=episode[rows],
         mode=simulated[recording[rows]],
         mode_names=MODES,
         n_actions=world.n_actions,
         source={"made_by": "socialiq data world", "world": world.provenance, "every": every},
     )
-    return Replayed(
-        table,
-        vehicles,
-        steps[rows],
-        results.speed[rows + 1],
-        results.signals[rows],
-        residual[rows],
-        results.speed[rows + 1] - results.speed[rows],
-    )
+    signals, residual = results.signals[rows], misses[np.arange(len(rows)), action]
+    speed = results.speed[rows + 1]
+    return Replayed(table, vehicles, steps[rows], speed, signals, residual, change)
 
 
 def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarray, " decision"]]:
@@ -160,20 +118,19 @@ def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarr
     return runs
 
 
-def _made(
+def _results(
     world: RecordedWorld,
     recording: Int64[np.ndarray, " moment"],
     vehicle: Int64[np.ndarray, " moment"],
     steps: Int64[np.ndarray, " moment"],
-) -> Made:
+) -> Buffers:
     """Return observation, and the rewards of the decision that follows, at recorded moments."""
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
 
-    results = Made.of(world, len(steps))
-    settings = settings_of(world.config.options(world.max_speed))
+    results = Buffers.of(world.options, np.dtype(np.int8), 0, len(steps))
     egos = vehicle - world.road.recording_first[recording]
     moments = (recording.astype(np.int64), egos.astype(np.int64), steps.astype(np.int64))
-    traffic = Traffic.of(world, 1)
-    run_in_parts(core.replay, 1, len(steps), world.road, traffic, results, *moments, settings)
+    state = world.road, Traffic.of(world, 1), results
+    run_in_parts(core.replay, 1, len(steps), *state, *moments, settings_of(world.options))
     return results

@@ -31,13 +31,7 @@ def hashed(word):
 
 @kernel
 def uniform(seed, purpose, number):
-    """Return a number in [0, 1).
-
-    Args:
-        seed: The episode's, uint64.
-        purpose: What it is for.
-        number: Which one of these.
-    """
+    """Return a number in [0, 1): that of a number and a purpose of an episode."""
     word = hashed(seed + _GOLDEN * np.uint64(purpose + 1))
     word = hashed(word + _GOLDEN * np.uint64(number + 1))
     return np.float64(word >> _S11) * _UNIT
@@ -57,10 +51,8 @@ def following(seed):
     return hashed(seed + _GOLDEN) + _ONE
 
 
-WAITING, PRESENT, GONE = range(3)
-"""States of a vehicle in an episode."""
-
-DT = 0.1  # s of a sub-step; 1 / config.SUB_STEPS
+WAITING, PRESENT, GONE = range(3)  # states of a vehicle in an episode
+DT = 0.1  # s of a sub-step; 1 / SUB_STEPS
 HARDEST = 8.0  # m/s²
 _V0, _T, _S0, _A, _B, _MARGIN = range(6)
 
@@ -73,7 +65,7 @@ _CREEP = 0.3  # m/s; least speed of a projection
 
 @kernel
 def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
-    """Return the acceleration of the IDM, m/s²; `recordings.idm.acceleration`."""
+    """Return the acceleration of the IDM, m/s²; the compiled form of `physics.acceleration`."""
     ratio = speed / desired
     free = 1.0 - ratio * ratio * ratio * ratio
     closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(strongest * comfort))
@@ -103,22 +95,17 @@ def limit_at(line_first, line, vehicle, along):
 
 
 @kernel
-def ahead_of(stretch_first, stretch, pair, along, own):
-    """Return where another vehicle is on one's way, m; minus infinity if it isn't there ahead.
+def ahead_of(stretch_first, stretch, pair, along, position):
+    """Return where another at `along` on its way is on one's own way, m.
 
-    Args:
-        stretch_first: First stretch of each pair.
-        stretch: The stretches.
-        pair: Place of the ordered pair, oneself first.
-        along: The other's coordinate on its way, m.
-        own: One's own coordinate, m.
+    Minus infinity if it isn't there ahead of one's `position`. `pair` has oneself first.
     """
     for number in range(stretch_first[pair], stretch_first[pair + 1]):
         begin, end = stretch[number, 0], stretch[number, 1]
         if begin <= along <= end:
             low, high = stretch[number, 2], stretch[number, 3]
             at = low + (along - begin) * (high - low) / (end - begin)
-            if at > own:
+            if at > position:
                 return at
     return -math.inf
 
@@ -127,12 +114,7 @@ def ahead_of(stretch_first, stretch, pair, along, own):
 def closed_line(closed_first, closed, vehicle, front, now):
     """Return the coordinate of the next line that is closed to a vehicle, m; infinity if none is.
 
-    Args:
-        closed_first: First closure of each vehicle.
-        closed: The closures.
-        vehicle: Number in the world.
-        front: Coordinate of its front, m.
-        now: s from the recording's first frame.
+    `front` is the coordinate of its front, m, `now` the time from the recording's first frame, s.
     """
     for number in range(closed_first[vehicle], closed_first[vehicle + 1]):
         if closed[number, 0] > front and closed[number, 1] <= now < closed[number, 2]:
@@ -141,36 +123,23 @@ def closed_line(closed_first, closed, vehicle, front, now):
 
 
 @kernel
-def arrival_of(gap, speed):
-    """Return the expected time of arrival of another vehicle, s."""
-    if speed < _STARTING:
-        return time_to(gap, speed, 1.5, 8.0)
-    return gap / speed
-
-
-@kernel
 def waits(gap, through, speed, strongest, desired, margin, their_gap, their_through, their_speed,
           rule, ranked):  # fmt: skip
     """Whether a vehicle may not enter a conflict area now.
 
-    Args:
-        gap: From its front to the area, m, above 0.
-        through: From its front to where its rear leaves the area, m.
-        speed: m/s.
-        strongest: Its acceleration, m/s².
-        desired: Its desired speed, m/s.
-        margin: s that it leaves before a vehicle with the right of way.
-        their_gap: The other's gap, m; 0 or less if it is in the area.
-        their_through: The other's way until its rear has left, m.
-        their_speed: m/s.
-        rule: 1 if it yields, -1 if the other does, 0 if who comes first goes first.
-        ranked: Whether it goes first if both arrive at one moment.
+    `gap` is from its front to the area, m, `through` from its front to where its rear leaves it;
+    the other's gap is 0 or less if it is in the area. `margin` is what it leaves before a vehicle
+    with the right of way, s. `rule`: 1 if it yields, -1 if the other does, 0 if who comes first
+    goes first, or the `ranked` one if both arrive at one moment.
     """
     arrives = time_to(gap, speed, strongest, max(desired, speed))
     clears = their_through / max(their_speed, _CREEP)
     if their_gap <= 0.0:
         return arrives < clears + _CLEAR
-    soon = arrival_of(their_gap, their_speed)
+    if their_speed < _STARTING:
+        soon = time_to(their_gap, their_speed, 1.5, 8.0)
+    else:
+        soon = their_gap / their_speed
     if soon > _SOON or speed * speed > 2.0 * _STOPS * gap:
         return False
     if speed >= _STARTING and clears + _CLEAR <= arrives:
@@ -184,14 +153,7 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
 def drive(road, traffic, row, base, count, vehicle, now):
     """Return a driver's acceleration, m/s², and write what is ahead of it to `barrier`.
 
-    Args:
-        road: Arrays of the world.
-        traffic: State of the episodes.
-        row: The episode.
-        base: First vehicle of its recording.
-        count: Vehicles of the recording.
-        vehicle: The vehicle.
-        now: s from the recording's first frame.
+    `now` is the time from the recording's first frame, s.
     """
     along, speed = traffic.along[row, vehicle], traffic.speed[row, vehicle]
     headway, jam = traffic.driver[row, vehicle, _T], traffic.driver[row, vehicle, _S0]
@@ -239,7 +201,7 @@ def drive(road, traffic, row, base, count, vehicle, now):
 
 @kernel
 def advance(speed, rate):
-    """Return the distance of a sub-step and the speed after it; `recordings.idm.ballistic`."""
+    """Return the distance of a sub-step and the speed after it; compiled `physics.ballistic`."""
     after = speed + rate * DT
     if after < 0.0:
         return speed * speed / (-2.0 * rate), 0.0

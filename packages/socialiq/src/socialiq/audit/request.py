@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 from socialiq.audit.evidence.outcomes import Reference, check_episodes
 from socialiq.audit.seeds import Nonce, Round, check_seed, read_nonce, read_round
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.rollout import MODES
 from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy

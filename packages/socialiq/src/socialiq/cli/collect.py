@@ -18,7 +18,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
-from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy

@@ -14,8 +14,7 @@ from socialiq.cli.drivers import gridworld_of, refuse_misfit, road_named
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
-from socialiq.evaluation.exact import Optimum, Readout
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics, Optimum, Readout
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy

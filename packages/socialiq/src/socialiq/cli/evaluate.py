@@ -19,8 +19,7 @@ from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.context import evaluate_by_rule
-from socialiq.evaluation.episode_rows import policy_row
-from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of
+from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of, policy_row
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.simulate import SoftPolicy

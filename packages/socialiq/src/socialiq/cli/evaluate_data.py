@@ -12,8 +12,7 @@ import numpy as np
 from socialiq.cli.output import print_json, print_table, say
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq.evaluation.logged import Chances, Logged
-from socialiq.evaluation.off_policy import Estimate, Evaluator
+from socialiq.evaluation.off_policy import Chances, Estimate, Evaluator, Logged
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.load import load_policy

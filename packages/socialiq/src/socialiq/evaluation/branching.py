@@ -12,24 +12,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
-from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import Act, Ending, Policy, RewardPair
 from socialiq.worlds import world
 from socialiq.worlds.highway.world import RoadBatch, State
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.world import Batch
-
-Act = Callable[[np.ndarray], Any]
-"""Given observations, (row, feature), returns one action for each."""
-
-Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
-"""Given the number of episodes and random numbers, returns an angle for each, in degrees."""
-
-Worth = Callable[[Float32[np.ndarray, "row feature"]], RewardPair]
-"""Given what the policy observes, returns a further reward pair of each action, each
-(row, action)."""
 
 
 def rollouts(
@@ -38,16 +27,10 @@ def rollouts(
     running: Bool[np.ndarray, " copy"],
     follow: Callable[[Int64[np.ndarray, " row"]], np.ndarray],
 ) -> Iterator[tuple[Bool[np.ndarray, " copy"], Any]]:
-    """Take a first action in each copy, then follow a policy to the end of each episode.
+    """Take a first action in each running copy, then follow a policy to the end of its episode.
 
-    Args:
-        copies: Copies of episodes.
-        first: First action of each.
-        running: Copies that run.
-        follow: From numbers of copies to their next actions.
-
-    Yields:
-        Of each decision the copies that took it, and its results.
+    `follow` returns the next actions of the copies with given numbers. Yields the copies that took
+    each decision, and its results.
     """
     action, deciding = first.copy(), running.copy()
     while deciding.any():
@@ -64,7 +47,6 @@ def branched_returns(
     follow: Act,
     clock: bool = False,
     angles: Float[np.ndarray, " batch"] | None = None,
-    worth: Worth | None = None,
 ) -> RewardPair:
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
@@ -76,7 +58,6 @@ def branched_returns(
         follow: Policy after the first action.
         clock: Whether it observes the time.
         angles: Of each episode in degrees, if the policy observes it.
-        worth: Further rewards of actions, the first one's own among them; None for none.
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
@@ -87,18 +68,11 @@ def branched_returns(
     turned = None if angles is None else np.repeat(angles, count)
 
     def act(rows: np.ndarray) -> np.ndarray:
-        observation = observed(copies, clock, turned)[rows]
-        action = follow(observation)
-        if worth:
-            total[rows] += np.stack(worth(observation), axis=-1)[np.arange(len(rows)), action]
-        return action
+        return follow(observed(copies, clock, turned)[rows])
 
     for decided, decisions in rollouts(copies, np.tile(np.arange(count), size), running, act):
         total[decided] += np.column_stack(decisions.rewards)[decided]
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
-    if worth:
-        first = np.stack(worth(observed(batch, clock, angles)), axis=-1)
-        shared += np.where(now.waiting[:, None, None], 0.0, first)
     return RewardPair(shared[..., 0], shared[..., 1])
 
 
@@ -130,69 +104,13 @@ def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "bat
     return (target[:, :, None] == target[:, None, :]).argmax(axis=2)
 
 
-class Branching:
-    """Labeller of `learners.policy_iteration`: intersections side by side on the core.
-
-    Each call begins with new episodes.
-
-    Args:
-        options: Scenario.
-        states: Number of states labelled in a call.
-        episodes: Number of episodes side by side.
-        clock: Whether observations end with the time.
-        angles: Draws the angle at which each episode is driven and its copies too; observations
-            then end with it, after the time. None for a policy of one angle.
-        worth: Further rewards of actions; None for none.
-
-    Raises:
-        UserError: If a number is not positive.
-    """
-
-    def __init__(
-        self,
-        options: Options,
-        states: int,
-        episodes: int = 256,
-        clock: bool = False,
-        angles: Angles | None = None,
-        worth: Worth | None = None,
-    ) -> None:
-        for name, value in (("states", states), ("episodes", episodes)):
-            if value < 1:
-                raise UserError(f"{name} must be at least 1, got {value}")
-        self._states, self._clock, self._angles, self._worth = states, clock, angles, worth
-        self._batch = Batch(options, min(episodes, states))
-
-    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Any:
-        """Drive with `visit`, and label the states by rollouts of `follow`."""
-        batch, labelled = self._batch, []
-        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
-        angles = self._angles(batch.size, rng) if self._angles else None
-        for _ in range(-(-self._states // batch.size)):
-            observation = observed(batch, self._clock, angles)
-            returns = branched_returns(batch, follow, self._clock, angles, self._worth)
-            labelled.append((observation, *returns))
-            batch.step(visit(observation))
-        states, env, social = (
-            np.concatenate(column)[: self._states] for column in zip(*labelled, strict=True)
-        )
-        from socialiq.learners.policy_iteration.train import Labelled  # learning needs JAX
-
-        return Labelled(states, RewardPair(env, social))
-
-
 class OracleLookahead:
     """Policy with oracle lookahead in the batch that it drives.
 
     It decides by `branched_returns` of another policy. The copies draw the same random numbers as
     the episode itself will, so the best action is known in advance. This is one step of policy
-    improvement, not a bound: a better base policy would give more.
-
-    Args:
-        policy: Policy that drives the copies; one with `n_features` one more than the
-            observation's observes the time.
-        batch: Batch that it drives, on the core.
-        angle: At which totals are scored, in degrees.
+    improvement, not a bound: a better base policy would give more. A policy with one feature more
+    than the observation observes the time; totals are scored at the angle in degrees.
     """
 
     def __init__(self, policy: Policy, batch: Batch, angle: float) -> None:
@@ -211,25 +129,16 @@ class OracleLookahead:
 
     def totals(self) -> Float[np.ndarray, "batch action"]:
         """Return the score that each action gives from now to the end of its episode."""
-        returns = branched_returns(
-            self._batch,
-            lambda seen: np.asarray(self._policy.predict(seen)[0]),
-            self._clock,
-        )
-        return score(self._weights, returns)
+
+        def follow(observation: np.ndarray) -> np.ndarray:
+            return np.asarray(self._policy.predict(observation)[0])
+
+        return score(self._weights, branched_returns(self._batch, follow, self._clock))
 
 
 def with_oracle_lookahead(
     options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
 ) -> Episodes:
-    """Run the episodes of a policy with oracle lookahead.
-
-    Args:
-        options: The scenario.
-        policy: Policy that drives the copies.
-        seeds: One for each episode.
-        angle: At which totals are scored, in degrees.
-        size: Number of episodes side by side.
-    """
+    """Run seeded episodes of a policy with `OracleLookahead`, so many side by side."""
     batch = Batch(options, min(size, len(seeds)))
     return episodes_of(batch, OracleLookahead(policy, batch, angle), seeds)

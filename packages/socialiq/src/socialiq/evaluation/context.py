@@ -32,7 +32,6 @@ from socialiq.evaluation.episodes import Episodes, summed
 from socialiq.evaluation.simulate import actor_of, simulate
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.mdp.solve import best_action
-from socialiq.mdp.tabular import TabularMDP
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
@@ -49,12 +48,7 @@ TimedPolicy = Float[np.ndarray, "time state action"]
 
 
 class StateAngles(NamedTuple):
-    """A rule in the states of a world.
-
-    Attributes:
-        degrees: Angle in each state.
-        context: Number of the context of each state (`AngleRule.contexts`).
-    """
+    """Angle in degrees and number of the context (`AngleRule.contexts`) of each state."""
 
     degrees: Float64[np.ndarray, " state"]
     context: Int64[np.ndarray, " state"]
@@ -75,11 +69,7 @@ class ContextLosses(NamedTuple):
 
 
 def state_angles(table: Table, rule: AngleRule) -> StateAngles:
-    """Return the angle and the context of each state of an enumerated world.
-
-    Args:
-        table: The world or its reachable part.
-        rule: A rule of this world.
+    """Return the angle and the context of each state of a world, or its reachable part.
 
     Raises:
         UserError: If the rule is of another world, or reads an unknown feature.
@@ -121,7 +111,8 @@ def consistent(table: Table, angles: StateAngles) -> TimedPolicy:
     after = RewardPair(np.zeros(mdp.n_states), np.zeros(mdp.n_states))
     actions = np.zeros((table.world.horizon, mdp.n_states), np.int64)
     for time in reversed(range(table.world.horizon)):
-        q = _pair_values(mdp, after)
+        pairs = zip(mdp.rewards, after, strict=True)
+        q = RewardPair(*(reward + mdp.expected_next(values) for reward, values in pairs))
         actions[time] = best_action(env[:, None] * q.env + social[:, None] * q.social, 1e-12)
         after = RewardPair(*(side[rows, actions[time]] for side in q))
     return np.eye(mdp.n_actions)[actions]
@@ -130,12 +121,7 @@ def consistent(table: Table, angles: StateAngles) -> TimedPolicy:
 def decision_loss(
     table: Table, degrees: float | Float64[np.ndarray, " state"]
 ) -> Float64[np.ndarray, "time state action"]:
-    """Return V*(s; α) - Q*(s, a; α) >= 0 at each time, at one angle or at that of each state.
-
-    Args:
-        table: The world or its reachable part.
-        degrees: Angle α, or one for each state.
-    """
+    """Return V*(s; α) - Q*(s, a; α) >= 0 at each time, at one angle or at that of each state."""
     mdp, horizon = table.mdp, table.world.horizon
     angles = np.broadcast_to(degrees, mdp.n_states)
     losses = np.empty((horizon, mdp.n_states, mdp.n_actions))
@@ -162,49 +148,21 @@ class RuleMetrics(NamedTuple):
 
 
 def evaluate_by_rule(table: Table, policy: np.ndarray, rule: AngleRule) -> RuleMetrics:
-    """Evaluate a policy exactly at a rule.
-
-    Args:
-        table: The world or its reachable part.
-        policy: Action probabilities by state, or by time and state.
-        rule: A rule of this world.
-    """
-    angles = state_angles(table, rule)
-    visits = _visits(table, policy)
+    """Evaluate action probabilities, by state or by time and state, exactly at a rule."""
+    angles, mdp = state_angles(table, rule), table.mdp
+    running, visits = mdp.initial, []
+    for time in range(table.world.horizon):
+        visits.append(running[:, None] * (policy[time] if policy.ndim == 3 else policy))
+        running = mdp.arrivals(visits[time])
+    visits = np.stack(visits)
     lost = (visits * decision_loss(table, angles.degrees)).sum(axis=(0, 2))
-    taken, rewards = visits.sum(axis=0), table.mdp.rewards
-    contexts = len(rule.contexts)
+    taken, contexts = visits.sum(axis=0), len(rule.contexts)
     return RuleMetrics(
-        totals=RewardPair(*(float((taken * side).sum()) for side in rewards)),
+        totals=RewardPair(*(float((taken * side).sum()) for side in mdp.rewards)),
         weighed=float((taken * rule_reward(table, angles)).sum()),
         loss=np.bincount(angles.context, lost, contexts),
         decisions=np.bincount(angles.context, taken.sum(axis=1), contexts),
     )
-
-
-def loss_by_angle(
-    table: Table, policy: np.ndarray, rule: AngleRule, candidates: tuple[float, ...]
-) -> Float64[np.ndarray, "context angle"]:
-    """Return the decision loss in each context at other angles than the declared one.
-
-    The angle of the smallest loss is the one that the policy follows there.
-
-    Args:
-        table: The world or its reachable part.
-        policy: As for `evaluate_by_rule`.
-        rule: The rule, whose contexts count.
-        candidates: Angles in degrees.
-    """
-    context, visits = state_angles(table, rule).context, _visits(table, policy)
-    columns = [
-        np.bincount(
-            context,
-            (visits * decision_loss(table, angle)).sum(axis=(0, 2)),
-            len(rule.contexts),
-        )
-        for angle in candidates
-    ]
-    return np.stack(columns, axis=1)
 
 
 def _optimum(table: Table, angle: float) -> tuple[np.ndarray, np.ndarray]:
@@ -217,24 +175,6 @@ def _optimum(table: Table, angle: float) -> tuple[np.ndarray, np.ndarray]:
     return best.actions, best.values[..., None] - q
 
 
-def _pair_values(mdp: TabularMDP, after: RewardPair) -> RewardPair:
-    """Return both Q of each state and action, given both values of the next state."""
-    return RewardPair(
-        *(reward + mdp.expected_next(v) for reward, v in zip(mdp.rewards, after, strict=True))
-    )
-
-
-def _visits(table: Table, policy: np.ndarray) -> Float64[np.ndarray, "time state action"]:
-    """Return the chance of each state and action at each time of an episode."""
-    mdp, running = table.mdp, table.mdp.initial
-    visits = np.empty((table.world.horizon, mdp.n_states, mdp.n_actions))
-    for time in range(table.world.horizon):
-        chosen = policy[time] if policy.ndim == 3 else policy
-        visits[time] = running[:, None] * chosen
-        running = mdp.arrivals(visits[time])
-    return visits
-
-
 def _weights(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return cos α and sin α of each angle, exact at multiples of 90 degrees."""
     pairs = np.array([exact_weights(angle) for angle in degrees.tolist()])
@@ -244,10 +184,7 @@ def _weights(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class DecisionLosses:
     """Losses of every decision in an enumerated world, to be looked up while a policy drives.
 
-    Args:
-        table: The world or its reachable part.
-        rule: The rule.
-        candidates: Further angles at which the losses are measured, in degrees.
+    They are at the rule's angle, and at further candidates in degrees.
     """
 
     def __init__(self, table: Table, rule: AngleRule, candidates: tuple[float, ...]) -> None:
@@ -258,9 +195,7 @@ class DecisionLosses:
 
     def begin(self, episodes: int) -> ContextLosses:
         """Return losses of so many episodes, all 0, which `note` adds to."""
-        shape = (episodes, self.contexts)
-        by_angle = np.zeros((*shape, self._by_angle.shape[-1]))
-        return ContextLosses(np.zeros(shape), by_angle, np.zeros(shape, np.int64))
+        return _no_losses((episodes, self.contexts), self._by_angle.shape[-1])
 
     def note(
         self,
@@ -277,6 +212,11 @@ class DecisionLosses:
         losses.decisions[cell] += 1
 
 
+def _no_losses(shape: tuple[int, int], candidates: int) -> ContextLosses:
+    by_angle = np.zeros((*shape, candidates))
+    return ContextLosses(np.zeros(shape), by_angle, np.zeros(shape, np.int64))
+
+
 def losses_of(
     batch: Batch,
     policy: Policy,
@@ -286,16 +226,9 @@ def losses_of(
     candidates: tuple[float, ...] = (),
     deterministic: bool = True,
 ) -> tuple[Episodes, ContextLosses]:
-    """Run one episode of a policy for each seed, and measure its decision losses.
+    """Run one episode of a policy for each seed, and measure its decision losses on the core.
 
-    Args:
-        batch: Batch of episodes to drive, on the core.
-        policy: The policy.
-        seeds: Seed of each episode, each once.
-        reference: Dial that the policy is compared with.
-        rule: The rule.
-        candidates: Further angles at which the losses are measured, in degrees.
-        deterministic: Whether the policy takes its best action.
+    They are by a reference dial, at the rule's angle and at further candidates, in degrees.
     """
     inner = actor_of(batch, policy, deterministic)
     actor = LossActor(batch, inner, seeds, reference, rule, candidates)
@@ -304,11 +237,7 @@ def losses_of(
 
 
 class LossActor:
-    """Actor that measures the loss of each decision of another one before it is taken.
-
-    Attributes:
-        losses: The losses so far.
-    """
+    """Actor that measures the loss of each decision of another one before it is taken."""
 
     def __init__(
         self,
@@ -324,10 +253,7 @@ class LossActor:
         self._number = {seed: number for number, seed in enumerate(seeds.tolist())}
         self._episode = np.zeros(batch.size, np.int64)
         self._copies = Batch(batch.options, _COPIES)
-        shape = (len(seeds), len(rule.contexts))
-        self.losses = ContextLosses(
-            np.zeros(shape), np.zeros((*shape, len(candidates))), np.zeros(shape, np.int64)
-        )
+        self.losses = _no_losses((len(seeds), len(rule.contexts)), len(candidates))
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
         """Note which episode begins in each of some rows."""
@@ -342,32 +268,25 @@ class LossActor:
         rows = np.flatnonzero(running)
         degrees, context = angles_of(self._rule, observation[rows], self._batch.time[rows])
         angles = np.column_stack([degrees, np.tile(self._candidates, (len(rows), 1))])
-        lost = self._lost(rows, angles, action[rows])
-        cell = (self._episode[rows], context)
-        np.add.at(self.losses.declared, cell, lost[:, 0])
-        np.add.at(self.losses.by_angle, cell, lost[:, 1:])
-        np.add.at(self.losses.decisions, cell, 1)
-        return action
-
-    def _lost(
-        self, rows: np.ndarray, angles: Float64[np.ndarray, "row angle"], action: np.ndarray
-    ) -> Float64[np.ndarray, "row angle"]:
-        """Return the loss of each row's action at each of its angles."""
-        count, columns = len(rows), angles.shape[1]
-        observation = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
-        best = self._reference.q_values_at(observation, angles.ravel()).argmax(axis=1)
+        count, columns = angles.shape
+        inputs = np.repeat(self._batch.seen_by(self._reference)[rows], columns, axis=0)
+        best = self._reference.q_values_at(inputs, angles.ravel()).argmax(axis=1)
         state, origin = self._batch.save().rows(rows), np.repeat(np.arange(count), columns)
         same = equivalent_actions(state, self._batch.options)[origin]
-        taken, cells = action[origin], np.arange(len(origin))
-        losses = np.zeros(len(origin))
+        taken, cells = action[rows][origin], np.arange(len(origin))
+        lost = np.zeros(len(origin))
         differing = np.flatnonzero(same[cells, taken] != same[cells, best])
         for first in range(0, len(differing), _COPIES // 2):
             chosen = differing[first : first + _COPIES // 2]
             pairs = np.concatenate([best[chosen], taken[chosen]])
             turned = np.tile(angles.ravel()[chosen], 2)
             values = self._played(state.rows(np.tile(origin[chosen], 2)), pairs, turned)
-            losses[chosen] = values[: len(chosen)] - values[len(chosen) :]
-        return losses.reshape(count, columns)
+            lost[chosen] = values[: len(chosen)] - values[len(chosen) :]
+        lost, cell = lost.reshape(count, columns), (self._episode[rows], context)
+        np.add.at(self.losses.declared, cell, lost[:, 0])
+        np.add.at(self.losses.by_angle, cell, lost[:, 1:])
+        np.add.at(self.losses.decisions, cell, 1)
+        return action
 
     def _played(
         self, state: State, action: np.ndarray, angles: Float64[np.ndarray, " copy"]

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.evaluation import exact
 from socialiq.evaluation.episodes import metrics_of, road_episodes
-from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_exactly, visit_counts
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics, Readout
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
@@ -26,12 +26,7 @@ from socialiq.worlds.highway.world import RoadBatch
 
 @dataclass(frozen=True)
 class Sweep:
-    """Metrics of a dial at each queried angle.
-
-    Attributes:
-        angles: Queried angles in degrees, ascending.
-        metrics: Metrics of the policy at each angle.
-    """
+    """Metrics of a dial's policy at each queried angle, in degrees, ascending."""
 
     angles: tuple[float, ...]
     metrics: tuple[Metrics, ...]
@@ -60,17 +55,14 @@ class Sweep:
 def sweep(
     dial: DialPolicy, table: Table, readout: Readout = "greedy", angles: Sequence[float] = ()
 ) -> Sweep:
-    """Query a dial at every degree of its range, or at the given angles, and evaluate exactly.
+    """Query a dial at every degree of its range, or at the given ones, and evaluate exactly.
 
-    Args:
-        dial: The dial.
-        table: World of the training, or its reachable part.
-        readout: "greedy" or "soft".
-        angles: In degrees, rising.
+    The table is of the world of the training, or its reachable part.
     """
     chosen = tuple(angles) or tuple(np.arange(dial.low, dial.high + 0.5).tolist())
     metrics = [
-        evaluate_exactly(table, action_table(dial.at(angle), table, readout)) for angle in chosen
+        exact.evaluate_exactly(table, exact.action_table(dial.at(angle), table, readout))
+        for angle in chosen
     ]
     return Sweep(chosen, tuple(metrics))
 
@@ -81,10 +73,6 @@ def calibrated(dial: DialPolicy, found: Sweep) -> DialPolicy:
     The policies that are best at some angle are the corners of their points' convex hull. From one
     corner to the next, R_social rises and R_env falls, so the effect of the angle is monotone where
     the points are exact, and with no value below that of the dial at its own angles.
-
-    Args:
-        dial: A dial without settings.
-        found: Its evaluation at several angles.
 
     Raises:
         UserError: If it has settings already.
@@ -111,20 +99,16 @@ def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> Attainab
     """Return the attainable set of demonstrated actions, the limit of offline learning.
 
     In states without demonstrations all actions are allowed, so a learner that stays in the support
-    can't exceed it. `Optimum` has the limit of all policies.
-
-    Args:
-        data: Demonstrations in the table's world.
-        table: The world's reachable part.
-        timed: Whether an action counts only at the time at which it was demonstrated.
+    can't exceed it. `Optimum` has the limit of all policies. Where `timed`, an action counts only
+    at the time at which it was demonstrated.
     """
-    counts = visit_counts(data, table)
+    counts = exact.visit_counts(data, table)
     allowed = np.asarray((counts if timed else counts.sum(axis=0)) > 0)
     return attainable_set(table.mdp, table.world.horizon, allowed)
 
 
 def ceiling_regrets(
-    ceiling: AttainableSet, best: Optimum, angles: Sequence[float]
+    ceiling: AttainableSet, best: exact.Optimum, angles: Sequence[float]
 ) -> Float[np.ndarray, " angle"]:
     """Return the regret of the support at each angle: J*(α) less its best value."""
     return np.array(
@@ -146,22 +130,18 @@ class DialRollouts:
     totals: tuple[Float[np.ndarray, "episode 2"], ...]
     off_road: tuple[float, ...]
 
-    def mixture(self, wanted: float, seed: int) -> tuple[Setting, AngleEstimate]:
-        """Return the mixture of two queried policies with a given behavioural angle.
+    def mixture(self, behavioural: float, seed: int) -> tuple[Setting, AngleEstimate]:
+        """Return the mixture of two queried policies with a behavioural angle in degrees.
 
         The first half of the episodes selects it, the second half measures it: an interval over the
-        selecting episodes would be biased towards the wanted angle. Both policies drove the same
-        seeds, so the mixture's expected sums on a seed are resampled.
-
-        Args:
-            wanted: Behavioural angle in degrees.
-            seed: Seed of the bootstrap.
+        selecting episodes would be biased towards the angle. Both policies drove the same seeds, so
+        the mixture's expected sums on a seed are resampled.
 
         Raises:
             UserError: If no mixture of these policies has this angle.
         """
         half = len(self.totals[0]) // 2
-        angle = setting(np.array([sums[:half].mean(axis=0) for sums in self.totals]), wanted)
+        angle = setting(np.array([sums[:half].mean(axis=0) for sums in self.totals]), behavioural)
         fresh = np.stack([sums[half:] for sums in self.totals])
         on_seed = (1.0 - angle.share) * fresh[angle.first] + angle.share * fresh[angle.second]
         return angle, estimate_angle(on_seed[:, 0], on_seed[:, 1], seed)
@@ -174,14 +154,7 @@ def rollout_dial(
     seeds: Int64[np.ndarray, " episode"],
     readout: Readout = "greedy",
 ) -> DialRollouts:
-    """Run episodes of a dial at several angles.
-
-    Args:
-        dial: The dial.
-        batch: Batch of episodes to drive, of any road.
-        angles: In degrees, rising.
-        seeds: Seed of each episode, the same for all angles.
-        readout: "greedy" or "soft".
+    """Run seeded episodes of a dial on any road, the same ones at each of some rising angles.
 
     Raises:
         UserError: If there are fewer than two episodes, or an angle is outside the dial's range.

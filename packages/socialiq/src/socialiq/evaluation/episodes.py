@@ -1,4 +1,4 @@
-"""Results of seeded episodes on a road: sums, metrics of the thesis, conflict rates."""
+"""Seeded episodes on a road: sums, metrics of the thesis, conflict rates, rows of tables."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.simulate import Step, play
+from socialiq.social.angle import estimate_angle
 from socialiq.statistics.intervals import wilson
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import Ending, Policy, RewardPair, Row
 from socialiq.worlds.highway.options import SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection import policies
@@ -20,7 +21,19 @@ from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
 from socialiq.worlds.intersection.world import Batch
 
 STOPPED_BELOW = 0.5  # m/s
+KMH = 3.6  # km/h of a m/s
+CONFLICT_SECONDS = 3.0  # time within which a crossing vehicle must reach the junction to count
+APPROACH_X = 2.0  # m, centre of the ego's approach lane
 SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
+
+
+OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
+KINDS = {"at_fault": Contact.EGO_STRUCK, "struck": Contact.EGO_WAS_STRUCK}
+"""Kinds of collision: the gap was closed by the ego's motion, or by the other's."""
+REWARDS = ("r_env", "r_env_sd", "r_social", "r_social_sd")
+_CLASSICAL = ("classical_own", "classical_own_sd", "classical_others", "classical_others_sd")
+_COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
+_BOOTSTRAP_SEED = 0  # of the angle's interval
 
 
 class Episodes(NamedTuple):
@@ -115,28 +128,31 @@ def road_episodes(
 def episodes_of(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Episodes:
-    """Run one episode for each seed and return its sums.
-
-    Args:
-        batch: Batch of episodes to drive.
-        policy: Policy of the whole batch.
-        seeds: Seed of each episode.
-        deterministic: As for `play`.
-
-    Raises:
-        UserError: If there are no seeds.
-    """
+    """Run one episode of the intersection for each seed and return its sums, as `road_episodes`."""
     return summed(play(batch, policy, seeds, deterministic), len(seeds))
 
 
 def summed(steps: Iterator[Step], count: int) -> Episodes:
-    """Return the sums of episodes of the intersection from their decisions.
+    """Return the sums of so many episodes of the intersection from their decisions."""
 
-    Args:
-        steps: Result of `play`.
-        count: Number of episodes.
-    """
-    sums, last = _sums(steps, count, _quantities)
+    def quantities(played: Step) -> dict[str, np.ndarray]:
+        decisions, rows = played.made, np.flatnonzero(played.running)
+        signals = np.stack([decisions.signals[name][rows] for name in SIGNALS], axis=1)
+        conflicts = conflict_at_junction(played.observation[rows])
+        action = played.action[rows]  # 0 slows the ego down, or a negative acceleration
+        slows = action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
+        return _driven(played) | {
+            "own": decisions.classical.env[rows],
+            "others": decisions.classical.social[rows],
+            "neighbours_collided": decisions.neighbours_collided[rows],
+            "signals": signals,
+            "active": signals != 0,
+            "beyond": entered(decisions.observation[rows]),
+            "conflicts": conflicts,
+            "pressed": conflicts & ~slows,
+        }
+
+    sums, last = _sums(steps, count, quantities)
     counted = {name: sums[name].astype(np.int64) for name in _COUNTED}
     return Episodes(
         totals=RewardPair(sums["env"], sums["social"]),
@@ -169,9 +185,17 @@ def _sums(
     return sums, last
 
 
-CONFLICT_SECONDS = 3.0  # time within which a crossing vehicle must reach the junction to count
-
-APPROACH_X = 2.0  # m, centre of the ego's approach lane
+def _driven(played: Step) -> dict[str, np.ndarray]:
+    """Quantities of any road that are summed over an episode, of the rows that decided."""
+    decisions, rows = played.made, np.flatnonzero(played.running)
+    return {
+        "env": decisions.rewards.env[rows],
+        "social": decisions.rewards.social[rows],
+        "length": np.ones(len(rows)),
+        "speed": decisions.speed[rows],
+        "stopped": decisions.speed[rows] < STOPPED_BELOW,
+        "off_road": decisions.off_road[rows],
+    }
 
 
 def entered(observation: Float32[np.ndarray, "batch feature"]) -> Bool[np.ndarray, " batch"]:
@@ -188,13 +212,9 @@ def at_junction(observation: Float32[np.ndarray, "batch feature"]) -> Bool[np.nd
 def conflict(
     observation: Float32[np.ndarray, "batch feature"], seconds: float
 ) -> Bool[np.ndarray, " batch"]:
-    """Whether a crossing vehicle is in the junction, or will be there soon at its speed.
+    """Whether a crossing vehicle is in the junction, or will be there in so many seconds.
 
     The rule-based drivers of `policies.gap` use the same criterion. The ego may be anywhere.
-
-    Args:
-        observation: Observations of the egos.
-        seconds: Largest time until the vehicle reaches the junction.
     """
     vehicles = policies.in_metres(observation)
     # A follower doesn't cross, even if the ego has left the shared lane.
@@ -216,65 +236,14 @@ def _metres(position: Float32[np.ndarray, " batch"]) -> Float[np.ndarray, " batc
     return position.astype(np.float64) * POSITION_RANGE
 
 
-def slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:
-    """Whether actions slow the ego down: number 0, or a negative acceleration."""
-    return action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
-
-
-_COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
-
-
-def _driven(played: Step) -> dict[str, np.ndarray]:
-    """Quantities of any road that are summed over an episode, of the rows that decided."""
-    decisions, rows = played.made, np.flatnonzero(played.running)
-    return {
-        "env": decisions.rewards.env[rows],
-        "social": decisions.rewards.social[rows],
-        "length": np.ones(len(rows)),
-        "speed": decisions.speed[rows],
-        "stopped": decisions.speed[rows] < STOPPED_BELOW,
-        "off_road": decisions.off_road[rows],
-    }
-
-
-def _quantities(played: Step) -> dict[str, np.ndarray]:
-    """Quantities of the intersection that are summed over an episode, of the rows that decided."""
-    decisions, rows = played.made, np.flatnonzero(played.running)
-    signals = np.stack([decisions.signals[name][rows] for name in SIGNALS], axis=1)
-    conflicts = conflict_at_junction(played.observation[rows])
-    return _driven(played) | {
-        "own": decisions.classical.env[rows],
-        "others": decisions.classical.social[rows],
-        "neighbours_collided": decisions.neighbours_collided[rows],
-        "signals": signals,
-        "active": signals != 0,
-        "beyond": entered(decisions.observation[rows]),
-        "conflicts": conflicts,
-        "pressed": conflicts & ~slowing(played.action[rows]),
-    }
-
-
-KINDS = {"at_fault": Contact.EGO_STRUCK, "struck": Contact.EGO_WAS_STRUCK}
-"""Kinds of collision: the gap was closed by the ego's motion, or by the other's."""
-
-
 def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, float | int | None]:
     """Return rates of the ego's collisions, at fault and struck, per episode, entry and conflict.
 
     A policy that never enters the junction has no collisions there, so its rate per episode is no
-    evidence about its driving. An episode or an entry is a trial: its share has a Wilson interval.
-    Conflicts are decisions and not independent, so a rate per conflict has none; it divides the
-    collisions of all episodes by the conflicts of all episodes.
-
-    Args:
-        episodes: Results of the episodes.
-        confidence: Confidence level of the intervals.
-
-    Returns:
-        Counts `episodes`, `entries`, `conflicts`, `pressed`, and for each of `KINDS` its count,
-        `KIND_per_episode` and `KIND_per_entry` with `_low` and `_high`, `KIND_per_conflict` and
-        `KIND_per_pressed`. Collisions of an episode without entry don't count per entry. A rate
-        over nothing is None.
+    evidence about its driving. An episode or an entry is a trial: its share has a Wilson interval,
+    `_low` and `_high`. Conflicts are decisions and not independent, so a rate per conflict has
+    none; it divides the collisions of all episodes by the conflicts of all episodes. Collisions of
+    an episode without entry don't count per entry. A rate over nothing is None.
     """
     entered = episodes.entered
     rates: dict[str, float | int | None] = {
@@ -297,3 +266,59 @@ def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, fl
 def _share(name: str, count: int, trials: int, confidence: float) -> dict[str, float | None]:
     share = wilson(count, trials, confidence) if trials else (None, None, None)
     return dict(zip((name, f"{name}_low", f"{name}_high"), share, strict=True))
+
+
+def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = False) -> Row:
+    """Return every metric of thesis 5.4 of a named policy, and its collisions by exposure."""
+    outcome, reward = outcome_row(episodes, off_road), reward_row(episodes)
+    angle = estimate_angle(*episodes.totals, seed=_BOOTSTRAP_SEED)
+    row = {"policy": policy, "readout": readout} | outcome
+    row |= {name: reward[name] for name in (*REWARDS, *_CLASSICAL)}
+    row |= {"angle": angle.angle, "angle_low": angle.low, "angle_high": angle.high}
+    return row | {
+        name: "" if value is None else value
+        for name, value in conflict_rates(episodes).items()
+        if name not in row and name not in ("at_fault", "struck")
+    }
+
+
+def outcome_row(episodes: Episodes, off_road: bool = False) -> Row:
+    """Return rates with Wilson intervals, off the road too if asked for, contacts and speeds."""
+    count, length = len(episodes.ending), episodes.length
+    row: Row = {"episodes": count}
+    happened = {name: episodes.ending == kind for name, kind in OUTCOMES.items()}
+    happened |= {"off_road": episodes.off_road} if off_road else {}
+    for name, which in happened.items():
+        share = wilson(int(which.sum()), count)
+        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
+    return row | {
+        "ego_struck": float((episodes.contact == Contact.EGO_STRUCK).mean()),
+        "ego_was_struck": float((episodes.contact == Contact.EGO_WAS_STRUCK).mean()),
+        "neighbours_collided": float(episodes.neighbours_collided.mean()),
+        "length": float(length.mean()),
+        "speed_kmh": KMH * float(episodes.speed.mean()),
+        "speed_kmh_of_steps": KMH * float((episodes.speed * length).sum() / length.sum()),
+        "stopped": float(episodes.stopped.mean()),
+        "stopped_of_steps": float((episodes.stopped * length).sum() / length.sum()),
+    }
+
+
+def reward_row(episodes: Episodes) -> Row:
+    """Return totals of an episode, and the share of decisions in which each signal is not 0."""
+    metrics, steps = episodes.metrics(), episodes.length.sum()
+    active = episodes.active.sum(axis=0) / steps
+    return {
+        "r_env": metrics.r_env,
+        "r_env_sd": float(episodes.totals.env.std()),
+        "r_social": metrics.r_social,
+        "r_social_sd": float(episodes.totals.social.std()),
+        **{name: getattr(metrics, name) for name in ("angle", *OUTCOMES)},
+        **{
+            f"{name}_active": float(share)
+            for name, share in zip(episodes.signal_names, active, strict=True)
+        },
+        "classical_own": float(episodes.classical.env.mean()),
+        "classical_own_sd": float(episodes.classical.env.std()),
+        "classical_others": float(episodes.classical.social.mean()),
+        "classical_others_sd": float(episodes.classical.social.std()),
+    }

@@ -1,53 +1,95 @@
-"""Exact evaluation in an enumerable world, without sampling noise."""
+"""Metrics of thesis 5.4, and exact evaluation in an enumerable world, without sampling noise."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.q_policy import QPolicy, ValuePolicy
-from socialiq.worlds.enumerate import Table
+from socialiq.social.angle import angle_of, score, weights
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.registry import make_grid
+
+if TYPE_CHECKING:
+    from socialiq.learners.dial.train import Regret
 
 Readout = Literal["greedy", "soft"]
 
 READOUTS: tuple[Readout, ...] = ("greedy", "soft")
 
 
+class Metrics(NamedTuple):
+    """Means over episodes: sums of both rewards, shares of endings, number of steps.
+
+    Attributes:
+        angle: α̂ in degrees, of the rewards' means.
+        mean_speed: Cells (or metres) per step, over all steps.
+        stopped: Share of steps at speed 0.
+    """
+
+    r_env: float
+    r_social: float
+    angle: float
+    collision: float
+    arrival: float
+    timeout: float
+    mean_speed: float
+    stopped: float
+    length: float
+
+    @staticmethod
+    def of(
+        totals: RewardPair,
+        endings: Float[np.ndarray, " kind"],
+        mean_speed: float,
+        stopped: float,
+        length: float,
+    ) -> Metrics:
+        """Build metrics from mean totals and the share of each `Ending`."""
+        env, social = float(totals.env), float(totals.social)
+        kinds = (Ending.COLLISION, Ending.ARRIVAL, Ending.TIMEOUT)
+        collision, arrival, timeout = (float(endings[kind]) for kind in kinds)
+        means = (float(mean_speed), float(stopped), float(length))
+        return Metrics(env, social, angle_of(env, social), collision, arrival, timeout, *means)
+
+    @property
+    def totals(self) -> RewardPair:
+        """Mean reward totals as a pair."""
+        return RewardPair(self.r_env, self.r_social)
+
+    def value(self, angle: float) -> float:
+        """Return J(α), the mean total scored at an angle in degrees (Eq 4.3)."""
+        return float(score(weights(angle), self.totals))
+
+
+def mean_of(metrics: list[Metrics]) -> Metrics:
+    """Average metrics over training seeds; the angle is that of the mean totals."""
+    mean = Metrics(*np.mean(np.array(metrics), axis=0).tolist())
+    return mean._replace(angle=angle_of(mean.r_env, mean.r_social))
+
+
 def evaluate_exactly(
     table: Table,
     policy: Float[np.ndarray, "state action"] | Float[np.ndarray, "time state action"],
 ) -> Metrics:
-    """Propagate the state distribution over one episode of the world's horizon.
-
-    Args:
-        table: The world, or its reachable part.
-        policy: Action probabilities in the table's states, stationary or by time.
-    """
+    """Propagate the state distribution of action probabilities over one episode of the horizon."""
     result = horizon_evaluation(table.mdp, policy, table.world.horizon)
     share = result.visits / result.length
-    return Metrics.of(
-        totals=result.totals,
-        endings=result.endings,
-        mean_speed=float((share * table.speed).sum()),
-        stopped=float(share[table.speed == 0].sum()),
-        length=result.length,
-    )
+    speed, stopped = float((share * table.speed).sum()), float(share[table.speed == 0].sum())
+    return Metrics.of(result.totals, result.endings, speed, stopped, result.length)
 
 
 class Optimum:
-    """Optimum J*(α) of a world: the largest mean total of any policy, also time-dependent.
-
-    Args:
-        table: The world, or its reachable part.
-    """
+    """Optimum J*(α) of a world, or its reachable part: of any policy, also time-dependent."""
 
     def __init__(self, table: Table) -> None:
         self.attainable: AttainableSet = attainable_set(table.mdp, table.world.horizon)
@@ -57,18 +99,65 @@ class Optimum:
         return self.attainable.optimum(angle).value - metrics.value(angle)
 
 
+class Ground(NamedTuple):
+    """A gridworld with its exact optima.
+
+    Attributes:
+        table: All its states.
+        part: Its reachable states.
+        optimum: The best that any policy can do there, by angle.
+    """
+
+    table: Table
+    part: Table
+    optimum: Optimum
+
+    @staticmethod
+    def of(world: str) -> Ground:
+        """Enumerate a world with its default options."""
+        table = tabulate(make_grid(world))
+        part = table.reachable_part()
+        return Ground(table, part, Optimum(part))
+
+    def with_clock(self, clock: bool) -> Ground:
+        """Return the ground with the time in the observations, or unchanged."""
+        if not clock:
+            return self
+        table, part = (
+            dataclasses.replace(states, world=states.world.with_clock())
+            for states in (self.table, self.part)
+        )
+        return Ground(table, part, self.optimum)
+
+    def regret(self, policy: ValuePolicy, angle: float, readout: Readout) -> float:
+        """Return the regret of a policy at an angle in degrees."""
+        chances = action_table(policy, self.part, readout)
+        return self.optimum.regret(evaluate_exactly(self.part, chances), angle)
+
+
+def exact_regret(
+    ground: Ground, static: Any, numbers: Sequence[Any], readout: Readout = "soft"
+) -> Regret:
+    """Return the regret of a dial's run at the angle of its config, for `learners.dial.Budget`.
+
+    The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
+    in jumps, so that no multiplier may meet a budget.
+    """
+    from socialiq.learners.dial.train import dial_of  # learning needs JAX
+
+    def regret(network: Any, run: int, multiplier: float) -> float:
+        policy = dial_of(static, numbers[run], network, multiplier)
+        return ground.regret(policy.at(static.low), static.low, readout)
+
+    return regret
+
+
 def action_table(
     policy: ValuePolicy, table: Table, readout: Readout
 ) -> Float[np.ndarray, "*time state action"]:
-    """Return a network's action probabilities in every state, or time and state, of a table.
+    """Return a network's action probabilities in every state, with a clock at every time.
 
-    Args:
-        policy: The network.
-        table: The world, or its reachable part.
-        readout: "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
-
-    Returns:
-        Probabilities by state; if the world has a clock, by time and state.
+    The readout "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
     """
     one_of("readout", readout, READOUTS)
     times = np.arange(table.world.horizon if table.world.clock else 1)
@@ -87,9 +176,7 @@ def exact_monitor(
 ) -> Callable[[Any], dict[str, np.ndarray]]:
     """Return a monitor for `learners.callbacks.Callbacks`: metrics of each run, greedy and soft.
 
-    Args:
-        table: The world, or (faster) its reachable part.
-        temperatures: τ of each run.
+    The table may be (faster) of the world's reachable part; each run has its own τ.
     """
     from socialiq.nn.q_network import network_of  # learning needs JAX
 
@@ -106,15 +193,8 @@ def exact_monitor(
     return monitor
 
 
-def visit_counts(
-    data: Demonstrations, table: Table, values: Float[np.ndarray, " transition"] | None = None
-) -> Float[np.ndarray, "time state action"]:
-    """Return counts of each action by time and state, or sums of values.
-
-    Args:
-        data: Demonstrations in the table's world, with or without its clock.
-        table: The world or its reachable part.
-        values: Values to sum instead of counting.
+def visit_counts(data: Demonstrations, table: Table) -> Float[np.ndarray, "time state action"]:
+    """Return counts of each action by time and state, of demonstrations with or without the clock.
 
     Raises:
         UserError: If a state is not in the table, or an episode is longer than the horizon.
@@ -126,5 +206,5 @@ def visit_counts(
     if (rows < 0).any() or data.step.max() >= table.world.horizon:
         raise UserError(f"the demonstrations are not of {table.world.description}")
     counts = np.zeros((table.world.horizon, table.mdp.n_states, table.mdp.n_actions))
-    np.add.at(counts, (data.step, rows, data.action), 1.0 if values is None else values)
+    np.add.at(counts, (data.step, rows, data.action), 1.0)
     return counts

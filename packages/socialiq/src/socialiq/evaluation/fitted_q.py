@@ -11,13 +11,14 @@ observed. So a reward that is paid for running out of time counts as one of its 
 Where observations hardly recur, one network has Q_k of both signals and all actions for every k:
 the steps to go are an input, drawn again for each row and update, and Q_{k-1} is that of a target
 network. Each run learns from episodes drawn with replacement, so the runs of one program are a
-bootstrap.
+bootstrap: `counts` are how often each episode is in each resample, and `chances` the policy's
+probabilities at each distinct observation.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,7 +27,6 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.sparse import csr_array
 
-from socialiq.evaluation.logged import Logged
 from socialiq.learners import settings
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms
@@ -35,38 +35,33 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import network_of
 from socialiq.types import RewardPair
 
-
-class Fitted(NamedTuple):
-    """Estimates of each resample of the episodes.
-
-    Attributes:
-        totals: Sums of r_env and r_social of an episode.
-        left: Share of episodes in which the policy comes to an action that the data do not show
-            in that observation; there the mean of the actions that they show stands for it.
-    """
-
-    totals: Float[np.ndarray, "resample 2"]
-    left: Float[np.ndarray, " resample"]
+if TYPE_CHECKING:
+    from socialiq.evaluation.off_policy import Logged
 
 
 def tabular(
     logged: Logged,
     chances: Float[np.ndarray, "state action"],
     counts: Float[np.ndarray, "resample episode"],
-) -> Fitted:
+) -> tuple[Float[np.ndarray, "resample 2"], Float[np.ndarray, " resample"]]:
     """Evaluate by means over equal observations and actions.
 
-    Args:
-        logged: The episodes.
-        chances: The policy's probabilities at each distinct observation.
-        counts: How often each episode is in each resample.
+    Returns for each resample the sums of r_env and r_social of an episode, and the share of
+    episodes in which the policy comes to an action that the data do not show in that observation;
+    there the mean of the actions that they show stands for it.
     """
     data, (n_states, n_actions) = logged.data, chances.shape
-    kinds, cell, follows = _kinds(logged, n_actions)
+    columns = (logged.state * n_actions + data.action, logged.next_state, ~data.terminated)
+    # Equal transitions are one kind. The third signal is that of having left the data.
+    distinct, kinds = np.unique(
+        np.stack([*columns, *data.rewards], axis=1), axis=0, return_inverse=True
+    )
+    cell, follows, goes_on = distinct[:, 0].astype(int), distinct[:, 1].astype(int), distinct[:, 2]
+    signals = np.concatenate([distinct[:, 3:], np.zeros((len(distinct), 1))], axis=1)
     times = np.bincount(
-        data.episode * len(cell) + kinds, minlength=data.n_episodes * len(cell)
-    ).reshape(data.n_episodes, -1)
-    weight = counts @ times
+        data.episode * len(cell) + kinds.reshape(-1), minlength=data.n_episodes * len(cell)
+    )
+    weight = counts @ times.reshape(data.n_episodes, -1)
     into = csr_array(
         (np.ones(len(cell)), (np.arange(len(cell)), cell)), (len(cell), n_states * n_actions)
     )
@@ -74,42 +69,19 @@ def tabular(
     covered = (size > 0).reshape(-1, n_states, n_actions)
     value = np.zeros((len(counts), n_states, 3))
     for _ in range(logged.horizon):
-        target = follows.signals + follows.goes_on[:, None] * value[:, follows.state]
+        target = signals + goes_on[:, None] * value[:, follows]
         sums = [(weight * target[..., signal]) @ into for signal in range(3)]
         mean = np.stack(sums, axis=2) / np.maximum(size, 1e-12)[:, :, None]
-        q = _completed(mean.reshape(-1, n_states, n_actions, 3), covered)
+        q = mean.reshape(-1, n_states, n_actions, 3)
+        # Cells without data get the mean of the state's other actions, and have left it.
+        among = (q * covered[..., None]).sum(axis=2)
+        among = among / np.maximum(covered.sum(axis=2), 1)[..., None]
+        q = np.where(covered[..., None], q, among[:, :, None])
+        q[..., 2] = np.where(covered, q[..., 2], 1.0)
         value = np.einsum("sa,rsac->rsc", chances, q)
     start = logged.state[data.episode_starts]
     means = np.einsum("re,rec->rc", counts, value[:, start]) / counts.sum(axis=1)[:, None]
-    return Fitted(means[:, :2], means[:, 2])
-
-
-class _Follows(NamedTuple):
-    """Successors of each kind of transition; the third signal is that of having left the data."""
-
-    state: np.ndarray
-    goes_on: np.ndarray
-    signals: np.ndarray
-
-
-def _kinds(logged: Logged, n_actions: int) -> tuple[np.ndarray, np.ndarray, _Follows]:
-    """Number equal transitions: the kind of each row, each kind's cell, and what follows it."""
-    data = logged.data
-    cell = logged.state * n_actions + data.action
-    columns = np.stack([cell, logged.next_state, ~data.terminated, *data.rewards], axis=1)
-    distinct, kinds = np.unique(columns, axis=0, return_inverse=True)
-    signals = np.concatenate([distinct[:, 3:], np.zeros((len(distinct), 1))], axis=1)
-    follows = _Follows(distinct[:, 1].astype(int), distinct[:, 2], signals)
-    return kinds.reshape(-1), distinct[:, 0].astype(int), follows
-
-
-def _completed(q: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Fill the cells without data: the mean of the state's other actions, and "left" 1."""
-    among = seen[..., None]
-    mean = (q * among).sum(axis=2) / np.maximum(seen.sum(axis=2), 1)[..., None]
-    filled = np.where(among, q, mean[:, :, None])
-    filled[..., 2] = np.where(seen, q[..., 2], 1.0)
-    return filled
+    return means[:, :2], means[:, 2]
 
 
 @dataclass(frozen=True)
@@ -141,16 +113,7 @@ class Hyperparameters:
 
 
 class LoggedRows(NamedTuple):
-    """Rows of an update, on the device: of all transitions, or drawn.
-
-    Attributes:
-        observation: s.
-        action: a.
-        next_observation: s'.
-        goes_on: 1 unless s' is terminal.
-        rewards: r_env and r_social.
-        chances: ``π(·|s')``.
-    """
+    """Transitions on the device; `goes_on` is 1 unless s' is terminal, `chances` are π(·|s')."""
 
     observation: Array
     action: Array
@@ -161,10 +124,9 @@ class LoggedRows(NamedTuple):
 
 
 class FittedQ(Learner):
-    """Q of a fixed policy with k steps to go.
+    """Q of a fixed policy with k steps to go, from all logged transitions.
 
     Attributes:
-        logged: All transitions.
         resampled: Row numbers of each resample, (resample, row).
         scale: Standard deviation of each signal's sums over episodes.
     """
@@ -189,10 +151,7 @@ class FittedQ(Learner):
         return cosine(hyperparameters.learning_rate, 0.02, done, self.static.updates)
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Any,
+        self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Any
     ) -> tuple[Any, Any]:
         """Return rows of the run's resample, and for each its steps to go."""
         key, for_rows, for_steps = jax.random.split(carry, 3)
@@ -203,11 +162,7 @@ class FittedQ(Learner):
         return (jax.tree.map(lambda column: column[rows], self.logged), to_go), key
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+        self, network: Any, target_network: Any, batch: Any, _numbers: Any
     ) -> tuple[Float[Array, ""], Terms]:
         """Squared distance to r + E[Q_{k-1}(s', b)], in units of the sums' deviation."""
         rows, to_go = batch
@@ -235,17 +190,11 @@ def by_network(
     static: StaticConfig | None = None,
     hyperparameters: Hyperparameters | None = None,
 ) -> Float[np.ndarray, "resample 2"]:
-    """Return the sums of r_env and r_social of an episode, for each resample of the episodes.
+    """Return the sums of r_env and r_social of an episode by networks, for each resample.
 
-    Args:
-        logged: The episodes.
-        chances: The policy's probabilities at each distinct observation.
-        counts: How often each episode is in each resample.
-        static: Network and training; the horizon is the data's.
-        hyperparameters: Rates; each resample has its own seed.
+    The horizon is the data's, and each resample has its own seed.
     """
-    shape = {**vars(static or StaticConfig()), "horizon": logged.horizon}
-    data, numbers = logged.data, vars(hyperparameters or Hyperparameters())
+    data, numbers = logged.data, hyperparameters or Hyperparameters()
     spread = np.maximum(np.std(np.stack(data.totals(), axis=1), axis=0), 1e-6)
     columns = (
         data.observation,
@@ -255,18 +204,19 @@ def by_network(
         np.float32(logged.rewards),
         np.float32(chances[logged.next_state]),
     )
+    resampled = []  # rows of each resample's episodes, drawn down or up to as many as all rows
+    for run, count in enumerate(counts):
+        rows = np.repeat(np.arange(len(logged.state)), count[data.episode].astype(np.int64))
+        resampled.append(np.random.default_rng(run).choice(rows, len(logged.state)))
     learner = FittedQ(
-        StaticConfig(**shape),
+        replace(static or StaticConfig(), horizon=logged.horizon),
         (data.observation.shape[1], data.n_actions),
         None,
         LoggedRows(*map(jnp.asarray, columns)),
-        jnp.asarray(_rows(logged, counts)),
+        jnp.asarray(np.array(resampled, np.int32)),
         jnp.asarray(spread, jnp.float32),
     )
-    runs = [
-        Hyperparameters(**{**numbers, "seed": numbers["seed"] + run, "dataset": run})
-        for run in range(len(counts))
-    ]
+    runs = [replace(numbers, seed=numbers.seed + run, dataset=run) for run in range(len(counts))]
     trained = learner.train(runs)
     first = data.episode_starts
     start, to_go = jnp.asarray(data.observation[first]), jnp.full(len(first), logged.horizon)
@@ -277,13 +227,3 @@ def by_network(
         value = np.einsum("na,nac->nc", chances[logged.state[first]], q) * spread
         means.append(np.average(value, axis=0, weights=counts[run]))
     return np.array(means)
-
-
-def _rows(logged: Logged, counts: np.ndarray) -> np.ndarray:
-    """Return the rows of each resample's episodes, drawn down or up to as many as all rows."""
-    rows, resampled = np.arange(len(logged.state)), []
-    for number, count in enumerate(counts):
-        times = count[logged.data.episode].astype(np.int64)
-        stream = np.random.default_rng(number)
-        resampled.append(stream.choice(np.repeat(rows, times), len(rows)))
-    return np.array(resampled, np.int32)

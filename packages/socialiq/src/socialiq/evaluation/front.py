@@ -13,21 +13,22 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.social.angle import exact_weights, score
-from socialiq.types import RewardPair
-
-Points = Mapping[str, Sequence[float]]
-"""Mean totals (R_env, R_social) by the name of the policy."""
+from socialiq.social.angle import exact_weights
 
 _NO_POINTS = "at least one policy is needed, and finite mean totals of each"
 _NARROWEST = 1e-9  # degrees; below it a point is on an edge, up to rounding
 
 
-def support_intervals(points: Points) -> dict[str, tuple[float, float] | None]:
+def support_intervals(
+    points: Mapping[str, Sequence[float]],
+) -> dict[str, tuple[float, float] | None]:
     """Return the angles at which each policy is the best of all.
 
+    The directions to all other points leave a gap; one wider than 180 degrees makes the point a
+    vertex, and its normals are at 90 degrees or more from them.
+
     Args:
-        points: Mean totals by name.
+        points: Mean totals (R_env, R_social) by name.
 
     Returns:
         (low, high) in degrees, low in (-180, 180] and high up to 360 more, so an arc through 180
@@ -37,63 +38,24 @@ def support_intervals(points: Points) -> dict[str, tuple[float, float] | None]:
     Raises:
         UserError: If there is no point or one is not finite.
     """
-    array = _checked(points)
-    return {name: _interval(array, number) for number, name in enumerate(points)}
-
-
-def _interval(points: Float[np.ndarray, "point 2"], place: int) -> tuple[float, float] | None:
-    """Return the normals at 90 degrees or more from the directions of all other points.
-
-    These directions leave a gap; a gap wider than 180 degrees makes the point a vertex.
-    """
-    offsets = points - points[place]
-    offsets = offsets[offsets.any(axis=1)]
-    if not len(offsets):
-        return -180.0, 180.0
-    directions = np.sort(np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0])))
-    gaps = np.diff(directions, append=directions[0] + 360.0)
-    widest = int(gaps.argmax())
-    width = float(gaps[widest]) - 180.0
-    if width <= _NARROWEST:
-        return None
-    low = float(directions[widest]) + 90.0
-    low -= 360.0 if low > 180.0 else 0.0
-    return low, low + width
-
-
-def best_at(points: Points, angle: float) -> str:
-    """Return the policy of the largest J(α); of exact ties the first.
-
-    Args:
-        points: Mean totals by name.
-        angle: α in degrees.
-
-    Raises:
-        UserError: If there is no point or one is not finite.
-    """
-    regrets = regret_at(points, angle)
-    return min(regrets, key=regrets.__getitem__)
-
-
-def regret_at(points: Points, angle: float) -> dict[str, float]:
-    """Return the difference of J(α) between the best policy and each policy, 0 for the best.
-
-    Args:
-        points: Mean totals by name.
-        angle: α in degrees.
-
-    Raises:
-        UserError: If there is no point or one is not finite.
-    """
-    values = score(exact_weights(angle), RewardPair(*_checked(points).T))
-    return dict(zip(points, (values.max() - values).tolist(), strict=True))
-
-
-def _checked(points: Points) -> Float[np.ndarray, "point 2"]:
     array = np.array(list(points.values()), np.float64).reshape(len(points), 2)
     if not len(array) or not np.isfinite(array).all():
         raise UserError(_NO_POINTS)
-    return array
+    intervals: dict[str, tuple[float, float] | None] = {}
+    for name, point in zip(points, array, strict=True):
+        offsets = array - point
+        offsets = offsets[offsets.any(axis=1)]
+        if not len(offsets):
+            intervals[name] = (-180.0, 180.0)
+            continue
+        directions = np.sort(np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0])))
+        gaps = np.diff(directions, append=directions[0] + 360.0)
+        widest = int(gaps.argmax())
+        width = float(gaps[widest]) - 180.0
+        low = float(directions[widest]) + 90.0
+        low -= 360.0 if low > 180.0 else 0.0
+        intervals[name] = None if width <= _NARROWEST else (low, low + width)
+    return intervals
 
 
 def hypervolume(
@@ -105,9 +67,6 @@ def hypervolume(
         points: Mean totals (R_env, R_social), more is better.
         reference: Corner that bounds the area below; points that don't exceed it in both
             are ignored. Areas are comparable only with the same reference.
-
-    Returns:
-        The area, in units of R_env times units of R_social.
 
     Raises:
         UserError: If a number is not finite.
@@ -126,11 +85,7 @@ def hypervolume(
 def utilities(
     points: Float[np.ndarray, "policy 2"], angles: Sequence[float]
 ) -> Float[np.ndarray, " angle"]:
-    """Return the largest J(α) of a set of policies at each angle, in units of reward.
-
-    Args:
-        points: Mean totals (R_env, R_social).
-        angles: In degrees.
+    """Return the largest J(α) of a set of mean totals at each angle in degrees.
 
     Raises:
         UserError: If there is no point, or one is not finite.
@@ -144,11 +99,8 @@ def utilities(
 def expected_utility(points: Float[np.ndarray, "policy 2"], angles: Sequence[float]) -> float:
     """Return the mean over angles of the largest J(α) of a set (Zintgraf et al. 2015).
 
-    A user with angle α takes the best policy of the set. The weights have length 1, not sum 1.
-
-    Args:
-        points: Mean totals (R_env, R_social).
-        angles: In degrees; the users, all alike frequent.
+    A user with angle α takes the best policy of the set; all angles, in degrees, are alike
+    frequent. The weights have length 1, not sum 1.
 
     Raises:
         UserError: If there is no point or no angle, or one is not finite.
@@ -166,11 +118,6 @@ def utility_losses(
     """Return at each angle by how much the best of a set is worse than the best of a known front.
 
     The largest of them is the maximum utility loss of Zintgraf et al. (2015).
-
-    Args:
-        points: Mean totals (R_env, R_social) of the set.
-        front: Those of the known front.
-        angles: In degrees.
 
     Raises:
         UserError: If either has no point, or one is not finite.

@@ -1,19 +1,36 @@
 """Off-policy evaluation: returns of a policy from episodes that others drove.
 
-Both estimates of a policy with intervals, and whether the episodes can support them.
+Fitted Q evaluation (`fitted_q`) stands beside importance sampling. There an episode is weighed by
+how much more probable its actions are for the policy than for the mixture of demonstrators that it
+was drawn from:
+
+    ρ_t = Π_{k <= t} π(a_k|s_k) / Σ_m p_m Π_{k <= t} π_m(a_k|s_k)
+
+with p_m the share of episodes of mode m (the balance heuristic of Veach and Guibas 1995, for
+policies Agarwal et al. 2017). The world's own chances cancel. Both estimates are self-normalised:
+
+    whole episodes   Σ_i ρ_T G / Σ_i ρ_T
+    step by step     Σ_t Σ_i ρ_t r_t / Σ_i ρ_t       (Precup, Sutton and Singh 2000; Thomas 2015)
+
+Episodes of a mode are taken for draws of one policy of the observation. Probabilities that are
+estimated from the same episodes give importance weights less variance than the true ones would
+(Hanna, Niekum and Stone 2019).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.stats import t
 
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.evaluation import fitted_q, logged
-from socialiq.evaluation.logged import Chances, Logged
+from socialiq.evaluation import fitted_q
+from socialiq.learners import behaviour_cloning as bc
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.bootstrap import resample_rows
 
@@ -27,6 +44,145 @@ LEAST_CHANCE = 0.01
 """Probability below which an action of clones counts as not shown, if observations don't recur."""
 NETWORKS = 8
 """Resamples that get a network each, where observations don't recur."""
+
+Chances = Callable[[np.ndarray], np.ndarray]
+"""Probabilities of a policy's actions, (state, action), for observations (state, feature)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Logged:
+    """Whole episodes, their distinct observations numbered.
+
+    Attributes:
+        data: The episodes.
+        observations: Every distinct observation.
+        state: Number of each row's observation.
+        next_state: Number of each row's next observation.
+        horizon: Steps of the longest episode: the time limit, if one was cut.
+    """
+
+    data: Demonstrations
+    observations: Float[np.ndarray, "state feature"]
+    state: Int[np.ndarray, " transition"]
+    next_state: Int[np.ndarray, " transition"]
+    horizon: int
+
+    @staticmethod
+    def of(data: Demonstrations) -> Logged:
+        """Number the observations.
+
+        Raises:
+            UserError: If steps of an episode are missing, or there is one episode only.
+        """
+        data.totals()  # refuses episodes with gaps
+        if data.n_episodes < 2:
+            raise UserError("one episode has no interval: give two episodes or more")
+        rows = np.concatenate([data.observation, data.next_observation])
+        distinct, number = np.unique(rows, axis=0, return_inverse=True)
+        state, next_state = np.split(number.reshape(-1), 2)
+        return Logged(data, distinct, state, next_state, int(data.step.max()) + 1)
+
+    @property
+    def tabular(self) -> bool:
+        """Whether observations recur often enough for tables: five times in the mean."""
+        return 5 * len(np.unique(self.state)) <= len(self.state)
+
+    @property
+    def rewards(self) -> Float[np.ndarray, "transition 2"]:
+        """Return r_env and r_social as columns."""
+        return np.stack(self.data.rewards, axis=1)
+
+    def chances(self, policy: Chances) -> Float[np.ndarray, "state action"]:
+        """Return a policy's probabilities at every distinct observation.
+
+        Raises:
+            UserError: If the policy is not one of the data's actions.
+        """
+        chances = np.asarray(policy(self.observations), np.float64)
+        if chances.shape != (len(self.observations), self.data.n_actions):
+            raise UserError(
+                f"the policy has {chances.shape[-1]} actions, the data {self.data.n_actions}: "
+                "give data of the world it was trained for"
+            )
+        return chances
+
+    @property
+    def modes(self) -> list[int]:
+        """Modes that have episodes."""
+        return np.unique(self.data.episode_modes).tolist()
+
+    def by_step(self, values: np.ndarray, fill: float) -> np.ndarray:
+        """Return values of rows as (episode, step, ...), filled beyond an episode's end."""
+        shape = (self.data.n_episodes, self.horizon, *values.shape[1:])
+        filled = np.full(shape, fill, np.float64)
+        filled[self.data.episode, self.data.step] = values
+        return filled
+
+
+def by_counts(episodes: Logged) -> Float[np.ndarray, "mode state action"]:
+    """Return each mode's share of each action in each distinct observation, 0 where it never was.
+
+    Modes are those that have episodes.
+    """
+    data, shares = episodes.data, []
+    shape = (len(episodes.observations), data.n_actions)
+    for mode in episodes.modes:
+        rows, counts = data.mode == mode, np.zeros(shape)
+        np.add.at(counts, (episodes.state[rows], data.action[rows]), 1.0)
+        shares.append(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0))
+    return np.array(shares)
+
+
+def by_clones(
+    episodes: Logged, updates: int = 3000, seed: int = 0, view: str = "flat"
+) -> Float[np.ndarray, "mode state action"]:
+    """Return each action's probability under a clone of each mode, at each distinct observation.
+
+    All are trained in one program, with their own seeds and one view of `nn.view.CHOICES`.
+    """
+    data = episodes.data
+    sets = [data.select(np.flatnonzero(data.episode_modes == mode)) for mode in episodes.modes]
+    static = bc.CloningConfig(hidden=(64, 64), updates=updates, batch_size=128, view=view)
+    runs = [
+        bc.CloningHyperparameters(learning_rate=1e-3, seed=seed + number, dataset=number)
+        for number in range(len(sets))
+    ]
+    trained = bc.BehaviourCloning.train_on(static, runs, sets)
+    clones = [trained.policy(run) for run in range(len(sets))]
+    return np.array([clone.probabilities(episodes.observations) for clone in clones])
+
+
+def ratios(
+    episodes: Logged,
+    chances: Float[np.ndarray, "state action"],
+    behaviour: Float[np.ndarray, "mode state action"],
+    shares: Float[np.ndarray, " mode"],
+) -> Float[np.ndarray, "episode step"]:
+    """Return ρ of each episode up to each step; beyond its end the last one.
+
+    Probabilities of the policy and of each demonstrator are at each distinct observation; the
+    shares p_m sum to 1.
+    """
+    state, action = episodes.state, episodes.data.action
+    taken = chances[state, action]
+    with np.errstate(divide="ignore"):
+        target = np.cumsum(np.log(episodes.by_step(taken, 1.0)), axis=1)
+        driven = np.stack(
+            [
+                np.cumsum(np.log(episodes.by_step(chance, 1.0)), axis=1)
+                for chance in behaviour[:, state, action]
+            ]
+        )
+        mixed = np.logaddexp.reduce(driven + np.log(shares)[:, None, None], axis=0)
+        # An episode has a probability under its own demonstrator, so `mixed` is finite.
+        return np.exp(target - mixed)
+
+
+def effective_episodes(ratio: Float[np.ndarray, "episode step"]) -> float:
+    """Return (Σ ρ)² / Σ ρ²: how many episodes of the policy itself the weights are worth."""
+    weight = ratio[:, -1]
+    squares = float(np.square(weight).sum())
+    return float(weight.sum()) ** 2 / squares if squares else 0.0
 
 
 class Estimate(NamedTuple):
@@ -131,53 +287,42 @@ class Evaluator:
     ) -> None:
         if resamples < 2:
             raise UserError(f"{resamples} resamples have no spread: give 2 or more")
-        self.logged, self._seed, self._view = episodes, seed, view
+        self.logged = episodes
         count = episodes.data.n_episodes
         numbers = np.concatenate(list(resample_rows(count, resamples, seed)))
-        plain = np.ones((1, count))
-        self._counts = np.concatenate(
-            [plain, [np.bincount(row, minlength=count) for row in numbers]]
-        )
+        resampled = [np.bincount(row, minlength=count) for row in numbers]
+        self._counts = np.concatenate([np.ones((1, count)), resampled])
         self._behaviour = (
-            logged.by_counts(episodes)
-            if episodes.tabular
-            else logged.by_clones(episodes, seed=seed, view=view)
+            by_counts(episodes) if episodes.tabular else by_clones(episodes, seed=seed, view=view)
         )
-        modes = logged.shown_modes(episodes)
-        driven = np.bincount(episodes.data.episode_modes, minlength=max(modes) + 1)[modes]
+        driven = np.bincount(episodes.data.episode_modes)[episodes.modes]
         self._shares = driven / count
 
     def evaluate(self, policy: Chances) -> OffPolicy:
-        """Return both estimates of a policy.
-
-        Args:
-            policy: Its probabilities for a batch of observations.
-        """
-        data, counts = self.logged, self._counts
-        chances = data.chances(policy)
-        ratio = logged.ratios(data, chances, self._behaviour, self._shares)
-        rewards = data.by_step(data.rewards, 0.0)
-        fitted, left = self._fitted(chances)
+        """Return all estimates of a policy, given its probabilities for a batch of observations."""
+        episodes, counts = self.logged, self._counts
+        data, chances = episodes.data, episodes.chances(policy)
+        ratio = ratios(episodes, chances, self._behaviour, self._shares)
+        rewards = episodes.by_step(episodes.rewards, 0.0)
+        weighed = np.einsum("re,et,ets->rts", counts, ratio, rewards, optimize=True)
+        weight = counts * ratio[:, -1]
+        with np.errstate(invalid="ignore"):  # NaN without any weight
+            step_by_step = (weighed / (counts @ ratio)[:, :, None]).sum(axis=1)
+            by_episodes = weight @ rewards.sum(axis=1) / weight.sum(axis=1, keepdims=True)
+        if episodes.tabular:
+            fitted, leaves = fitted_q.tabular(episodes, chances, counts)
+            left = float(leaves[0])
+        else:
+            fitted = fitted_q.by_network(episodes, chances, counts[: 1 + NETWORKS])
+            driven = np.einsum("m,msa->sa", self._shares, self._behaviour)
+            rare = np.where(driven < LEAST_CHANCE, chances, 0.0).sum(axis=1)
+            left = float(rare[episodes.state].mean())
+        # The first row is the estimate, the others are its resamples.
         return OffPolicy(
-            _estimate(logged.step_by_step(ratio, rewards, counts)),
-            _estimate(logged.whole_episodes(ratio, rewards, counts)),
-            _estimate(fitted)._replace(guessed=left * np.stack(data.data.totals(), axis=1)),
-            logged.effective_episodes(ratio),
+            Estimate(step_by_step[0], step_by_step[1:]),
+            Estimate(by_episodes[0], by_episodes[1:]),
+            Estimate(fitted[0], fitted[1:], guessed=left * np.stack(data.totals(), axis=1)),
+            effective_episodes(ratio),
             left,
-            data.data.n_episodes,
+            data.n_episodes,
         )
-
-    def _fitted(self, chances: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the sums of each resample, and how often the policy leaves the data."""
-        if self.logged.tabular:
-            fitted = fitted_q.tabular(self.logged, chances, self._counts)
-            return fitted.totals, float(fitted.left[0])
-        totals = fitted_q.by_network(self.logged, chances, self._counts[: 1 + NETWORKS])
-        driven = np.einsum("m,msa->sa", self._shares, self._behaviour)
-        rare = np.where(driven < LEAST_CHANCE, chances, 0.0).sum(axis=1)
-        return totals, float(rare[self.logged.state].mean())
-
-
-def _estimate(rows: np.ndarray) -> Estimate:
-    """Return the first row as the estimate, the others as its resamples."""
-    return Estimate(rows[0], rows[1:])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int64
@@ -20,21 +20,9 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import rollouts
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
-from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import ACTIONS, Options
 from socialiq.worlds.intersection.world import Batch, Intersection
-
-
-@runtime_checkable
-class Valued(Protocol):
-    """Protocol of a policy with action values, such as `nn.q_policy.QPolicy`."""
-
-    def q_values(
-        self, observations: Float[np.ndarray, "batch feature"]
-    ) -> Float[np.ndarray, "batch action"]:
-        """Return Q of each action."""
-        ...
 
 
 class RolloutPolicy:
@@ -43,7 +31,7 @@ class RolloutPolicy:
     The time, if the network reads it, goes on in the simulated decisions, and episodes end by it.
 
     Args:
-        policy: Network policy to improve.
+        policy: Policy to improve, with `q_values`, such as `nn.q_policy.QPolicy`.
         options: Scenario of the simulation.
         angle: Angle of the score in degrees: that of the network.
         draws: Number of states drawn for each observation.
@@ -60,7 +48,7 @@ class RolloutPolicy:
 
     def __init__(
         self,
-        policy: Valued,
+        policy: Any,
         options: Options,
         angle: float,
         draws: int = 16,
@@ -98,34 +86,23 @@ class RolloutPolicy:
     def values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch draw action"]:
-        """Return the value of each action in each draw."""
+        """Return the value of each action in each draw: some decisions, and the network's value."""
         size, copies = len(observations), self._draws * len(ACTIONS)
         repeated = np.repeat(observations, copies, axis=0)
         # Seeds depend on the observation, so that draws differ between decisions but not actions.
         first = np.array([zlib.crc32(row.tobytes()) for row in observations], np.uint64) << 20
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
-        batch = self._batch_of(len(repeated))
-        batch.restore(self._drawn(repeated, np.repeat(entropy.ravel(), len(ACTIONS))))
+        entropy = np.repeat(entropy.ravel(), len(ACTIONS))
+        timed = self.n_features == Intersection(self._options).n_features + 1
+        observed = np.ascontiguousarray(repeated[:, :-1]) if timed else repeated
+        state = imagined(self._options, observed, entropy)
+        if timed:
+            state.episodes["time"] = repeated[:, -1] / self._options.policy_frequency
+        if self._batch is None or self._batch.size != len(repeated):
+            self._batch = Batch(self._options, len(repeated))
+        batch = self._batch
+        batch.restore(state)
         action = np.tile(np.arange(len(ACTIONS)), size * self._draws)
-        return self._played(batch, action).reshape(size, self._draws, len(ACTIONS))
-
-    def _drawn(self, seen: Float[np.ndarray, "copy feature"], entropy: np.ndarray) -> State:
-        """Draw a state for each observation, at its time."""
-        timed = Intersection(self._options).n_features + 1
-        if self.n_features != timed:
-            return imagined(self._options, seen, entropy)
-        state = imagined(self._options, np.ascontiguousarray(seen[:, :-1]), entropy)
-        state.episodes["time"] = seen[:, -1] / self._options.policy_frequency
-        return state
-
-    def _batch_of(self, size: int) -> Batch:
-        if self._batch is None or self._batch.size != size:
-            self._batch = Batch(self._options, size)
-        return self._batch
-
-    def _played(
-        self, batch: Batch, action: Int64[np.ndarray, " copy"]
-    ) -> Float[np.ndarray, " copy"]:
         total, factor, running = np.zeros(batch.size), 1.0, np.ones(batch.size, bool)
 
         def values() -> np.ndarray:
@@ -138,4 +115,4 @@ class RolloutPolicy:
             running = decided & (results.ending == int(Ending.NONE))
         if running.any():
             total[running] += factor * values().max(axis=1)[running]
-        return total
+        return total.reshape(size, self._draws, len(ACTIONS))

@@ -32,11 +32,7 @@ def available_cores() -> int:
 
 
 def check_processes(processes: int) -> None:
-    """Refuse a negative number of processes.
-
-    Raises:
-        UserError: If it is negative.
-    """
+    """Raise `UserError` if a number of processes is negative."""
     if processes < 0:
         raise UserError(f"processes must be at least 1, got {processes}")
 

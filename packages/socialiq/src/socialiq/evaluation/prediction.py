@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import one_of
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.exact import Metrics, evaluate_exactly
+from socialiq.evaluation.rollout import MODES
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.theory import response, semi_gradient
@@ -70,24 +69,16 @@ class Lines(NamedTuple):
     slope: Float[np.ndarray, "state action"]
 
 
-def experts_of(part: Table) -> list[Float[np.ndarray, "state action"]]:
-    """Return the thesis' three experts on a world's reachable states."""
-    return [expert_policy(part, angle) for angle in MODES.values()]
-
-
 def problem_of(part: Table, setting: Setting) -> Problem:
     """Return the objective for the pool of the three experts (5.2), with Table C.1's settings.
-
-    Args:
-        part: The world's reachable states.
-        setting: Pooled demonstrations, and the learner's target.
 
     Raises:
         UserError: If the angle or a name in the setting is invalid.
     """
     one_of("measure", setting.measure, MEASURES)
     one_of("mixture", setting.mixture, MIXTURES)
-    mdp, horizon, policies = part.mdp, part.world.horizon, experts_of(part)
+    mdp, horizon = part.mdp, part.world.horizon
+    policies = [expert_policy(part, angle) for angle in MODES.values()]
     reward = score(exact_weights(check_angle(setting.angle)), mdp.rewards)
     weight = np.ones(len(policies))
     if setting.mixture == "equal_transitions":
@@ -105,9 +96,7 @@ def problem_of(part: Table, setting: Setting) -> Problem:
 def lines_of(problem: Problem, next_value: NextValue) -> Lines:
     """Return the lines of the greedy choice in λ, as τ → 0.
 
-    Args:
-        problem: The problem.
-        next_value: "online" passes the gradient through V(s'), "target" doesn't (a target network).
+    The next value "online" passes the gradient through V(s'), "target" doesn't (a target network).
     """
     one_of("next value", next_value, NEXT_VALUES)
     if next_value == "target":
@@ -125,12 +114,7 @@ def target_norm(problem: Problem) -> float:
 
 
 def predictions(part: Table, lines: Lines) -> list[Prediction]:
-    """Return every flip predicted at a finite λ, with the greedy policies on both sides.
-
-    Args:
-        part: The world's reachable states, in the order of the lines.
-        lines: Result of `lines_of`.
-    """
+    """Return every flip predicted at a finite λ, with the greedy policies on both sides."""
     reach = response.reach(*lines)
     before = evaluate_exactly(part, _greedy(lines, 0.0))
     flips = []

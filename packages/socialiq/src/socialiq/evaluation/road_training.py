@@ -10,18 +10,15 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.evaluation.branching import Branching
+from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
-from socialiq.learners.collect import Collector, Source, from_vector_env, soft
-from socialiq.learners.dial.acting import DialCollector, DialVectorCollector
+from socialiq.learners import acting, collect, policy_iteration
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
-from socialiq.learners.policy_iteration.dial import DialIterationConfig
-from socialiq.learners.policy_iteration.train import IterationHyperparameters
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.types import Policy
+from socialiq.types import Act, Policy, RewardPair
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.options import Options
@@ -29,30 +26,23 @@ from socialiq.worlds.intersection.world import Batch, Intersection
 
 CHUNK = 200  # updates between two rounds of acting
 
-
 STEPS_PER_UPDATE = 12
 """Rows of experience that a dial takes in for each update."""
-
 
 MEASURES = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
 """Measures of a check; `total` is J(α), the mean total scored at the run's own angle."""
 
-
-ITERATION = DialIterationConfig(
+ITERATION = policy_iteration.DialIterationConfig(
     batch_size=512,
     updates=20_000,
     states_per_update=40,
     first_rounds=10,
     replay_capacity=400_000,
 )
-"""Static config that improves dials of the intersection's preset; the network is the dial's."""
-
-
-ITERATION_NUMBERS = IterationHyperparameters(
+ITERATION_NUMBERS = policy_iteration.IterationHyperparameters(
     learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
 )
-"""Hyperparameters beside it."""
-
+"""Settings that improve dials of the intersection's preset; the network is the dial's."""
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """Called with the `TrainState` after each chunk; values are each (1,)."""
@@ -60,13 +50,7 @@ Monitor = Callable[[Any], dict[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class Checks:
-    """Checks of a run, and their episodes.
-
-    Attributes:
-        times: Checks of a run, spread evenly; the last one at its end.
-        episodes: Episodes of a check.
-        first_seed: First seed of these episodes, the same ones at every check.
-    """
+    """Checks of a run: how many, spread evenly to its end, and the seeded episodes of each."""
 
     times: int = 20
     episodes: int = 300
@@ -82,16 +66,10 @@ class Checks:
         return Batch(options, min(self.episodes, 256))
 
     def measured(self, options: Options, policy: Policy, angle: float) -> dict[str, float]:
-        """Return `MEASURES` of a policy's greedy episodes.
-
-        Args:
-            options: Scenario.
-            policy: The policy.
-            angle: α of `total`, in degrees.
-        """
+        """Return `MEASURES` of greedy episodes, with the total at an angle in degrees."""
         metrics = episodes_of(self.batch(options), policy, self.seeds).metrics()
-        found = {"total": metrics.value(angle)}
-        return found | {name: getattr(metrics, name) for name in MEASURES[1:]}
+        measures = {name: getattr(metrics, name) for name in MEASURES[1:]}
+        return {"total": metrics.value(angle)} | measures
 
     def due(self, chunk: int, chunks: int) -> bool:
         """Whether a run of so many chunks is checked after this one (from 1)."""
@@ -126,24 +104,13 @@ def sizes_of(options: Options, clock: bool = False) -> tuple[int, int]:
 
 def source_of(
     options: Options, environments: int, steps_per_update: int, clock: bool = False
-) -> Source:
+) -> collect.Source:
     """Return experience of intersections on the core, side by side, for a chunk of updates.
 
-    Args:
-        options: Scenario.
-        environments: Episodes side by side.
-        steps_per_update: Environment steps for each update.
-        clock: Whether observations end with the time.
+    There are so many environment steps for each update; observations may end with the time.
     """
-    return road_source(Intersection(options), environments, steps_per_update, clock)
-
-
-def road_source(
-    world: Intersection | SceneWorld, environments: int, steps_per_update: int, clock: bool = False
-) -> Source:
-    """Return experience of any road, as `source_of` does of the intersection."""
-    env = learning_env(world, environments, clock)
-    return from_vector_env(env, CHUNK * steps_per_update)
+    env = learning_env(Intersection(options), environments, clock)
+    return collect.from_vector_env(env, CHUNK * steps_per_update)
 
 
 def soft_collector(
@@ -151,11 +118,11 @@ def soft_collector(
     environments: int,
     steps_per_update: int,
     numbers: Sequence[IQLearnHyperparameters],
-) -> Collector:
+) -> collect.Collector:
     """Return what collects experience of softmax policies, from intersections of each run."""
     sources = [source_of(options, environments, steps_per_update) for _ in numbers]
-    behaviour = soft([one.temperature for one in numbers])
-    return Collector(sources, [one.seed for one in numbers], behaviour)
+    behaviour = acting.soft([run.temperature for run in numbers])
+    return collect.Collector(sources, [run.seed for run in numbers], behaviour)
 
 
 def dial_collector(
@@ -164,7 +131,7 @@ def dial_collector(
     world: Intersection | SceneWorld,
     environments: int,
     steps_per_update: int,
-) -> DialCollector | DialVectorCollector:
+) -> collect.BaseCollector:
     """Return what collects dials' experience on the core, from episodes of each run.
 
     Several runs act together, on as many threads as there are runs, or cores if fewer.
@@ -176,13 +143,16 @@ def dial_collector(
         environments: Episodes side by side, of each run.
         steps_per_update: Rows for each update.
     """
-    clock, count = structure.redraw_times > 0, len(numbers)
-    if count == 1:
-        source = road_source(world, environments, steps_per_update, clock)
-        return DialCollector([source], structure, numbers)
-    env = learning_env(world, count * environments, clock, min(count, available_cores()))
-    rounds = -(-CHUNK * steps_per_update // environments)
-    return DialVectorCollector(env, rounds, structure, numbers)
+    count, steps = len(numbers), CHUNK * steps_per_update
+    clock, threads = structure.redraw_times > 0, min(count, available_cores())
+    env = learning_env(world, count * environments, clock, threads)
+    if count > 1:
+        together = acting.dials_together(structure, numbers)
+        return collect.VectorCollector(env, -(-steps // environments), numbers, together)
+    behaviour, seeds = acting.dials(structure, numbers), [numbers[0].seed]
+    return collect.Collector(
+        [collect.from_vector_env(env, steps)], seeds, behaviour, structure.driven_share > 0
+    )
 
 
 def observes_time(start: DialPolicy, options: Options) -> bool:
@@ -201,12 +171,28 @@ def observes_time(start: DialPolicy, options: Options) -> bool:
 
 
 def dial_labeller(
-    structure: DialIterationConfig, options: Options, environments: int, clock: bool
-) -> Branching:
-    """Return the labeller of one run, whose episodes have angles of their own."""
+    structure: policy_iteration.DialIterationConfig,
+    options: Options,
+    environments: int,
+    clock: bool,
+) -> policy_iteration.Labeller:
+    """Return the labeller of one run on the core, whose episodes have angles of their own.
 
-    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
-        return stratified_angles(structure, count, rng)
-
+    Each call begins with new episodes; copies are driven at the angle of their episode.
+    """
     states = CHUNK * structure.states_per_update
-    return Branching(options, states, environments, clock, angles)
+    batch = Batch(options, min(environments, states))
+
+    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
+        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
+        angles, labelled = stratified_angles(structure, batch.size, rng), []
+        for _ in range(-(-states // batch.size)):
+            observation = observed(batch, clock, angles)
+            labelled.append((observation, *branched_returns(batch, follow, clock, angles)))
+            batch.step(visit(observation))
+        observations, env, social = (
+            np.concatenate(column)[:states] for column in zip(*labelled, strict=True)
+        )
+        return policy_iteration.Labelled(observations, RewardPair(env, social))
+
+    return label

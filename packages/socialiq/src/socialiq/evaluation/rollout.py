@@ -1,4 +1,4 @@
-"""Rollouts as tables of transitions: on a road, in a gridworld or a Gymnasium environment."""
+"""Rollouts as demonstrations: on a road, in a gridworld or an environment; the thesis' experts."""
 
 from __future__ import annotations
 
@@ -10,21 +10,19 @@ import numpy as np
 from jaxtyping import Float, Int, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
 from socialiq.errors import UserError
-from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.simulate import (
-    GymActor,
-    GymSimulator,
-    ScriptedActor,
-    Step,
-    play,
-    simulate,
-)
+from socialiq.evaluation import simulate as simulation
+from socialiq.evaluation.exact import Metrics
+from socialiq.evaluation.simulate import Step, play, simulate
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.enumerate import GridBatch, Table, draw_actions
+from socialiq.worlds.enumerate import GridBatch, Table, draw_actions, expert_policy
 from socialiq.worlds.environment import action_bounds
 from socialiq.worlds.highway.world import RoadBatch
+
+MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
+"""Angle of each of the thesis' experts (5.2), in degrees."""
 
 
 class Rollout(NamedTuple):
@@ -57,12 +55,7 @@ class Rollout(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Demonstrations, with the classical rewards for comparison.
-
-    Attributes:
-        transitions: One row for each decision.
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (transition,).
-    """
+    """Demonstrations, and for comparison the ego's own and its neighbours' mean reward (A.1)."""
 
     transitions: Demonstrations
     classical: RewardPair
@@ -75,51 +68,25 @@ def record(
     mode: str,
     source: Mapping[str, Any] | None = None,
 ) -> Recorded:
-    """Run one greedy episode for each seed, and record every transition.
-
-    Args:
-        batch: Batch of episodes to drive.
-        policy: Policy of the ego.
-        seeds: Seed of each episode.
-        mode: Name of the driver mode to record.
-        source: Provenance to record.
+    """Run one greedy episode for each seed; record every transition, its mode and provenance.
 
     Raises:
         UserError: If there is no seed.
     """
-    columns = columns_of(
-        play(batch, policy, seeds), lambda made: (made.classical.env, made.classical.social)
-    )
+    columns, classical = columns_of(play(batch, policy, seeds), lambda made: tuple(made.classical))
     transitions = Demonstrations.of(
-        **columns.transitions,
+        **columns,
         mode_names=(mode,),
         n_actions=0 if batch.options.continuous else batch.n_actions,
         source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
     )
-    return Recorded(transitions, RewardPair(*columns.more))
-
-
-class Columns(NamedTuple):
-    """Decisions of episodes as columns, episode by episode.
-
-    Attributes:
-        transitions: Arguments of `Demonstrations.of`.
-        more: Further columns.
-    """
-
-    transitions: dict[str, Any]
-    more: tuple[np.ndarray, ...]
+    return Recorded(transitions, RewardPair(*classical))
 
 
 def columns_of(
     steps: Iterator[Step], more: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
-) -> Columns:
-    """Return the decisions of a batch's episodes as columns.
-
-    Args:
-        steps: Result of `simulate`.
-        more: From the result of a decision to further columns.
-    """
+) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """Return decisions by episode as arguments of `Demonstrations.of`, and further columns."""
     columns_of_steps = []
     for step in steps:
         result, running = step.made, step.running
@@ -139,7 +106,7 @@ def columns_of(
         "rewards": RewardPair(env, social),
         "episode": episode,
     }
-    return Columns(transitions, tuple(further))
+    return transitions, further
 
 
 def rollout_table(
@@ -183,17 +150,7 @@ def rollout_table(
 def rollout_totals(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> Float[np.ndarray, "episode 2"]:
-    """Return the sums of r_env and r_social of each episode in an enumerated world.
-
-    Args:
-        table: The world or its reachable part.
-        policy: Action probabilities by state, or by time and state.
-        episodes: Number of episodes.
-        seed: Seed of chance and of the policy's draws.
-
-    Raises:
-        UserError: If `episodes` is less than 1.
-    """
+    """Return the sums of r_env and r_social of episodes, as of `rollout_table`, in any part."""
     episode, _, state, action, _, _ = _steps(table, policy, episodes, seed)
     return np.stack(
         [np.bincount(episode, reward[state, action]) for reward in table.mdp.rewards], axis=1
@@ -204,7 +161,8 @@ def _steps(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> list[Int[np.ndarray, " transition"]]:
     """Return columns of all transitions: episode, step, state, action, next state, ending."""
-    _check_episodes(episodes)
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
     rng = np.random.default_rng(seed)
 
     def draw(time: int, state: np.ndarray, running: np.ndarray) -> Int64[np.ndarray, " row"]:
@@ -215,7 +173,9 @@ def _steps(
 
     batch = GridBatch(table, episodes, rng)
     blocks: list[tuple[np.ndarray, ...]] = []
-    for time, step in enumerate(simulate(batch, ScriptedActor(draw), np.arange(episodes))):
+    for time, step in enumerate(
+        simulate(batch, simulation.ScriptedActor(draw), np.arange(episodes))
+    ):
         running = np.flatnonzero(step.running)
         columns = (step.observation, step.action, step.made.state, step.made.ending)
         blocks.append(
@@ -254,9 +214,12 @@ def rollout_env(
     Raises:
         UserError: If `episodes` is less than 1, or the actions are of another kind.
     """
-    _check_episodes(episodes)
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
     seeds = np.arange(seed, seed + episodes)
-    steps = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
+    steps = list(
+        simulate(simulation.GymSimulator(env), simulation.GymActor(policy, deterministic), seeds)
+    )
     space = env.action_space
     pairs = np.array([step.made.rewards for step in steps], np.float64)
     transitions = Demonstrations.of(
@@ -273,6 +236,42 @@ def rollout_env(
     return Rollout(transitions, np.array([step.made.speed for step in steps], np.float64))
 
 
-def _check_episodes(episodes: int) -> None:
-    if episodes < 1:
-        raise UserError(f"episodes must be at least 1, got {episodes}")
+def demonstrations_by_mode(
+    table: Table, episodes: dict[str, int], seed: int
+) -> dict[str, Demonstrations]:
+    """Roll out each of the thesis' experts (5.2) in the stochastic world with all its states.
+
+    Each mode has its own number of episodes and its own random stream.
+    """
+    demonstrations = {}
+    for number, (mode, angle) in enumerate(MODES.items()):
+        source = {"expert": "value iteration, deterministic variant", "angle": angle}
+        policy, stream = expert_policy(table, angle), len(MODES) * seed + number
+        rollout = rollout_table(table, policy, episodes[mode], stream, mode, source)
+        demonstrations[mode] = rollout.transitions
+    return demonstrations
+
+
+def trajectory_datasets(
+    table: Table, seeds: Sequence[int], episodes_each: int
+) -> list[Demonstrations]:
+    """Return, for each seed, a mixture with equal numbers of new episodes of every expert (5.2)."""
+    return [
+        equal_trajectories(
+            demonstrations_by_mode(table, dict.fromkeys(MODES, episodes_each), seed),
+            episodes_each,
+            seed,
+        )
+        for seed in seeds
+    ]
+
+
+def transition_datasets(
+    table: Table, seeds: Sequence[int], transitions_each: int
+) -> list[Demonstrations]:
+    """Return, for each seed, a mixture with equal numbers of transitions of every expert (6.3)."""
+    enough = dict.fromkeys(MODES, transitions_each)  # an episode has at least one transition
+    return [
+        equal_transitions(demonstrations_by_mode(table, enough, seed), transitions_each, seed)
+        for seed in seeds
+    ]

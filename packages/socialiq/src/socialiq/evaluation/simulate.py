@@ -24,14 +24,14 @@ BLOCK = 64  # random numbers that are drawn at once for an episode
 
 
 class Step(NamedTuple):
-    """One decision of the episodes that are running.
+    """One decision of the episodes that are running; columns are of all rows.
 
     Attributes:
         episode: Number of the episode in each row.
         running: Rows that decided.
-        observation: Observations of all rows before the decision.
-        action: Actions of all rows; only those of running rows are used.
-        made: Result of the simulator: at least `rewards` and `ending` of all rows.
+        observation: Before the decision.
+        action: Of running rows alone they are used.
+        made: Result of the simulator: at least `rewards` and `ending`.
     """
 
     episode: Int64[np.ndarray, " row"]
@@ -47,11 +47,6 @@ def simulate(
     """Run one episode for each seed, decision by decision.
 
     A row takes the next seed as soon as its episode has ended.
-
-    Args:
-        simulator: Back end.
-        actor: Source of the actions.
-        seeds: Seed of each episode.
 
     Raises:
         UserError: If there are no seeds.
@@ -83,17 +78,11 @@ def play(
     seeds: Sequence[int] | np.ndarray,
     deterministic: bool = True,
 ) -> Iterator[Step]:
-    """Run a policy on one episode for each seed.
+    """Run a policy of the whole batch on one episode for each seed.
 
     The time is a last feature of the input if the policy has one feature more than the world.
     A `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
-    depend on the batch (`SoftActor`).
-
-    Args:
-        simulator: Batch of episodes to drive.
-        policy: Policy of the whole batch.
-        seeds: Seed of each episode.
-        deterministic: Whether it takes its best action; passed to policies without `probabilities`.
+    depend on the batch (`SoftActor`); to other policies `deterministic` is passed.
 
     Raises:
         UserError: If there are no seeds.
@@ -118,13 +107,9 @@ class _Stateless:
 class PolicyActor(_Stateless):
     """A policy that acts for all rows at once; a stochastic one has its own random numbers.
 
-    Args:
-        policy: The policy.
-        simulator: What it drives.
-        deterministic: Passed to `predict`.
-        remembers: Whether it keeps a memory for each row. All episodes must then begin at once;
-            rows whose episode has ended stay in its input.
-        checked: From an answer and the number of rows to actions; by default numbers become int64.
+    If it `remembers`, it keeps a memory for each row: all episodes must then begin at once, and
+    rows whose episode has ended stay in its input. `checked` makes actions of an answer and the
+    number of rows; by default numbers become int64.
     """
 
     def __init__(
@@ -136,7 +121,7 @@ class PolicyActor(_Stateless):
         checked: Callable[[Any, int], np.ndarray] | None = None,
     ) -> None:
         self._policy, self._simulator, self._deterministic = policy, simulator, deterministic
-        self._checked = checked or _numbers
+        self._checked = checked
         self._memory: Any = None
         self._begun = np.ones(simulator.size, bool) if remembers else None
 
@@ -150,12 +135,10 @@ class PolicyActor(_Stateless):
             answer, self._memory = self._policy.predict(
                 shown_input, self._memory, episode_start=begun, deterministic=self._deterministic
             )
-        return self._checked(answer, len(running))
-
-
-def _numbers(answer: Any, _rows: int) -> np.ndarray:
-    actions = np.asarray(answer)
-    return actions if actions.ndim == 2 else actions.astype(np.int64)
+        if self._checked is not None:
+            return self._checked(answer, len(running))
+        actions = np.asarray(answer)
+        return actions if actions.ndim == 2 else actions.astype(np.int64)
 
 
 @runtime_checkable
@@ -188,10 +171,6 @@ class SoftActor(_Drawing):
     So an episode does not depend on how many others run beside it. (A network's float32 products
     may: their last bits change with the number of rows, which changes a draw about once in a
     million decisions.)
-
-    Args:
-        policy: The policy.
-        simulator: What it drives.
     """
 
     def __init__(self, policy: SoftPolicy, simulator: Simulator) -> None:
@@ -219,12 +198,7 @@ class SoftActor(_Drawing):
 
 
 class UniformActor(_Drawing):
-    """Draws continuous actions uniformly from [-1, 1], by the seeds of the episodes.
-
-    Args:
-        action_size: Length of an action.
-        simulator: What it drives.
-    """
+    """Draws continuous actions uniformly from [-1, 1], by the seeds of the episodes."""
 
     def __init__(self, action_size: int, simulator: Simulator) -> None:
         super().__init__(simulator.size, UNIFORM)
@@ -239,10 +213,9 @@ class UniformActor(_Drawing):
 
 
 class ScriptedActor(_Stateless):
-    """Actions by a function of the decision's number, from 0; all episodes begin at once.
+    """Actions by a script (number of the decision, observation, running rows) -> actions.
 
-    Args:
-        script: (number, observation, running rows) -> one action for each row.
+    All episodes begin at once.
     """
 
     def __init__(self, script: Callable[[int, Any, np.ndarray], np.ndarray]) -> None:
@@ -277,14 +250,7 @@ MOST_STEPS = 100_000
 
 
 class GymStep(NamedTuple):
-    """Result of a step in a Gymnasium environment.
-
-    Attributes:
-        observation: Next observation.
-        rewards: Rewards of the step.
-        ending: Value of `Ending`, in an array of one.
-        speed: Speed of the ego, NaN if it is not reported.
-    """
+    """Result of a step in a Gymnasium environment; the speed is NaN if it is not reported."""
 
     observation: Any
     rewards: RewardPair
@@ -296,8 +262,8 @@ class GymSimulator:
     """A Gymnasium environment as a simulator of one row.
 
     Args:
-        env: Environment with discrete actions, or arrays in [-1, 1].
-        modulus: Modulus of the seeds, since not all environments accept large ones.
+        env: With discrete actions, or arrays in [-1, 1].
+        modulus: Of the seeds, since not all environments accept large ones.
 
     Raises:
         UserError: If the actions are of another kind; in `step`, if an episode doesn't end.

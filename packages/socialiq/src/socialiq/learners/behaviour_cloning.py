@@ -1,4 +1,4 @@
-"""Behaviour cloning: the maximum-likelihood classifier of actions, on the same data and network.
+"""Behaviour cloning: maximum likelihood of the actions, on the same data and network.
 
 Of all demonstrations alike, or weighted by how well they score at an angle: there Eq B.2 is taken
 with each episode's undiscounted total as its score, or with each transition's advantage. At a high
@@ -14,18 +14,19 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import optax
-from jaxtyping import Array
+from jaxtyping import Array, PRNGKeyArray
 
 from socialiq.learners import settings
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState, stack
+from socialiq.nn.actor import Actor, log_density
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Transitions
-
-ADVANTAGES = ("advantage", "advantage_fitted")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +69,15 @@ class BehaviourCloning(Learner):
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> BehaviourCloning:
         """Make the learner of sets of demonstrations."""
         sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-        return cls(static, sizes, table_of(static, datasets))
+        return cls(static, sizes, _table_of(static, datasets, False))
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed, and weigh the demonstrations."""
         assert self.table is not None
         state, key = super().initialise(hyperparameters)
-        cumulative = None
-        if self.static.weighted:
-            cumulative = losses.cumulative_weights(self.table, hyperparameters)
-        return state, Carry(key, cumulative)
+        if not self.static.weighted:
+            return state, Carry(key, None)
+        return state, Carry(key, jnp.cumsum(losses.table_weights(self.table, hyperparameters)))
 
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
@@ -92,42 +92,55 @@ class BehaviourCloning(Learner):
         batch = self.table.sample_weighted(for_batch, carry.cumulative, size)
         return batch, carry._replace(key=key)
 
-    def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-    ) -> tuple[Array, Terms]:
+    def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
         """Negative log-likelihood of the demonstrated actions."""
         loss = negative_log_likelihood(network, batch.observation, batch.action)
         return loss, {"loss": loss}
 
 
+class GaussianCloning(BehaviourCloning):
+    """The maximum-likelihood squashed Gaussian of continuous actions, kept from their bounds."""
+
+    name: ClassVar[str] = "gaussian_behaviour_cloning"
+
+    @classmethod
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> GaussianCloning:
+        """Make the learner of sets of demonstrations."""
+        table = _table_of(static, datasets, True)
+        return cls(static, (datasets[0].observation.shape[1], datasets[0].action.shape[1]), table)
+
+    def network(self, key: PRNGKeyArray) -> Actor:
+        """Draw an actor."""
+        static, (n_features, size) = self.static, self.sizes
+        shape = (n_features, static.hidden, size, static.activation, static.input_scale)
+        return Actor.initialise(key, *shape, view=static.view)
+
+    def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
+        """-E[log π(a|s)]."""
+        mean, log_std = jax.vmap(network)(batch.observation)
+        loss = -jnp.mean(jax.vmap(log_density)(batch.action, mean, log_std))
+        return loss, {"loss": loss}
+
+    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None) -> ActorPolicy:
+        """Return the clone of one run."""
+        return ActorPolicy.of(state.network, self.record(hyperparameters))
+
+
 def effective_size(data: Transitions, hyperparameters: CloningHyperparameters) -> float:
     """Return how many transitions of equal weight a weighted run's data are worth (B.2)."""
-    table = table_of(CloningConfig(weighted=True), [data])
+    table = _table_of(CloningConfig(weighted=True), [data], False)
     run = stack([dataclasses.replace(hyperparameters, dataset=0)])[0]
     return float(losses.effective_sample_size(losses.table_weights(table, run)))
 
 
-def table_of(
-    static: CloningConfig, datasets: Sequence[Transitions], continuous: bool = False
+def _table_of(
+    static: CloningConfig, datasets: Sequence[Transitions], continuous: bool
 ) -> ExpertTable:
-    """Return the sets; where they are weighted, with each row's score.
-
-    Args:
-        static: Whether and by what they are weighted.
-        datasets: The sets.
-        continuous: Whether their actions are.
-
-    Raises:
-        UserError: As `ExpertTable.of`.
-    """
-    if static.weighted:
-        discount = 0.99 if static.weighted_by in ADVANTAGES else 1.0
-        return ExpertTable.of(datasets, static.weighted_by, discount, continuous)
-    return ExpertTable.of(datasets, "instantaneous", 0.0, continuous)
+    """Return the sets; where they are weighted, with each row's score."""
+    if not static.weighted:
+        return ExpertTable.of(datasets, "instantaneous", 0.0, continuous)
+    discount = 1.0 if static.weighted_by == "trajectory" else 0.99
+    return ExpertTable.of(datasets, static.weighted_by, discount, continuous)
 
 
 def negative_log_likelihood(network: QNetwork, observation: Array, action: Array) -> Array:

@@ -25,8 +25,7 @@ class Report(NamedTuple):
     Attributes:
         done: Units of work done, of each run.
         total: Units to do.
-        rate: Units per second, summed over runs, since this process started; per another time
-            if the unit names it.
+        rate: Units per second, or another time that the unit names, summed over runs.
         seconds_left: Estimated.
         terms: Mean of each named term over the chunk and over sound runs.
         monitored: What the monitor returned, each (runs,).
@@ -93,17 +92,9 @@ class Clock:
         rate = (done - first) / max(self.marks[-1][1] - began, 1e-9)
         finite = {name: value[np.isfinite(value)] for name, value in record.items()}
         terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
-        left = (self.total - done) / rate
-        return Report(
-            done,
-            self.total,
-            rate * self.runs,
-            left,
-            terms,
-            monitored,
-            failures,
-            by_run=record,
-        )
+        left, total = (self.total - done) / rate, rate * self.runs
+        progress = (done, self.total, total, left, terms, monitored, failures)
+        return Report(*progress, by_run=record)
 
     def minute_passed(self) -> bool:
         """Whether a minute has passed since this last was true."""
@@ -111,13 +102,6 @@ class Clock:
             return False
         self.saved = time.monotonic()
         return True
-
-
-def stop_line(done: int, total: int, path: Path | None) -> str:
-    """Return the message of a stopped run."""
-    if path is None:
-        return f"stopped after {done} of {total} updates; nothing was saved"
-    return f"stopped after {done} of {total} updates: go on with --resume"
 
 
 class StopRequest(threading.Event):
@@ -178,13 +162,8 @@ def stop_requests() -> Iterator[threading.Event]:
 class EventFiles:
     """One folder of events for each run; a context, and an `Callbacks.on_report`.
 
-    The tag of a number is its name in metrics.csv, its step the number of updates. What is not
-    finite is written as it is: TensorBoard marks it.
-
-    Args:
-        folder: Folder of all runs; it is made. Events that are there stay, as TensorBoard wants
-            it of a run that goes on.
-        run_names: One folder name for each run.
+    The tag of a number is its name in metrics.csv, its step the number of updates. The folder of
+    all runs is made; events that are there stay, as TensorBoard wants it of a run that goes on.
 
     Raises:
         UserError: If the extra `tensorboard` is not installed, or the folder can't be written.

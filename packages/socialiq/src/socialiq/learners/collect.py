@@ -1,8 +1,8 @@
-"""Experience from environments outside JAX, for learners that train online: any Gymnasium one."""
+"""Experience from environments outside JAX: sources of it, and collectors that fill replays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import gymnasium
@@ -12,16 +12,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
-from socialiq.learners import replay
-from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
+from socialiq.learners.expert_table import Batch, Replay
 from socialiq.learners.state import Runs
-from socialiq.nn.q_network import ValueNetwork, network_of
-from socialiq.nn.q_policy import QPolicy
-from socialiq.types import Ending, RewardPair, is_unit_box
-
-Act = Callable[[np.ndarray], Any]
-"""From observations, (batch, features), to actions, (batch,), or continuous ones (batch, size)."""
+from socialiq.nn.q_network import network_of
+from socialiq.types import Act, Ending, RewardPair, is_unit_box
 
 Source = Callable[[Act, np.random.Generator], Batch]
 """Lets a driver act in an environment for a fixed number of steps."""
@@ -30,55 +24,78 @@ Behaviour = Callable[[Any, int, int, np.random.Generator], Act]
 """Action selection of a run: given its network, of any kind, its number, the updates
 done and its random numbers."""
 
+Together = Callable[[Any, int, Sequence[np.random.Generator], int], tuple[Act, RewardPair | None]]
+"""Action selection of all runs: given their networks, the updates done, the random numbers of each
+run and its number of environments. With it the directions of a dial, (run, env), if the replays
+have them."""
 
-class Collector:
-    """Fills each run's replay from a source of its own, chunk by chunk.
 
-    Pass it as `before_chunk` of a learner's `train`. Every chunk begins with a reset that is
-    seeded by the run and the number of updates done, so a resumed run sees the same experience
-    as an uninterrupted one.
+class BaseCollector:
+    """Fills each run's replay, chunk by chunk: the `before_chunk` of a learner's `train`.
 
-    Args:
-        sources: One for each run.
-        seeds: One for each run.
-        behaviour: How runs act.
+    Random numbers of a chunk depend on the run's seed and the number of updates done alone, so a
+    resumed run sees the same experience as an uninterrupted one.
     """
 
-    def __init__(
-        self, sources: Sequence[Source], seeds: Sequence[int], behaviour: Behaviour
-    ) -> None:
-        self.sources, self.seeds, self.behaviour = sources, seeds, behaviour
-        self._add = jax.jit(jax.vmap(replay.add_many))
+    def __init__(self, seeds: Sequence[int]) -> None:
+        self._seeds = seeds
+        self._add = jax.jit(jax.vmap(Replay.add_many), donate_argnums=0)
 
     def __call__(self, runs: Runs, done: int) -> Runs:
         """Let every run act with its present network, and store what happens."""
-        batches = [
-            self._collect(run, network_of(runs.state.network, run), done)
-            for run in range(len(self.sources))
+        streams = [
+            np.random.default_rng(np.random.SeedSequence([seed, done])) for seed in self._seeds
         ]
-        stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
-        ring = self._add(runs.carry.replay, stacked)
+        ring = self._add(runs.carry.replay, self.collected(runs, done, streams))
         return runs._replace(carry=runs.carry._replace(replay=ring))
 
-    def _collect(self, run: int, network: Any, done: int) -> Any:
-        rng = np.random.default_rng(np.random.SeedSequence([self.seeds[run], done]))
-        return self.collected(run, self.behaviour(network, run, done, rng), rng)
-
-    def collected(self, run: int, act: Act, rng: np.random.Generator) -> Any:
-        """Return the experience of a driver in a run's source, columns as the run's replay has."""
-        return self.sources[run](act, rng)
+    def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
+        """Return the rows of a chunk, (run, row), given the random numbers of each run."""
+        raise NotImplementedError
 
 
-class VectorCollector:
-    """Fills the replays of all runs from one vector environment: the `before_chunk` of `train`.
+class Collector(BaseCollector):
+    """Fills each run's replay from a source of its own, in which it acts by a behaviour.
 
-    The environments of a run are next to each other. Every chunk begins with a reset that is
-    seeded by the run and the updates done. A subclass says how runs act.
+    Where `driven`, replays have the directions of a dial's `acting.Driver`.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        seeds: Sequence[int],
+        behaviour: Behaviour,
+        driven: bool = False,
+    ) -> None:
+        super().__init__(seeds)
+        self._sources, self._behaviour, self._driven = sources, behaviour, driven
+
+    def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
+        """Return the transitions of each run's source, in its order."""
+        batches = []
+        for run, rng in enumerate(streams):
+            act: Any = self._behaviour(network_of(runs.state.network, run), run, done, rng)
+            batch = self._sources[run](act, rng)
+            if self._driven:  # a source lists the steps of all environments, step by step
+                size = len(batch.action)
+                rounds = -(-size // len(act.direction.env))
+                columns = (jnp.asarray(np.tile(side, rounds)[:size]) for side in act.direction)
+                batch = batch._replace(direction=RewardPair(*columns))
+            batches.append(batch)
+        return jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
+
+
+class VectorCollector(BaseCollector):
+    """Fills the replays of all runs from one vector environment, as they would collect alone.
+
+    The environments of a run are next to each other, and all actions come from one call; only the
+    rounding of the networks' outputs differs.
 
     Args:
         env: As many environments for each run; as of `from_vector_env`.
         rounds: Steps of each environment for a chunk.
         hyperparameters: Of each run.
+        behaviour: How all runs act.
 
     Raises:
         UserError: If the environments can't be divided among the runs.
@@ -89,77 +106,35 @@ class VectorCollector:
         env: gymnasium.vector.VectorEnv[Any, Any, Any],
         rounds: int,
         hyperparameters: Sequence[Any],
+        behaviour: Together,
     ) -> None:
-        if env.num_envs % len(hyperparameters):
-            raise UserError(
-                f"{env.num_envs} environments can't be divided among {len(hyperparameters)} runs"
-            )
-        self.env, self.rounds, self.numbers = env, rounds, tuple(hyperparameters)
-        self.each = env.num_envs // len(hyperparameters)
-        self._add = jax.jit(jax.vmap(replay.add_many), donate_argnums=0)
+        count = len(hyperparameters)
+        if env.num_envs % count:
+            raise UserError(f"{env.num_envs} environments can't be divided among {count} runs")
+        super().__init__([run.seed for run in hyperparameters])
+        self._env, self._rounds, self._together = env, rounds, behaviour
 
-    def __call__(self, runs: Runs, done: int) -> Runs:
-        """Let every run act with its present network, and store what happens."""
-        streams = [
-            np.random.default_rng(np.random.SeedSequence([run.seed, done])) for run in self.numbers
-        ]
+    def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
+        """Return the rows of a chunk, (run, row), each run's in the order of the steps."""
+        count = len(streams)
+        per_run = self._env.num_envs // count
         firsts = [int(rng.integers(2**31)) for rng in streams]
         # A list, which the type of the base class does not name.
-        seeds: Any = [first + row for first in firsts for row in range(self.each)]
-        observation, _ = self.env.reset(seed=seeds)
-        columns = self.collected(runs, done, streams, observation)
-        ring = self._add(runs.carry.replay, columns)
-        return runs._replace(carry=runs.carry._replace(replay=ring))
+        seeds: Any = [first + row for first in firsts for row in range(per_run)]
+        observation, _ = self._env.reset(seed=seeds)
+        act, direction = self._together(runs.state.network, done, streams, per_run)
+        rows = list(_stepped(self._env, observation, act, self._rounds))
 
-    def collected(
-        self,
-        runs: Runs,
-        done: int,
-        streams: Sequence[np.random.Generator],
-        observation: np.ndarray,
-    ) -> Any:
-        """Return the columns of a chunk, (run, step), as the runs' replays have them.
+        def by_run(column: Sequence[np.ndarray]) -> np.ndarray:
+            values = np.stack(column)
+            values = values.reshape(len(rows), count, per_run, *values.shape[2:]).swapaxes(0, 1)
+            return values.reshape(count, -1, *values.shape[3:])
 
-        Args:
-            runs: All runs.
-            done: Updates done.
-            streams: Random numbers of each run.
-            observation: What is seen first, of all environments.
-        """
-        raise NotImplementedError
-
-
-def soft(temperatures: Sequence[float]) -> Behaviour:
-    """Act by softmax(Q/τ), with each run's τ."""
-
-    def behaviour(network: ValueNetwork, run: int, _done: int, rng: np.random.Generator) -> Act:
-        policy = QPolicy.of(network, temperatures[run], {}, rng)
-        return lambda observation: policy.predict(observation, deterministic=False)[0]
-
-    return behaviour
-
-
-def acting_in(
-    make: Callable[[], gymnasium.Env[Any, Any]],
-    static: IQLearnConfig,
-    hyperparameters: Sequence[IQLearnHyperparameters],
-    chunk: int = 500,
-) -> Collector:
-    """Let IQ-Learn's runs act in a Gymnasium environment: the `before_chunk` of `train`.
-
-    Args:
-        make: Makes the environment, with discrete actions, once for each run.
-        static: Of the runs; `env_steps_per_update` is how much they act.
-        hyperparameters: Of each run.
-        chunk: Updates between two times of acting, the `chunk` of `train`.
-
-    Raises:
-        UserError: If the actions are not discrete.
-    """
-    steps = chunk * static.env_steps_per_update
-    sources = [from_env(make(), steps) for _ in hyperparameters]
-    behaviour = soft([run.temperature for run in hyperparameters])
-    return Collector(sources, [run.seed for run in hyperparameters], behaviour)
+        batch = _batch(by_run(column) for column in zip(*rows, strict=True))
+        if direction is None:
+            return batch
+        tiled = jax.tree.map(lambda side: jnp.tile(side, (1, len(rows))), direction)
+        return batch._replace(direction=tiled)
 
 
 def from_env(
@@ -196,7 +171,7 @@ def from_env(
             rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
             observation = env.reset()[0] if kind else after
         stopped_at = observation if goes_on else None
-        return _batch(*(np.array(column) for column in zip(*rows, strict=True)))
+        return _batch(np.array(column) for column in zip(*rows, strict=True))
 
     return source
 
@@ -222,62 +197,24 @@ def from_vector_env(
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
-        rows = stepped(env, observation, act, -(-steps // env.num_envs))
-        columns = (np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
-        return _batch(*columns)
+        rows = _stepped(env, observation, act, -(-steps // env.num_envs))
+        return _batch(np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
 
     return source
 
 
-def stepped(
+def _stepped(
     env: gymnasium.vector.VectorEnv[Any, Any, Any], observation: np.ndarray, act: Act, rounds: int
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Step environments side by side; yield the columns of each round, in the order of `Batch`.
-
-    Args:
-        env: As of `from_vector_env`.
-        observation: What is seen now.
-        act: Action selection.
-        rounds: Steps of each environment.
-    """
+    """Step environments side by side; yield the columns of each round, in the order of `Batch`."""
     for _ in range(rounds):
         action = np.asarray(act(observation))
         follows, _, _, _, info = env.step(action)
-        after = _before_reset(follows, info)
+        after = follows.copy()  # but for environments that were reset, where an episode has ended
+        for row in np.flatnonzero(info.get("_final_obs", ())):
+            after[row] = info["final_obs"][row]
         yield observation, action, after, info["ending"], *info["reward_pair"].T
         observation = follows
-
-
-def columns_by_run(
-    rows: Sequence[tuple[np.ndarray, ...]], count: int, continuous: bool = False
-) -> Batch:
-    """Return rounds of `stepped` as the columns of each run, (run, step), in order.
-
-    Args:
-        rows: Columns of each round, over the environments of all runs, run by run.
-        count: Number of runs.
-        continuous: Whether actions are arrays.
-    """
-
-    def column(number: int, kind: type[np.generic]) -> jax.Array:
-        values = np.stack([row[number] for row in rows]).astype(kind)
-        values = values.reshape(len(rows), count, -1, *values.shape[2:]).swapaxes(0, 1)
-        return jnp.asarray(values.reshape(count, -1, *values.shape[3:]))
-
-    observation, after = column(0, np.float32), column(2, np.float32)
-    reward = RewardPair(column(4, np.float32), column(5, np.float32))
-    action = column(1, np.float32 if continuous else np.int32)
-    return Batch(observation, action, after, column(3, np.int32), reward)
-
-
-def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-    """Return the observations reached by a step, also of environments that were then reset."""
-    if "final_obs" not in info:
-        return follows
-    after = follows.copy()
-    for row in np.flatnonzero(info["_final_obs"]):
-        after[row] = info["final_obs"][row]
-    return after
 
 
 def _check_actions(space: Any, continuous: bool) -> None:
@@ -290,21 +227,18 @@ def _check_actions(space: Any, continuous: bool) -> None:
         )
 
 
-def _batch(
-    observation: np.ndarray,
-    action: np.ndarray,
-    after: np.ndarray,
-    ending: np.ndarray,
-    env: np.ndarray,
-    social: np.ndarray,
-) -> Batch:
-    def column(values: np.ndarray, kind: type[np.generic]) -> jax.Array:
-        return jnp.asarray(values.astype(kind))
+def _batch(columns: Iterable[np.ndarray]) -> Batch:
+    """Return columns of any leading shape as a batch; the rewards are the last two."""
+    observation, action, after, ending, env, social = columns
+    kind = np.float32 if action.ndim > ending.ndim else np.int32
+
+    def column(values: np.ndarray, dtype: type[np.generic] = np.float32) -> jax.Array:
+        return jnp.asarray(values.astype(dtype))
 
     return Batch(
-        column(observation, np.float32),
-        column(action, np.float32 if action.ndim == 2 else np.int32),
-        column(after, np.float32),
+        column(observation),
+        column(action, kind),
+        column(after),
         column(ending, np.int32),
-        RewardPair(column(env, np.float32), column(social, np.float32)),
+        RewardPair(column(env), column(social)),
     )

@@ -15,12 +15,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from socialiq.learners import settings
-from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays
-from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
 
 Scalar = Float[Array, ""]
@@ -52,37 +50,24 @@ class ConservativeQ(Learner):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Scalar, Terms]:
-        """Half the squared Bellman error, and the conservative term."""
-        return conservative_loss(network, target_network, batch, hyperparameters, self.static)
+        """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
 
-
-def conservative_loss(
-    network: QNetwork,
-    target_network: QNetwork,
-    batch: Batch,
-    hyperparameters: HyperparameterArrays,
-    static: CQLConfig,
-) -> tuple[Scalar, dict[str, Scalar]]:
-    """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
-
-    V(s) = τ log sum_a exp(Q(s, a) / τ); V(s') is that of the target network, without gradient.
-    Kumar et al. 2020, their Eq 4, with both expectations over the demonstrations.
-    """
-    q = jax.vmap(network)(batch.observation)
-    taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
-    q_next = jax.vmap(target_network)(batch.next_observation)
-    follows = losses.continuation(
-        losses.soft_value(q_next, hyperparameters.temperature),
-        batch.ending,
-        static.endings.by_kind(),
-        losses.absorbing_value(q.shape[-1], hyperparameters.temperature, hyperparameters.discount),
-    )
-    reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
-    error = losses.implicit_reward(taken, follows, hyperparameters.discount) - reward
-    gap = jnp.mean(losses.soft_value(q, hyperparameters.temperature) - taken)
-    terms = {
-        "bellman": jnp.mean(jnp.square(error)) / 2,
-        "conservative": hyperparameters.conservatism * gap,
-    }
-    total = terms["bellman"] + terms["conservative"]
-    return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
+        V(s) = τ log sum_a exp(Q(s, a) / τ); V(s') is that of the target network, without gradient.
+        Kumar et al. 2020, their Eq 4, with both expectations over the demonstrations.
+        """
+        numbers, temperature = hyperparameters, hyperparameters.temperature
+        q = jax.vmap(network)(batch.observation)
+        taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
+        q_next = jax.vmap(target_network)(batch.next_observation)
+        of_run = (q.shape[-1], temperature, numbers, self.static)
+        next_value = losses.soft_value(q_next, temperature)
+        follows = losses.continued(next_value, batch.ending, *of_run)
+        reward = numbers.strength * score(numbers.weights, batch.target)
+        error = losses.implicit_reward(taken, follows, numbers.discount) - reward
+        gap = jnp.mean(losses.soft_value(q, temperature) - taken)
+        terms = {
+            "bellman": jnp.mean(jnp.square(error)) / 2,
+            "conservative": numbers.conservatism * gap,
+        }
+        total = terms["bellman"] + terms["conservative"]
+        return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -13,17 +13,17 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
-from socialiq.learners import replay, settings
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.collect import Act, Behaviour, Collector, Source
-from socialiq.learners.expert_table import Batch
+from socialiq.learners.collect import Behaviour, Collector, Source
+from socialiq.learners.expert_table import Batch, Carry, Replay
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
-from socialiq.types import Ending
+from socialiq.types import Act, Ending
 
 Loss = Literal["huber", "squared"]
 
@@ -33,8 +33,7 @@ class DQNConfig(settings.Network, settings.Replay):
     """Choices that shape the program. Defaults: the experts of thesis 5.2.
 
     The thesis gives network, learning rate, discount, steps and environments. The rest is of
-    Stable-Baselines3's DQN where its default fits (one update of 256 for 4 steps of each of 12
-    environments), or chosen here.
+    Stable-Baselines3's DQN where its default fits, or chosen here.
     """
 
     hidden: settings.Widths = (256, 256)
@@ -77,12 +76,9 @@ Scalar = Float[Array, ""]
 def next_value(
     target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
 ) -> Float[Array, " batch"]:
-    """max_a Q(s', a) by the target network; "double" lets the network itself choose a.
+    """max_a Q(s', a) by the target network (Mnih et al. 2015).
 
-    Args:
-        target_network: Q(s', ·) of the target network (Mnih et al. 2015).
-        fast: Q(s', ·) of the network (van Hasselt et al. 2016).
-        double: Who chooses.
+    With "double" a is chosen by the network's own values, `fast` (van Hasselt et al. 2016).
     """
     chosen = jnp.argmax(fast if double else target_network, axis=-1)
     return jnp.take_along_axis(target_network, chosen[:, None], axis=-1)[:, 0]
@@ -95,15 +91,7 @@ def bootstrapped_target(
     discount: Scalar | float,
     through_timeouts: bool,
 ) -> Float[Array, " batch"]:
-    """Y = R(α) + γ (1 - d) max_a Q(s', a).
-
-    Args:
-        reward: R(α) of each transition (Eq 4.3).
-        value: Of the state reached.
-        ending: Values of `types.Ending`.
-        discount: γ.
-        through_timeouts: Whether d = 0 at a timeout, which is the clock's doing, not a state.
-    """
+    """Y = R(α) + γ (1 - d) max_a Q(s', a); through timeouts d = 0 at one, the clock's doing."""
     goes_on = ending == int(Ending.NONE)
     if through_timeouts:
         goes_on |= ending == int(Ending.TIMEOUT)
@@ -122,13 +110,6 @@ def td_loss(
     return jnp.mean(of_error(taken, target))
 
 
-class Carry(NamedTuple):
-    """A random key and the replay."""
-
-    key: Array
-    replay: replay.Replay
-
-
 class DQN(Learner):
     """Deep Q-learning on R(α), from a replay that is filled outside JAX."""
 
@@ -137,18 +118,14 @@ class DQN(Learner):
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed, beside an empty replay."""
         state, key = super().initialise(hyperparameters)
-        return state, Carry(key, replay.empty(self.static.replay_capacity, self.sizes[0]))
+        return state, Carry(
+            key, Replay.empty(self.static.replay_capacity, Batch.empty(self.sizes[0]))
+        )
 
-    def draw(
-        self,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
-        state: TrainState,  # noqa: ARG002
-        carry: Carry,
-    ) -> tuple[Batch, Carry]:
+    def draw(self, _numbers: Any, _state: TrainState, carry: Carry) -> tuple[Batch, Carry]:
         """Sample the replay."""
         key, for_batch = jax.random.split(carry.key)
-        batch = replay.sample(carry.replay, for_batch, self.static.batch_size)
-        return batch, carry._replace(key=key)
+        return carry.replay.sample(for_batch, self.static.batch_size), carry._replace(key=key)
 
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
@@ -170,10 +147,7 @@ class DQN(Learner):
         return loss, {"loss": loss, "max_q": jnp.max(jnp.abs(q))}
 
     def policy(
-        self,
-        hyperparameters: DQNHyperparameters,
-        state: TrainState,
-        kept: Any = None,  # noqa: ARG002
+        self, hyperparameters: DQNHyperparameters, state: TrainState, _kept: Any = None
     ) -> QPolicy:
         """Return the policy after the last update."""
         return policy_of(self.static, hyperparameters, state.network)
@@ -194,16 +168,10 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 200,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run.
-        sources: Where each run acts; `learners.collect` makes them, for
-            `chunk * static.steps_per_update` steps.
-        sizes: Features of an observation, and number of actions.
-        callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks, and between two rounds of acting.
+    Each run acts between two chunks in a source of its own (`learners.collect`), of
+    `chunk * static.steps_per_update` steps. The sizes are features of an observation and actions.
 
     Raises:
         UserError: If there is no run, or not one source for each.

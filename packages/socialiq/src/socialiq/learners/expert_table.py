@@ -1,9 +1,9 @@
-"""Demonstrations as the arrays that a compiled learner samples from."""
+"""Rows that a compiled learner samples from: demonstrations, and the learner's own transitions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,10 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair, Transitions
+
+_ROWS = 2048
+"""Columns are filled up to a multiple of this with rows that are never drawn, so that sets of about
+the same size share one compiled program."""
 
 
 class Batch(NamedTuple):
@@ -24,6 +28,7 @@ class Batch(NamedTuple):
         ending: Value of `types.Ending`.
         target: What the social prior compares r̂ with, before the angle: the pair
             (G_env, G_social) of the chosen target kind.
+        direction: (cos α, sin α) at which a dial drove; None where it is not stored.
     """
 
     observation: Float[Array, "batch feature"]
@@ -31,11 +36,15 @@ class Batch(NamedTuple):
     next_observation: Float[Array, "batch feature"]
     ending: Int[Array, " batch"]
     target: RewardPair
+    direction: RewardPair | None = None
 
-
-_ROWS = 2048
-"""Columns are filled up to a multiple of this with rows that are never drawn, so that sets of about
-the same size share one compiled program."""
+    @staticmethod
+    def empty(n_features: int, *action_size: int) -> Batch:
+        """Return a row of zeros, with the shapes and types of a replay's rows."""
+        observation, zero = jnp.zeros(n_features), jnp.zeros(())
+        action = jnp.zeros(action_size, jnp.float32 if action_size else jnp.int32)
+        ending = jnp.zeros((), jnp.int32)
+        return Batch(observation, action, observation, ending, RewardPair(zero, zero))
 
 
 class ExpertTable(NamedTuple):
@@ -89,38 +98,28 @@ class ExpertTable(NamedTuple):
                 "of learners.continuous"
             )
         returns = [data.returns(target_kind, social_discount) for data in datasets]
-        sizes = [len(data.action) for data in datasets]
-        offsets = np.concatenate([[0], np.cumsum(sizes)])
-        episodes = [len(data.episode_starts) for data in datasets]
+        offsets = np.cumsum([0, *(len(data.action) for data in datasets)])
+        starts = [data.episode_starts for data in datasets]
 
         def join(arrays: Sequence[np.ndarray], dtype: str) -> Array:
             joined = np.concatenate(arrays).astype(dtype)
             empty = np.zeros((-len(joined) % _ROWS, *joined.shape[1:]), dtype)
             return jnp.asarray(np.concatenate([joined, empty]))
 
-        return ExpertTable(
-            columns=Batch(
-                observation=join([data.observation for data in datasets], "float32"),
-                action=join(
-                    [data.action for data in datasets], "float32" if continuous else "int32"
-                ),
-                next_observation=join([data.next_observation for data in datasets], "float32"),
-                ending=join([data.ending for data in datasets], "int32"),
-                target=RewardPair(
-                    env=join([pair.env for pair in returns], "float32"),
-                    social=join([pair.social for pair in returns], "float32"),
-                ),
+        columns = Batch(
+            join([data.observation for data in datasets], "float32"),
+            join([data.action for data in datasets], "float32" if continuous else "int32"),
+            join([data.next_observation for data in datasets], "float32"),
+            join([data.ending for data in datasets], "int32"),
+            RewardPair(
+                join([pair.env for pair in returns], "float32"),
+                join([pair.social for pair in returns], "float32"),
             ),
-            starts=join(
-                [
-                    data.episode_starts + offset
-                    for data, offset in zip(datasets, offsets, strict=False)
-                ],
-                "int32",
-            ),
-            row_bounds=jnp.asarray(offsets, jnp.int32),
-            start_bounds=jnp.asarray(np.concatenate([[0], np.cumsum(episodes)]), jnp.int32),
         )
+        firsts = [first + offset for first, offset in zip(starts, offsets[:-1], strict=True)]
+        episodes = np.cumsum([0, *map(len, starts)])
+        bounds = (jnp.asarray(offsets, jnp.int32), jnp.asarray(episodes, jnp.int32))
+        return ExpertTable(columns, join(firsts, "int32"), *bounds)
 
     def sample(self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int) -> Batch:
         """Draw transitions of one set, uniformly and with replacement."""
@@ -155,6 +154,56 @@ class ExpertTable(NamedTuple):
     def rows(self, rows: Int[Array, " batch"]) -> Batch:
         """Take the given rows."""
         return jax.tree.map(lambda column: column[rows], self.columns)
+
+
+class Replay(NamedTuple):
+    """Ring of the newest of the learner's own transitions, or other rows.
+
+    Attributes:
+        columns: Storage, a NamedTuple of arrays (capacity, ...).
+        added: Number of rows ever added.
+    """
+
+    columns: Any
+    added: Int[Array, ""]
+
+    @staticmethod
+    def empty(capacity: int, row: Any) -> Replay:
+        """Return an empty ring of rows like this one."""
+        columns = jax.tree.map(lambda leaf: jnp.zeros((capacity, *leaf.shape), leaf.dtype), row)
+        return Replay(columns, jnp.zeros((), jnp.int32))
+
+    def add(self, row: Any) -> Replay:
+        """Add one row (no batch axis), over the oldest when the ring is full."""
+        slot = self.added % _length(self.columns)
+        columns = jax.tree.map(lambda column, value: column.at[slot].set(value), self.columns, row)
+        return Replay(columns, self.added + 1)
+
+    def add_many(self, rows: Any) -> Replay:
+        """Add rows in order (leading axis); of more than the ring holds, the newest stay."""
+        capacity, count = _length(self.columns), _length(rows)
+        stored = min(count, capacity)  # two writes to one slot would be in no defined order
+        slots = (self.added + count - stored + jnp.arange(stored)) % capacity
+        columns = jax.tree.map(
+            lambda column, values: column.at[slots].set(values[-stored:]), self.columns, rows
+        )
+        return Replay(columns, self.added + count)
+
+    def sample(self, key: PRNGKeyArray, size: int) -> Any:
+        """Draw uniformly with replacement from what has been added."""
+        rows = draw_between(key, size, 0, jnp.minimum(self.added, _length(self.columns)))
+        return jax.tree.map(lambda column: column[rows], self.columns)
+
+
+class Carry(NamedTuple):
+    """A random key and a ring: the loop carry of learners whose rows come from outside JAX."""
+
+    key: Array
+    replay: Replay
+
+
+def _length(columns: Any) -> int:
+    return jax.tree.leaves(columns)[0].shape[0]
 
 
 def shares_of_endings(

@@ -21,12 +21,9 @@ _SAMPLE = np.linspace(-1.0, 1.0, 8, dtype=np.float32)  # rewards on which a func
 
 
 def load(place: str, option: str, allow_code: bool) -> Any:
-    """Import what an option of the command line names.
+    """Import what an option of the command line names as FILE.py:NAME.
 
-    Args:
-        place: FILE.py:NAME.
-        option: The option, for messages.
-        allow_code: Whether the file may be imported: its author's code runs with your rights.
+    The file may be imported if that is allowed: its author's code runs with your rights.
 
     Raises:
         UserError: If the code may not run, or there is no such file or name, or it fails.
@@ -106,22 +103,15 @@ LEARNERS: dict[str, type[Learner]] = {
 """Learners beside IQ-Learn that train from demonstrations alone, by name."""
 
 
-def find_learner(named: str, option: str, allow_code: bool) -> type[Learner]:
-    """Return a learner by its name, or the user's own.
-
-    Args:
-        named: A key of `LEARNERS`, or FILE.py:NAME.
-        option: The option, for messages.
-        allow_code: As of `load`.
+def find_learner(name: str, option: str, allow_code: bool) -> type[Learner]:
+    """Return a learner by its name in `LEARNERS`, or the user's own by FILE.py:NAME, as `load`.
 
     Raises:
         UserError: If there is none, or its code may not run or fails.
     """
-    if ":" not in named:
-        one_of("learner", named, (*LEARNERS, "FILE.py:NAME"))
-    return (
-        LEARNERS[named] if named in LEARNERS else checked_learner(load(named, option, allow_code))
-    )
+    if ":" not in name:
+        one_of("learner", name, (*LEARNERS, "FILE.py:NAME"))
+    return LEARNERS.get(name) or checked_learner(load(name, option, allow_code))
 
 
 def checked_learner(learner: Any) -> type[Learner]:

@@ -19,7 +19,7 @@ import json
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array
 
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Callbacks, Clock, Stopped, stop_line, stop_requests
+from socialiq.learners.callbacks import Callbacks, Clock, Stopped, stop_requests
 from socialiq.learners.state import History, Runs
 from socialiq.storage import load_arrays, save_arrays
 
@@ -43,23 +43,8 @@ CHECKPOINT_VERSION = 2
 _COMPILE_FAST = {"xla_backend_optimization_level": 0}
 
 
-@runtime_checkable
-class Trainable(Protocol):
-    """Learner that `fit` trains: a pytree with two pure functions."""
-
-    def initialise(self, hyperparameters: Any, /) -> tuple[Any, Any]:
-        """Return the state and the carry of one run."""
-        ...
-
-    def update(
-        self, hyperparameters: Any, state: Any, carry: Any, /
-    ) -> tuple[Any, Any, dict[str, Any]]:
-        """Take one gradient step of one run."""
-        ...
-
-
 def fit(
-    learner: Trainable,
+    learner: Any,
     hyperparameters: Any,
     total: int,
     chunk: int,
@@ -67,20 +52,11 @@ def fit(
     callbacks: Callbacks,
     before_chunk: BeforeChunk | None = None,
 ) -> tuple[Runs, History]:
-    """Train all runs for `total` updates.
+    """Train all runs of a learner for `total` updates; return the final runs and the history.
 
-    Args:
-        learner: What is trained; a pytree.
-        hyperparameters: Pytree of arrays, each with a leading axis of runs.
-        total: Updates of each run.
-        chunk: Updates between two calls of the callbacks.
-        fingerprint: Identifies the runs; a checkpoint of another fingerprint is refused.
-        callbacks: Progress, monitor, checkpoint.
-        before_chunk: Adds experience from outside JAX; must depend on its arguments alone, or a
-            resumed run would differ.
-
-    Returns:
-        The final runs, and the history.
+    Hyperparameters are arrays with a leading axis of runs. A checkpoint of another fingerprint is
+    refused. `before_chunk` adds experience from outside JAX; it must depend on its arguments alone,
+    or a resumed run would differ.
 
     Raises:
         Stopped: On Ctrl-C, after the chunk in progress.
@@ -111,11 +87,13 @@ def fit(
             if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
                 save_checkpoint(callbacks.checkpoint, fingerprint, runs, history)
             if stop.is_set() and done < total:
-                raise Stopped(stop_line(done, total, callbacks.checkpoint))
+                after = f"stopped after {done} of {total} updates"
+                saved = ": go on with --resume" if callbacks.checkpoint else "; nothing was saved"
+                raise Stopped(after + saved)
     return runs, history
 
 
-def term_names(learner: Trainable, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
+def term_names(learner: Any, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
     """Return the names of a learner's terms, in the order of `Runs.failed_term`."""
     update = jax.vmap(learner.update)
     _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
@@ -130,25 +108,16 @@ def failure_lines(
     weights = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
     if weights:
         lower = f"{', '.join([lower, *weights[:-1]])} or {weights[-1]}"
-    lines = []
-    for run, (step, term) in enumerate(
-        zip(np.asarray(runs.failed_at), np.asarray(runs.failed_term), strict=True)
-    ):
-        if step >= 0:
-            name = run_names[run] if run_names else f"run {run}"
-            lines.append(
-                f"{name} stopped at update {step}: {causes[term]} not finite; lower {lower}"
-            )
-    return tuple(lines)
+    failed, terms = np.asarray(runs.failed_at), np.asarray(runs.failed_term)
+    return tuple(
+        f"{run_names[run] if run_names else f'run {run}'} stopped at update {failed[run]}: "
+        f"{causes[terms[run]]} not finite; lower {lower}"
+        for run in np.flatnonzero(failed >= 0)
+    )
 
 
 def fingerprint(table: Any, *settings: Any) -> str:
-    """SHA-256 of everything a run depends on; a checkpoint of another run is refused by it.
-
-    Args:
-        table: Pytree of the run's data.
-        settings: Its settings: dataclasses of JSON-able fields, strings or numbers.
-    """
+    """SHA-256 of a run's data, a pytree, and its JSON-able settings, for checkpoints."""
     described = json.dumps(settings, sort_keys=True, default=dataclasses.asdict)
     digest = hashlib.sha256(described.encode())
     for column in jax.tree.leaves(table):
@@ -161,7 +130,7 @@ def _in_order(terms: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(terms, key=lambda name: (name == "loss", name)))
 
 
-def _start_all(learner: Trainable, hyperparameters: Any) -> Runs:
+def _start_all(learner: Any, hyperparameters: Any) -> Runs:
     def start(hyperparameters: Any) -> Runs:
         state, carry = learner.initialise(hyperparameters)
         zero = jnp.zeros((), jnp.int32)
@@ -170,9 +139,7 @@ def _start_all(learner: Trainable, hyperparameters: Any) -> Runs:
     return jax.vmap(start)(hyperparameters)
 
 
-def _advance(
-    learner: Trainable, hyperparameters: Any, runs: Runs, steps: int
-) -> tuple[Runs, Array]:
+def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tuple[Runs, Array]:
     """Train all runs for one chunk; return them and the means of their terms, NaN for broken runs.
 
     The second program is compiled when a run breaks. Until then the runs as they were before the
@@ -192,13 +159,13 @@ def _advance(
 
 @partial(jax.jit, static_argnums=(3, 4))
 def _chunk(
-    learner: Trainable, hyperparameters: Any, runs: Runs, steps: int, advance: Callable[..., Any]
+    learner: Any, hyperparameters: Any, runs: Runs, steps: int, advance: Callable[..., Any]
 ) -> Any:
     return jax.vmap(partial(advance, learner, steps=steps))(hyperparameters, runs)
 
 
 def _unchecked(
-    learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
+    learner: Any, hyperparameters: Any, run: Runs, *, steps: int
 ) -> tuple[Runs, Array, Array]:
     """Train one run for one chunk; return the mean of each term, and whether all is finite."""
 
@@ -212,9 +179,7 @@ def _unchecked(
     return run, means, jnp.isfinite(means).all() & _all_finite(run.state)
 
 
-def _checked(
-    learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
-) -> tuple[Runs, Array]:
+def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tuple[Runs, Array]:
     """As `_unchecked`, but keep the last finite state; means are NaN once the run has broken."""
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
@@ -266,12 +231,7 @@ def save_checkpoint(path: Path, fingerprint: str, runs: Runs, history: History) 
 
 
 def load_checkpoint(path: Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
-    """Read the state of the same run.
-
-    Args:
-        path: The file.
-        fingerprint: Of the run that wants to go on.
-        like: Freshly initialised runs, for the tree's shape.
+    """Read the state of the same run, in the form of freshly initialised ones.
 
     Raises:
         UserError: If the file is missing or damaged, or belongs to another run.

@@ -40,12 +40,12 @@ Terms = dict[str, Float[Array, ""]]
 
 @dataclass(frozen=True)
 class Trained:
-    """The outcome of a training call.
+    """The outcome of a training call; arrays have a leading axis of runs.
 
     Attributes:
-        learner: The learner, with what all runs share.
+        learner: With what all runs share.
         hyperparameters: Of each run.
-        state: Networks and optimiser of all runs, arrays with a leading axis of runs.
+        state: Networks and optimiser.
         kept: What the learner keeps of the runs' carry (`Learner.kept`).
         history: What was recorded, (chunks, runs).
         failures: One line for each run that stopped early.
@@ -111,16 +111,18 @@ class Learner(eqx.Module):
         return cls(static, sizes, table)
 
     def loss(
-        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+        self,
+        network: Any,
+        target_network: Any,
+        batch: Any,
+        hyperparameters: HyperparameterArrays,
+        /,
     ) -> tuple[Float[Array, ""], Terms]:
         """Return the loss of a batch and its terms by name; "loss" among them."""
         raise NotImplementedError
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Any,
+        self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Any, /
     ) -> tuple[Any, Any]:
         """Return a batch and the next carry: here demonstrations, and a random key."""
         assert self.table is not None
@@ -156,14 +158,13 @@ class Learner(eqx.Module):
         `final_learning_rate`, or else it is constant or falls to 0 by the `schedule`. A subclass
         may return a rate for each part of its network (`TrainState.step`).
         """
-        numbers, updates = hyperparameters, self.static.updates
-        if hasattr(numbers, "final_rate"):
-            return cosine(numbers.learning_rate, numbers.final_rate, done, updates)
-        if hasattr(numbers, "final_learning_rate"):
-            return linear(numbers.learning_rate, numbers.final_learning_rate, done, updates)
-        if getattr(self.static, "schedule", "constant") == "constant":
-            return hyperparameters.learning_rate
-        return hyperparameters.learning_rate * (1.0 - done / self.static.updates)
+        rate, updates = hyperparameters.learning_rate, self.static.updates
+        if hasattr(hyperparameters, "final_rate"):
+            return cosine(rate, hyperparameters.final_rate, done, updates)
+        if hasattr(hyperparameters, "final_learning_rate"):
+            return linear(rate, hyperparameters.final_learning_rate, done, updates)
+        constant = getattr(self.static, "schedule", "constant") == "constant"
+        return rate if constant else rate * (1.0 - done / updates)
 
     def update(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Any
@@ -178,11 +179,11 @@ class Learner(eqx.Module):
         state = state.step(gradient, rate, polyak)
         return state.averaged(self.averaging) if self.averaging else state, carry, terms
 
-    def kept(self, carry: Any) -> Any:  # noqa: ARG002
+    def kept(self, _carry: Any, /) -> Any:
         """Return what a policy needs of the carry: here nothing."""
         return None
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> Any:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None, /) -> Any:
         """Return the policy of one run: greedy, or softmax(Q/τ) with its temperature, or τ = 1."""
         temperature = getattr(hyperparameters, "temperature", 1.0)
         return QPolicy.of(state.network, temperature, self.record(hyperparameters))
@@ -197,7 +198,8 @@ class Learner(eqx.Module):
 
     def functions(self) -> dict[str, Any]:
         """Return what of the learner is the user's own code, by its part: name and SHA-256."""
-        return {} if _is_ours(type(self)) else {"own_learner": described(type(self))}
+        ours = type(self).__module__.startswith("socialiq.")
+        return {} if ours else {"own_learner": described(type(self))}
 
     def run_name(self, hyperparameters: Any) -> str:
         """Return the name of a run in messages."""
@@ -213,14 +215,7 @@ class Learner(eqx.Module):
         callbacks: Callbacks | None = None,
         chunk: int = 500,
     ) -> Trained:
-        """Train on demonstrations alone, one run for each entry of `hyperparameters`.
-
-        Args:
-            static: Shared by all runs.
-            hyperparameters: One entry for each run.
-            datasets: Sets of demonstrations; the hyperparameters' `dataset` picks each run's.
-            callbacks: Progress, monitor, checkpoint.
-            chunk: Updates between two calls of the callbacks.
+        """Train on sets of demonstrations alone, as `train`; `dataset` picks the set of each run.
 
         Raises:
             UserError: If there is no run, or no such set of demonstrations.
@@ -301,7 +296,3 @@ def described(function: Any) -> dict[str, str]:
         source = repr((code.co_code, code.co_consts) if code else type(function))
     name = getattr(function, "__qualname__", type(function).__qualname__)
     return {"name": name, "sha256": hashlib.sha256(source.encode()).hexdigest()}
-
-
-def _is_ours(kind: type) -> bool:
-    return kind.__module__.startswith("socialiq.")

@@ -64,11 +64,7 @@ class Settings:
     """Base of all settings: refuses values outside their fields' ranges, NaN among them."""
 
     def __post_init__(self) -> None:
-        """Check every field that has a range; a `Literal` has its names.
-
-        Raises:
-            UserError: If a value is out of range; the line names the field and its range.
-        """
+        """Raise `UserError` for a field out of its range; a `Literal` has its names."""
         for name, rule in _rules(type(self)).items():
             if getattr(self, name) is not None:
                 rule(name, getattr(self, name))
@@ -113,8 +109,8 @@ class Replay(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AngleRange(Settings):
-    """Social angles that one network is trained for."""
+class DrawnAngles(Settings):
+    """Social angles that one network is trained for; they are drawn for rows and episodes."""
 
     low: Angle = 0.0
     """Smallest social angle trained for, in degrees."""
@@ -123,6 +119,10 @@ class AngleRange(Settings):
     margin: NotNegative = 5.0
     """Degrees beyond both ends in which angles are also drawn: a network is least accurate at the
     edge of its data, and the two ends are used most."""
+    high_from: float = 65.0
+    """Angle in degrees from which `high_share` counts."""
+    high_share: Share | None = None
+    """Share of the drawn angles beyond `high_from`, for rows and for acting; None: uniform."""
 
     def __post_init__(self) -> None:
         """Refuse a range without angles."""
@@ -130,22 +130,8 @@ class AngleRange(Settings):
         if self.low > self.high:
             raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
 
-
-@dataclass(frozen=True, kw_only=True)
-class DrawnAngles(AngleRange):
-    """Social angles that are drawn for rows and episodes, uniformly or more of the high ones."""
-
-    high_from: float = 65.0
-    """Angle in degrees from which `high_share` counts."""
-    high_share: Share | None = None
-    """Share of the drawn angles beyond `high_from`, for rows and for acting; None: uniform."""
-
     def check_high_share(self) -> None:
-        """Refuse a share of high angles where the range doesn't reach on both sides of them.
-
-        Raises:
-            UserError: If it doesn't.
-        """
+        """Refuse a share of high angles where the range doesn't reach on both sides of them."""
         if self.high_share is not None and not self.low < self.high_from < self.high:
             raise UserError(
                 f"high_from {self.high_from:g} must lie between {self.low:g} and {self.high:g}"
@@ -253,8 +239,7 @@ def _checks(rule: Rule) -> Callable[[Any, Sequence[str]], None]:
     return check
 
 
-check_counts, check_shares = _checks(_count), _checks(_share)
-check_not_negative, check_above_zero = _checks(_not_negative), _checks(_above_zero)
+check_counts, check_shares, check_not_negative = map(_checks, (_count, _share, _not_negative))
 """Given a config and names of fields, raise `UserError` if one is out of range."""
 
 
@@ -276,25 +261,35 @@ def check_seeds(seeds: Sequence[int]) -> None:
         raise UserError("a seed is named twice: name each once")
 
 
-def check_runs(runs: Sequence[Any], sets: int | None, online: bool, acts: bool) -> None:
-    """Refuse runs without their data or their world, before any work is done.
+def check_fit(
+    runs: Sequence[Any], sets: int | None, online: bool, acts: bool, shapes: Sequence[Any]
+) -> tuple[int, int]:
+    """Refuse runs whose data and world don't fit together, before any work is done.
 
     Args:
         runs: Hyperparameters of each run.
         sets: Number of sets of demonstrations; None for a learner without.
         online: Whether the learner acts.
         acts: Whether there is a world, or experience from one.
+        shapes: (features, actions) of data and world, of which the one that all have is returned.
 
     Raises:
-        UserError: The line says what is missing, or is there without use.
+        UserError: The line says what is missing, is there without use, or doesn't fit.
     """
     if not runs:
         raise UserError("no runs: pass at least one set of hyperparameters")
     if sets == 0:
-        raise UserError("no demonstrations: pass at least one set")
+        raise UserError("no demonstrations: pass at least one set, or train without them")
     if sets is not None and max(run.dataset for run in runs) >= sets:
         raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
     if online and not acts:
         raise UserError("online training needs a world: name one, or train offline")
     if acts and not online:
         raise UserError("offline training takes no world: drop it, or train online")
+    distinct = sorted({tuple(shape) for shape in shapes})
+    if len(distinct) != 1:
+        raise UserError(
+            f"data and world differ in (features, actions): {distinct}: they belong to another "
+            "world, or lack its clock"
+        )
+    return distinct[0]

@@ -51,10 +51,7 @@ class TrainState(NamedTuple):
     ) -> TrainState:
         """Take one Adam step; move the target network by the share `polyak` to the new network.
 
-        Args:
-            gradient: Of the network's arrays.
-            learning_rate: A scalar, or one for each part of the network: a prefix of its tree.
-            polyak: In [0, 1].
+        The learning rate is a scalar, or one for each part of the network: a prefix of its tree.
         """
         direction, optimiser = _ADAM.update(gradient, self.optimiser)
         change = jax.tree.map(lambda rate, part: _scaled(-rate, part), learning_rate, direction)
@@ -84,12 +81,9 @@ def _scaled(factor: Any, tree: Any) -> Any:
 
 
 class HyperparameterArrays(eqx.Module):
-    """Hyperparameters as arrays, read by their names, `hyperparameters.strength`.
+    """Hyperparameters as arrays, read by their names; stacked, with a leading axis of runs.
 
     An angle is kept as `weights`, the pair (cos α, sin α).
-
-    Attributes:
-        values: Scalars by name; stacked, with a leading axis of runs.
     """
 
     values: dict[str, Any]
@@ -113,10 +107,7 @@ _DTYPES = {"seed": jnp.uint32, "dataset": jnp.int32}
 
 
 def stack(hyperparameters: Sequence[Any]) -> HyperparameterArrays:
-    """Stack the hyperparameters of runs into arrays.
-
-    Args:
-        hyperparameters: Dataclasses of numbers, one for each run.
+    """Stack the hyperparameters of runs, dataclasses of numbers, into arrays.
 
     Raises:
         UserError: If a field is not a number.

@@ -17,20 +17,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.nn.actor_policy import LOG_STD
-from socialiq.nn.q_network import affine_layers, encoding, through
+from socialiq.nn.q_network import affine_layers, encoding, perceptron, through
 from socialiq.nn.view import Encoding
 
 
 class Actor(eqx.Module):
     """Mean and log-deviation of a squashed Gaussian, or a mean alone.
 
-    Attributes:
-        layers: Affine layers, with the activation between them; the last gives the means, then the
-            log-deviations if there are any.
-        activation: Name in `q_network.ACTIVATIONS`.
-        size: Length of an action.
-        scale: Common factor of the features.
-        view: Encoding of the observation that the first layer reads; None for none.
+    Attributes are as of `QNetwork`, and the length of an action. The last layer gives the means,
+    then the log-deviations if there are any.
     """
 
     layers: tuple[eqx.nn.Linear, ...]
@@ -52,36 +47,19 @@ class Actor(eqx.Module):
         times: int = 0,
         extra: int = 0,
     ) -> Actor:
-        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+        """Draw a network (`q_network.perceptron`), with deviations if it is stochastic.
 
-        Args:
-            key: Random key.
-            n_inputs: Length of the input.
-            hidden: Widths of the hidden layers.
-            size: Length of an action.
-            activation: Between layers.
-            scale: Common factor of the features.
-            stochastic: Whether there are deviations.
-            view: A name of `nn.view.CHOICES`.
-            times: Number of values of the time, the last feature of what a view reads.
-            extra: Inputs after the observation, those of an angle.
-
-        Raises:
-            UserError: If the view is unknown or doesn't fit the observation.
+        `n_inputs` counts the observation and the `extra` inputs after it, those of an angle; `size`
+        is the length of an action and `scale` a common factor of the features.
         """
-        outputs = 2 * size if stochastic else size
-        encoder = encoding(key, n_inputs - extra, view, (), times)
-        width = encoder.width + extra if encoder else n_inputs
-        layers = affine_layers(key, (width, *hidden, outputs))
+        widths = (*hidden, 2 * size if stochastic else size)
+        layers, encoder = perceptron(key, n_inputs - extra, widths, view, (), times, extra)
         return Actor(layers, activation, size, scale, encoder)
 
     def __call__(
         self, inputs: Float[Array, " input"]
     ) -> tuple[Float[Array, " size"], Float[Array, " size"]]:
-        """Return mean and log-deviation of u, of a = tanh(u); use `jax.vmap` for a batch.
-
-        Without deviations the second is the lower end of `LOG_STD`.
-        """
+        """Return mean and log-deviation of u; without deviations the lower end of `LOG_STD`."""
         value = through(self.layers, self.activation, encoded(self.view, inputs) * self.scale)
         mean = value[: self.size]
         if len(value) == self.size:
@@ -98,13 +76,7 @@ def encoded(view: Encoding | None, inputs: Float[Array, " input"]) -> Float[Arra
 
 
 class Critic(eqx.Module):
-    """Q(s, a) of continuous actions: a number from an input, encoded if need be, and an action.
-
-    Attributes:
-        layers: Affine layers, with the activation between them.
-        activation: Name in `q_network.ACTIVATIONS`.
-        scale: Common factor of the features; not of the action.
-    """
+    """Q(s, a) of continuous actions; `scale` is a factor of the features, not of the action."""
 
     layers: tuple[eqx.nn.Linear, ...]
     activation: str = eqx.field(static=True)
@@ -119,13 +91,7 @@ class Critic(eqx.Module):
 
 
 class TwinCritics(eqx.Module):
-    """Two critics with weights of their own (Fujimoto et al. 2018): their minimum errs less high.
-
-    Attributes:
-        first: First critic.
-        second: Second critic.
-        view: Encoding of the observation that both read; None for none.
-    """
+    """Two critics, by one view (Fujimoto et al. 2018): their minimum errs less high."""
 
     first: Critic
     second: Critic
@@ -143,8 +109,8 @@ class TwinCritics(eqx.Module):
         times: int = 0,
         extra: int = 0,
     ) -> TwinCritics:
-        """Draw both; arguments and errors as of `Actor.initialise`."""
-        encoder = encoding(key, n_inputs - extra, view, (), times)
+        """Draw both, as `Actor.initialise`."""
+        encoder = encoding(key, n_inputs - extra, view, times=times)
         width = encoder.width + extra if encoder else n_inputs
         widths, keys = (width + size, *hidden, 1), jax.random.split(key)
         critics = (Critic(affine_layers(half, widths), activation, scale) for half in keys)
@@ -172,10 +138,7 @@ infinite. Demonstrators that press a control to its end have many such actions."
 
 
 def squash_log_slope(u: Row) -> Row:
-    """Return log(1 - tanh(u)²), the log-derivative of tanh, in a form that doesn't round to log 0.
-
-    1 - tanh(u)² = 4 / (e^u + e^-u)², so its logarithm is 2 (log 2 - u - log(1 + e^-2u)).
-    """
+    """Return log(1 - tanh(u)²) as 2 (log 2 - u - log(1 + e^-2u)), which doesn't round to log 0."""
     return 2.0 * (math.log(2.0) - u - jax.nn.softplus(-2.0 * u))
 
 
@@ -196,12 +159,6 @@ def log_density(action: Row, mean: Row, log_std: Row) -> Scalar:
 
 
 def draw(noise: Row, mean: Row, log_std: Row) -> tuple[Row, Scalar]:
-    """Return the action tanh(mean + std noise) and its log-density, both with gradients.
-
-    Args:
-        noise: Standard normal numbers.
-        mean: Of u.
-        log_std: Logarithm of the standard deviation of u.
-    """
+    """Return the action tanh(mean + std noise), of standard normal noise, and its log-density."""
     u = mean + jnp.exp(log_std) * noise
     return jnp.tanh(u), log_density_before(u, mean, log_std)

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from socialiq.nn.dial_policy import Dial
-from socialiq.nn.q_policy import checked_batch, layers_of_network, numbers_of
-from socialiq.nn.saved import Arrays, Header, SavedNetwork, layers_of_content
+from socialiq.nn.q_policy import checked_batch, fields_of_network, numbers_of
+from socialiq.nn.saved import SavedNetwork
 from socialiq.nn.view import Encoding
 
 if TYPE_CHECKING:
@@ -36,19 +36,13 @@ class ActorPolicy(SavedNetwork):
     deviations.
 
     Attributes:
-        weights: Weight matrix of each layer, (outputs, inputs).
-        biases: Bias of each layer.
-        activation: One of `nn.saved.ACTIVATIONS`, applied between layers.
         action_size: Length of an action; the last layer has as many means, and no or as many
             log-deviations.
-        provenance: JSON-compatible record of how the policy was made.
         rng: Generator of the stochastic policy's draws.
-        sha256: SHA-256 of the file's content, for a policy that was loaded.
         squash: One of `SQUASHES`; "tanh" but for some imported policies.
-        view: Encoding of the observation that the first layer reads, with NumPy weights.
     """
 
-    KIND = "actor"
+    KIND, SETTINGS = "actor", ("action_size", "squash")
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -65,17 +59,14 @@ class ActorPolicy(SavedNetwork):
         actor: Actor, provenance: Mapping[str, Any], rng: np.random.Generator | None = None
     ) -> ActorPolicy:
         """Build the policy from a trained actor; its scale becomes part of the first layer."""
-        rng = np.random.default_rng(0) if rng is None else rng
-        view, layers = actor.view, layers_of_network(actor)
-        view = view.in_numpy() if view else None
-        return ActorPolicy(*layers, actor.activation, actor.size, provenance, rng, view=view)
+        rng, fields = rng or np.random.default_rng(0), fields_of_network(actor)
+        return ActorPolicy(action_size=actor.size, provenance=provenance, rng=rng, **fields)
 
     def network(self) -> Actor:
         """Return the actor, which can be trained: the inverse of `of`."""
         from socialiq.nn import actor, q_network  # learning needs JAX, acting does not
 
-        layers = q_network.linear_layers(self.weights, self.biases)
-        view = q_network.in_jax(self.view)
+        layers, view = q_network.trainable(self)
         return actor.Actor(layers, self.activation, self.action_size, view=view)
 
     @property
@@ -109,16 +100,13 @@ class ActorPolicy(SavedNetwork):
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions in [-1, 1]: the mean u, or a drawn one, squashed.
+        """Choose actions in [-1, 1], float32 (size,) or (batch, size); the policy has no memory.
 
         Args:
             observation: Shape (features,) or (batch, features).
-            state: Returned unchanged; the policy has no memory.
-            episode_start: Ignored, for the same reason.
-            deterministic: Whether the mean is taken.
-
-        Returns:
-            Float32 (size,) or (batch, size), and the state.
+            state: Returned unchanged.
+            episode_start: Ignored.
+            deterministic: Whether the mean u is squashed, or a drawn one.
 
         Raises:
             UserError: If an observation is nested, has another shape or is not finite.
@@ -130,33 +118,16 @@ class ActorPolicy(SavedNetwork):
         actions = SQUASHES[self.squash](mean)
         return (actions if numbers.ndim == 2 else actions[0]), state
 
-    def settings(self) -> dict[str, Any]:
-        """Return the action's size and squashing function, by name."""
-        return {"action_size": self.action_size, "squash": self.squash}
-
     def has_sound_settings(self) -> bool:
         """Whether there are such actions, with a mean and no or a deviation for each number."""
         size = self.action_size
         possible = type(size) is int and size > 0 and self.squash in SQUASHES
         return possible and len(self.biases[-1]) in (size, 2 * size)
 
-    @classmethod
-    def of_content(cls, arrays: Arrays, header: Header) -> ActorPolicy:
-        """Build a policy from a file's content, the inverse of `content`."""
-        settings = {name: header[name] for name in ("action_size", "squash")}
-        return cls(**settings, **layers_of_content(arrays, {"view": None, **header}))
-
 
 @dataclass(frozen=True)
 class ActorDial(Dial[ActorPolicy]):
-    """Trained dial of continuous actions; `at` returns the policy of one angle.
-
-    Attributes:
-        turned: The actor as a policy whose first layer also reads (cos α, sin α), as its last
-            inputs. Only `at` uses it.
-        low: Smallest trained social angle, in degrees.
-        high: Largest trained social angle, in degrees.
-    """
+    """Trained dial of continuous actions; attributes as of `Dial`."""
 
     KIND, NETWORK = "actor-dial", ActorPolicy
 

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError, one_of
+from socialiq.nn import q_network
 from socialiq.nn.dial_policy import angle_columns
-from socialiq.nn.q_network import QNetwork, affine_layers, encoding, through
+from socialiq.nn.q_network import QNetwork, with_weights
 from socialiq.nn.view import ROW, Encoding, View
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
@@ -26,8 +27,7 @@ class DialNetwork(eqx.Module):
     rewards under the policy of the angle. The value is then their score at the angle.
 
     Attributes:
-        layers: Affine layers; the first one's last inputs are those of the angle: cos α, sin α,
-            and its hat functions.
+        layers: The first one's last inputs are those of the angle: cos α, sin α, and its hats.
         activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
         view: Encoding of the observation that the first layer reads; None for none.
         pairs: Whether the outputs are Q_env of all actions, then Q_social of all actions.
@@ -53,27 +53,13 @@ class DialNetwork(eqx.Module):
         pairs: bool = False,
         knots: tuple[float, ...] = (),
     ) -> DialNetwork:
-        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+        """Draw a network (`q_network.perceptron`) with hat functions around the knots, in degrees.
 
-        Args:
-            key: Random key.
-            n_features: Length of an observation.
-            hidden: Widths of the hidden layers.
-            n_actions: Number of actions.
-            activation: Activation between layers.
-            view: A name of `nn.view.CHOICES`.
-            one_hot: Smallest value and number of values of each feature; None for the view.
-            times: Number of values of the time, the last feature of what a view reads.
-            pairs: Whether Q is a pair, of both rewards.
-            knots: Centres of the angle's hat functions, in degrees, at equal distances.
-
-        Raises:
-            UserError: If the view is unknown or doesn't fit the observation.
+        With `pairs` Q is a pair, of both rewards.
         """
-        encoder = encoding(key, n_features, view, one_hot, times)
-        inputs = (encoder.width if encoder else n_features) + 2 + len(knots)
-        outputs = 2 * n_actions if pairs else n_actions
-        layers = affine_layers(key, (inputs, *hidden, outputs))
+        widths, extra = (*hidden, 2 * n_actions if pairs else n_actions), 2 + len(knots)
+        shape = (n_features, widths, view, one_hot, times, extra)
+        layers, encoder = q_network.perceptron(key, *shape)
         return DialNetwork(layers, activation, encoder, pairs, knots)
 
     def __call__(
@@ -94,19 +80,18 @@ class DialNetwork(eqx.Module):
     ) -> Float[Array, " output"]:
         value = self.view(observation) if self.view else observation
         turned = jnp.concatenate([value, *angle_columns(direction, self.knots)])
-        return through(self.layers, self.activation, turned)
+        return q_network.through(self.layers, self.activation, turned)
 
     def at(self, direction: RewardPair) -> QNetwork:
-        """Return the network of one angle, which has plain values as its outputs.
+        """Return the network of one angle, with plain values as its outputs.
 
-        A fixed direction changes the first bias only, and of pairs the last layer: the score of
-        two affine functions is one.
+        A fixed direction changes the first bias, and of pairs the last layer.
         """
         layers, inputs = list(self.layers), jnp.concatenate(angle_columns(direction, self.knots))
         first, count = layers[0], len(inputs)
         assert first.bias is not None
         bias = first.bias + first.weight[:, -count:] @ inputs
-        layers[0] = _with(first, first.weight[:, :-count], bias)
+        layers[0] = with_weights(first, first.weight[:, :-count], bias)
         if self.pairs:
             last = layers[-1]
             assert last.bias is not None
@@ -114,7 +99,7 @@ class DialNetwork(eqx.Module):
                 score(direction, RewardPair(*jnp.split(array, 2)))
                 for array in (last.weight, last.bias)
             )
-            layers[-1] = _with(last, weight, bias)
+            layers[-1] = with_weights(last, weight, bias)
         return QNetwork(tuple(layers), self.activation, self.view)
 
 
@@ -156,10 +141,6 @@ def transferred(
     assert last.bias is not None
     weight, bias = jnp.asarray(last.weight)[rows], jnp.asarray(last.bias)[rows]
     empty = eqx.nn.Linear(last.weight.shape[1], len(rows), key=jax.random.key(0))
-    layers.append(_with(empty, weight, bias - np.tile(less, heads)))
+    layers.append(with_weights(empty, weight, bias - np.tile(less, heads)))
     view = dataclasses.replace(view, n_features=vehicles * ROW)
     return dataclasses.replace(network, layers=tuple(layers), view=view)
-
-
-def _with(layer: eqx.nn.Linear, weight: Array, bias: Array) -> eqx.nn.Linear:
-    return eqx.tree_at(lambda linear: (linear.weight, linear.bias), layer, (weight, bias))

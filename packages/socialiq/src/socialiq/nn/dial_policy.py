@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.nn.q_policy import QPolicy, checked_batch, layers_of_network
+from socialiq.nn.q_policy import QPolicy, checked_batch
 from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, refusal
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
@@ -58,10 +58,7 @@ class Dial(Saved, Generic[Network]):
         return np.array(exact_weights(angle), self.turned.weights[0].dtype)
 
     def at(self, angle: float) -> Network:
-        """Return the policy of one angle, an ordinary policy.
-
-        Args:
-            angle: Social angle in degrees.
+        """Return the policy of one angle in degrees, an ordinary policy.
 
         Raises:
             UserError: If the angle is outside the trained range.
@@ -97,13 +94,9 @@ class Dial(Saved, Generic[Network]):
 
 @dataclass(frozen=True)
 class DialPolicy(Dial[QPolicy]):
-    """Trained dial of `learners.dial`; `at` returns the policy of one angle.
+    """Trained dial of `learners.dial`; attributes as of `Dial`, and those below.
 
     Attributes:
-        turned: The network as a policy whose first layer also reads the angle, as its last inputs:
-            the direction, then the hat functions around the knots. Only `at` uses it.
-        low: Smallest trained social angle, in degrees.
-        high: Largest trained social angle, in degrees.
         pairs: Whether the last layer gives Q_env of all actions, then Q_social of all actions.
         settings: The network's angle for the angles asked for (`evaluation.dial.calibrated`), each
             row from its first angle to that of the next; none for the angle itself.
@@ -127,9 +120,7 @@ class DialPolicy(Dial[QPolicy]):
         provenance: Mapping[str, Any],
     ) -> DialPolicy:
         """Build the policy from a trained network."""
-        view, layers = network.view, layers_of_network(network)
-        view = view.in_numpy() if view else None
-        turned = QPolicy(*layers, network.activation, float(temperature), provenance, view=view)
+        turned = QPolicy.of(network, temperature, provenance)
         return DialPolicy(turned, low, high, network.pairs, knots=network.knots)
 
     def network(self) -> DialNetwork:
@@ -157,14 +148,7 @@ class DialPolicy(Dial[QPolicy]):
         return np.append(direction, hats(np.array(angle), self.knots)).astype(direction.dtype)
 
     def at(self, angle: float) -> QPolicy:
-        """Return the policy of one angle, an ordinary `QPolicy`.
-
-        Args:
-            angle: Social angle in degrees.
-
-        Raises:
-            UserError: If the angle is outside the trained range.
-        """
+        """Return the policy of one angle, with pairs of the score of both values."""
         check_in_range(angle, self.low, self.high)
         setting = self.setting(angle)
         recorded = {"setting": setting} if self.settings else {}
@@ -184,13 +168,7 @@ class DialPolicy(Dial[QPolicy]):
         observations: Float[np.ndarray, "batch feature"],
         angles: Float[np.ndarray, " batch"],
     ) -> Float[np.ndarray, "batch action"]:
-        """Return Q of each observation and action, each observation at an angle of its own.
-
-        Up to rounding the values of `at` of each row's angle.
-
-        Args:
-            observations: The observations.
-            angles: Social angle of each, in degrees.
+        """Return Q of each observation at its angle in degrees: up to rounding the values of `at`.
 
         Raises:
             UserError: If an observation has another length or is not finite, or an angle is
@@ -230,17 +208,31 @@ class DialPolicy(Dial[QPolicy]):
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> DialPolicy:
         """Build a dial from a file's content, as `Saved.checked`."""
-        knots = _knots_of(path, header)
+        knots = header.get("knots", [])
+        numbers = isinstance(knots, list) and all(
+            type(knot) is float and abs(knot) <= 720.0 for knot in knots
+        )
+        gaps = np.diff(knots) if numbers else np.zeros(0)
+        even = len(gaps) and 0.0 < gaps.sum() <= 360.0 and np.ptp(gaps) < 1e-6 * gaps.sum()
+        if knots != [] and not even:
+            raise refusal(path, "has no angles of its hat functions")
         turned = QPolicy.checked(path, arrays, header, extra=2 + len(knots))
         low, high = _range_of(path, header)
         pairs = header.get("pairs", False)
         if type(pairs) is not bool or (pairs and turned.n_actions % 2):
             raise refusal(path, "has no pair of values for each action")
-        return cls(turned, low, high, pairs, _settings_of(path, header, low, high), knots)
+        try:
+            rows = tuple((first, network) for first, network in header.get("settings", []))
+        except (TypeError, ValueError):
+            rows = ((np.nan, np.nan),)
+        inside = all(type(angle) is float and low <= angle <= high for row in rows for angle in row)
+        if not (inside and all(row[0] < later[0] for row, later in itertools.pairwise(rows))):
+            raise refusal(path, "has no settings of angles")
+        return cls(turned, low, high, pairs, rows, tuple(knots))
 
 
 def knots_between(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Return as many angles at equal distances from one to another, in degrees; none for 0."""
+    """Return as many angles at equal distances from low to high, in degrees; none for 0."""
     return tuple(np.linspace(low, high, count).tolist())
 
 
@@ -251,12 +243,8 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
     an angle's best actions have kinks where the policy changes: linear pieces follow these, while
     (cos α, sin α) alone rounds them off and so favours the action whose value has the kink.
 
-    Args:
-        degrees: The angle, a NumPy or JAX array of any shape; whole turns don't matter.
-        knots: Angles at equal distances, at least two.
-
-    Returns:
-        (..., knot).
+    The angle is a NumPy or JAX array, and whole turns don't matter; the knots, at least two, are at
+    equal distances. The result has one more axis, of the knots.
     """
     middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
     offset = (degrees - middle + 180.0) % 360.0 - 180.0  # of the angle from the middle knot
@@ -266,14 +254,9 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
 
 
 def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
-    """Return the inputs of the first layer for directions: (cos α, sin α), and the hats of α.
+    """Return the first layer's inputs of directions, NumPy or JAX arrays: the pair, then the hats.
 
-    Args:
-        direction: NumPy or JAX arrays of any shape.
-        knots: Centres of the hat functions, in degrees.
-
-    Returns:
-        Arrays with one more axis, of the inputs.
+    They have one more axis, of the inputs.
     """
     xp = direction.env.__array_namespace__()
     pair = xp.stack([direction.env, direction.social], axis=-1)
@@ -297,28 +280,3 @@ def _range_of(path: Path, header: Header) -> tuple[float, float]:
     if isinstance(low, float) and isinstance(high, float) and 0.0 <= low <= high < 360.0:
         return low, high
     raise refusal(path, "has no range of angles")
-
-
-def _knots_of(path: Path, header: Header) -> tuple[float, ...]:
-    """Return the knots in a dial's header, none or at equal distances within a turn."""
-    knots = header.get("knots", [])
-    numbers = isinstance(knots, list) and all(
-        type(knot) is float and abs(knot) <= 720.0 for knot in knots
-    )
-    if knots == [] or (numbers and len(knots) > 1):
-        gaps = np.diff(knots)
-        if not knots or (0.0 < gaps.sum() <= 360.0 and np.ptp(gaps) < 1e-6 * gaps.sum()):
-            return tuple(knots)
-    raise refusal(path, "has no angles of its hat functions")
-
-
-def _settings_of(path: Path, header: Header, low: float, high: float) -> Settings:
-    """Return the settings in a dial's header, all within its range."""
-    try:
-        rows = tuple((first, network) for first, network in header.get("settings", []))
-    except (TypeError, ValueError):
-        rows = ((np.nan, np.nan),)
-    inside = all(type(angle) is float and low <= angle <= high for row in rows for angle in row)
-    if inside and all(row[0] < following[0] for row, following in itertools.pairwise(rows)):
-        return rows
-    raise refusal(path, "has no settings of angles")

@@ -2,8 +2,7 @@
 
 The values are averaged, not the action probabilities. Errors of values that differ between training
 seeds cancel in the mean, and an offset that a member adds to all actions of a state changes neither
-the best action nor softmax(Q/τ) of the mean. A mean of probabilities would be a policy that draws
-a member at each decision: it keeps the errors of each, and has no values for online planning.
+the best action nor softmax(Q/τ) of the mean.
 """
 
 from __future__ import annotations
@@ -27,14 +26,9 @@ MOST_MEMBERS = 32
 
 @dataclass(frozen=True)
 class EnsemblePolicy(ValuePolicy):
-    """Policy that selects actions by the mean of its members' values.
+    """Policy that selects actions by the mean of its members' values, with a record of its own.
 
-    Attributes:
-        members: Networks of any structure, for one kind of observation and one set of actions.
-        temperature: τ of softmax(mean Q/τ).
-        provenance: JSON-compatible record of how the ensemble was made; members have their own.
-        rng: Generator of the stochastic policy's draws.
-        sha256: SHA-256 of the file's content, for an ensemble that was loaded.
+    Members are networks of any structure, for one kind of observation and one set of actions.
     """
 
     KIND = "ensemble"
@@ -49,12 +43,9 @@ class EnsemblePolicy(ValuePolicy):
     def of(
         members: Sequence[QPolicy | EnsemblePolicy], provenance: Mapping[str, Any] | None = None
     ) -> EnsemblePolicy:
-        """Build the ensemble of some policies; members of ensembles among them become its own.
+        """Build the ensemble of policies of one temperature; of ensembles it gets the members.
 
-        Args:
-            members: Policies of one temperature.
-            provenance: How it was made. By default what all members record alike, such as the
-                learner and the angle.
+        By default the record is what all members record alike, such as learner and angle.
 
         Raises:
             UserError: If there are none or too many, or they differ in features, actions or
@@ -80,11 +71,7 @@ class EnsemblePolicy(ValuePolicy):
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Return the mean of the members' Q of each observation and action.
-
-        Raises:
-            UserError: If an observation has another length or is not finite.
-        """
+        """Return the mean of the members' Q of each observation and action."""
         total = sum(member.q_values(observations) for member in self.members)
         return np.asarray(total / np.float32(len(self.members)))
 

@@ -6,12 +6,11 @@ Both read the observation or a view of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError, one_of
@@ -24,38 +23,6 @@ jax.tree_util.register_dataclass(
     View, data_fields=["weights", "biases"], meta_fields=["choice", "n_features", "times"]
 )
 jax.tree_util.register_dataclass(OneHot, data_fields=[], meta_fields=["lows", "sizes"])
-
-
-@runtime_checkable
-class ValueNetwork(Protocol):
-    """Network from an observation to a value per action, whose policy a `QPolicy` holds.
-
-    The layers' outputs may differ from the values by a number of the state.
-    """
-
-    @property
-    def layers(self) -> tuple[Any, ...]:
-        """Affine layers, with the activation between them."""
-        ...
-
-    @property
-    def activation(self) -> str:
-        """Name in `ACTIVATIONS` of the activation between layers."""
-        ...
-
-    @property
-    def view(self) -> Encoding | None:
-        """Encoding of the observation that the first layer reads; None for none."""
-        ...
-
-    @property
-    def scale(self) -> float:
-        """Common factor of the features; only without a view."""
-        ...
-
-    def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
-        """Return the values of one observation."""
-        ...
 
 
 class QNetwork(eqx.Module):
@@ -85,25 +52,8 @@ class QNetwork(eqx.Module):
         scale: float = 1.0,
         times: int = 0,
     ) -> QNetwork:
-        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
-
-        Args:
-            key: Random key.
-            n_features: Length of an observation.
-            hidden: Widths of the hidden layers.
-            n_actions: Number of actions.
-            activation: Activation between layers.
-            view: A name of `nn.view.CHOICES`.
-            one_hot: Smallest value and number of values of each feature; none for the view.
-            scale: Common factor of the features; only without a view.
-            times: Number of values of the time, the last feature of what a view reads.
-
-        Raises:
-            UserError: If the view is unknown or doesn't fit the observation.
-        """
-        encoder = encoding(key, n_features, view, one_hot, times)
-        inputs = encoder.width if encoder else n_features
-        layers = affine_layers(key, (inputs, *hidden, n_actions))
+        """Draw a network (`perceptron`); `scale` is a common factor of features without a view."""
+        layers, encoder = perceptron(key, n_features, (*hidden, n_actions), view, one_hot, times)
         return QNetwork(layers, activation, encoder, scale)
 
     def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
@@ -118,13 +68,9 @@ class DuelingNetwork(eqx.Module):
     """Q-network of two networks without common weights: the soft value of a state, and logits.
 
     Q(s, a) = V(s) + τ log softmax(l(s))(a). Then τ logsumexp(Q/τ) is V and softmax(Q/τ) is
-    softmax(l), whatever the weights: any Q has exactly one such form. In a plain network
-    differences between actions of size τ are small beside values of the size of a return, and an
-    error of the value drowns them. Here a policy is as easy to fit as a classifier's. Wang et al.
-    2016 separate value and advantage in this sense for a hard maximum.
-
-    It has the attributes of the logits' `QNetwork` in units of Q: as a policy it is τ l(s), which
-    is Q less a number of the state.
+    softmax(l), whatever the weights: any Q has exactly one such form, and a policy is as easy to
+    fit as a classifier's. Wang et al. 2016 separate value and advantage in this sense for a hard
+    maximum. As a policy it is τ l(s), which is Q less a number of the state.
 
     Attributes:
         value: V, one output.
@@ -147,11 +93,7 @@ class DuelingNetwork(eqx.Module):
         view: str = "flat",
         scale: float = 1.0,
     ) -> DuelingNetwork:
-        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
-
-        Raises:
-            UserError: If the view is unknown or doesn't fit the observation.
-        """
+        """Draw both networks, as `QNetwork.initialise`."""
         for_value, for_logits = jax.random.split(key)
         value, logits = (
             QNetwork.initialise(half, n_features, hidden, outputs, activation, view, scale=scale)
@@ -168,65 +110,55 @@ class DuelingNetwork(eqx.Module):
     def layers(self) -> tuple[Any, ...]:
         """Layers of the logits, the last one in units of Q."""
         *inner, last = self.logits.layers
-        scaled = jax.tree.map(lambda leaf: leaf * self.temperature, last)
-        return (*inner, scaled)
+        return (*inner, jax.tree.map(lambda leaf: leaf * self.temperature, last))
 
     @property
     def activation(self) -> str:
-        """Activation between layers."""
+        """Activation of the logits."""
         return self.logits.activation
 
     @property
     def scale(self) -> float:
-        """Common factor of the features."""
+        """Scale of the logits."""
         return self.logits.scale
 
     @property
     def view(self) -> Encoding | None:
-        """Encoding of the observation that the first layer reads; None for none."""
+        """View of the logits."""
         return self.logits.view
+
+
+ValueNetwork = QNetwork | DuelingNetwork
+"""Network from an observation to a value per action, whose policy a `QPolicy` holds."""
 
 
 def encoding(
     key: PRNGKeyArray,
     n_features: int,
     view: str,
-    one_hot: tuple[tuple[int, int], ...],
+    one_hot: tuple[tuple[int, int], ...] = (),
     times: int = 0,
 ) -> Encoding | None:
     """Return the encoding of a first layer: one-hot if the values are given, else a view.
 
-    Arguments and errors as of `QNetwork.initialise`.
+    A view's layers are drawn; the flat view has none and is None. Arguments and errors as of
+    `perceptron`.
     """
     if one_hot:
         return OneHot.of(one_hot)
-    return initial_view(jax.random.fold_in(key, 0), view, n_features, times)
-
-
-def initial_view(key: PRNGKeyArray, name: str, n_features: int, times: int = 0) -> View | None:
-    """Draw a view's layers; the flat view has none and is None.
-
-    Args:
-        key: Random key.
-        name: A name of `CHOICES`.
-        n_features: Length of an observation, the time included.
-        times: Number of values of the time, the last feature; 0 for none.
-
-    Raises:
-        UserError: If the name is unknown, or the observation is not a list of vehicles.
-    """
-    one_of("view", name, tuple(CHOICES))
-    choice = CHOICES[name]
+    one_of("view", view, tuple(CHOICES))
+    choice = CHOICES[view]
     if choice is None:
         return None
     listed = n_features - bool(times)
     if listed % ROW or listed < 2 * ROW:
         raise UserError(
-            f"view {name} reads rows of {ROW} numbers, one for each vehicle, and this world's "
+            f"view {view} reads rows of {ROW} numbers, one for each vehicle, and this world's "
             f"observation has {listed}: use the view flat"
         )
     sizes = (row_width(choice), *ENCODER) if choice.pooled else ()
-    keys = jax.random.split(key, len(sizes))  # a key more than layers, as ever
+    # A key more than layers, as ever.
+    keys = jax.random.split(jax.random.fold_in(key, 0), len(sizes))
     layers = [
         eqx.nn.Linear(inputs, outputs, key=layer_key)
         for inputs, outputs, layer_key in zip(sizes[:-1], sizes[1:], keys, strict=False)
@@ -237,9 +169,32 @@ def initial_view(key: PRNGKeyArray, name: str, n_features: int, times: int = 0) 
     return View(weights, biases, choice, n_features, times)
 
 
-def in_jax(encoder: Encoding | None) -> Encoding | None:
-    """Return an encoding with JAX weights, which can be trained."""
-    return jax.tree.map(jnp.asarray, encoder)
+def perceptron(
+    key: PRNGKeyArray,
+    n_features: int,
+    widths: Sequence[int],
+    view: str,
+    one_hot: tuple[tuple[int, int], ...] = (),
+    times: int = 0,
+    extra: int = 0,
+) -> tuple[tuple[eqx.nn.Linear, ...], Encoding | None]:
+    """Draw layers, uniformly within ±1/sqrt(fan-in), and the encoding that the first one reads.
+
+    Args:
+        key: Random key.
+        n_features: Length of an observation.
+        widths: Of the hidden layers, and number of outputs.
+        view: A name of `nn.view.CHOICES`.
+        one_hot: Smallest value and number of values of each feature; none for the view.
+        times: Number of values of the time, the last feature of what a view reads.
+        extra: Inputs after the observation, those of an angle.
+
+    Raises:
+        UserError: If the view is unknown or doesn't fit the observation.
+    """
+    encoder = encoding(key, n_features, view, one_hot, times)
+    inputs = (encoder.width if encoder else n_features) + extra
+    return affine_layers(key, (inputs, *widths)), encoder
 
 
 def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linear, ...]:
@@ -266,16 +221,17 @@ def network_of(networks: Any, run: int) -> Any:
     return jax.tree.map(lambda leaf: leaf[run], networks)
 
 
-def linear_layers(
-    weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]
-) -> tuple[eqx.nn.Linear, ...]:
-    """Return layers that can be trained, of the weights and biases of a saved policy."""
+def trainable(policy: Any) -> tuple[tuple[eqx.nn.Linear, ...], Encoding | None]:
+    """Return layers and encoding of a saved policy as arrays that can be trained."""
     key = jax.random.key(0)  # of weights that are replaced
-    return tuple(
-        eqx.tree_at(
-            lambda layer: (layer.weight, layer.bias),
-            eqx.nn.Linear(weight.shape[1], weight.shape[0], key=key),
-            (jnp.asarray(weight), jnp.asarray(bias)),
-        )
-        for weight, bias in zip(weights, biases, strict=True)
+    layers = tuple(
+        with_weights(eqx.nn.Linear(*reversed(weight.shape), key=key), weight, bias)
+        for weight, bias in zip(policy.weights, policy.biases, strict=True)
     )
+    return layers, jax.tree.map(jnp.asarray, policy.view)
+
+
+def with_weights(layer: eqx.nn.Linear, weight: Any, bias: Any) -> eqx.nn.Linear:
+    """Return a layer with these weights and biases."""
+    arrays = (jnp.asarray(weight), jnp.asarray(bias))
+    return eqx.tree_at(lambda linear: (linear.weight, linear.bias), layer, arrays)

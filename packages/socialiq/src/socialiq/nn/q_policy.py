@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,11 +11,11 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError, one_of
-from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, layers_of_content
-from socialiq.nn.view import Encoding, View
+from socialiq.nn.saved import Saved, SavedNetwork
+from socialiq.nn.view import Encoding
 
 if TYPE_CHECKING:
-    from socialiq.nn.q_network import QNetwork, ValueNetwork
+    from socialiq.nn.q_network import QNetwork
 
 TRAINABLE = ("relu", "elu")
 """Activations of networks that can be trained."""
@@ -72,12 +71,12 @@ class ValuePolicy(Saved):
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions, greedily or from softmax(Q/τ).
+        """Choose actions, greedily or from softmax(Q/τ); the policy has no memory.
 
         Args:
             observation: Shape (features,) or (batch, features).
-            state: Returned unchanged; the policy has no memory.
-            episode_start: Ignored, for the same reason.
+            state: Returned unchanged.
+            episode_start: Ignored.
             deterministic: Whether to select greedily; else sample from softmax(Q/τ).
 
         Raises:
@@ -126,30 +125,27 @@ def numbers_of(observation: object) -> np.ndarray:
         raise UserError("observation is not numeric: this policy takes one array") from error
 
 
-def layers_of_network(network: Any) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Return weights and biases of a trained network; its scale becomes part of the first ones."""
+def fields_of_network(network: Any) -> dict[str, Any]:
+    """Return a trained network as fields of a `SavedNetwork`; its scale goes into the weights."""
     first, *following = (np.asarray(layer.weight) for layer in network.layers)
     scale = getattr(network, "scale", 1.0)
     first = first if scale == 1.0 else first * np.float32(scale)
-    return (first, *following), tuple(np.asarray(layer.bias) for layer in network.layers)
+    return {
+        "weights": (first, *following),
+        "biases": tuple(np.asarray(layer.bias) for layer in network.layers),
+        "activation": network.activation,
+        "view": network.view.in_numpy() if network.view else None,
+    }
 
 
 @dataclass(frozen=True)
 class QPolicy(SavedNetwork, ValuePolicy):
     """Policy that selects actions from a Q-network: greedy, or from softmax(Q/τ).
 
-    Attributes:
-        weights: Weight matrix of each layer, (outputs, inputs).
-        biases: Bias of each layer.
-        activation: One of `nn.saved.ACTIVATIONS`, applied between layers.
-        temperature: τ of the stochastic policy softmax(Q/τ).
-        provenance: JSON-compatible record of how the policy was made.
-        rng: Generator of the stochastic policy's draws.
-        view: Encoding of the observation that the first layer reads, with NumPy weights.
-        sha256: SHA-256 of the file's content, for a policy that was loaded.
+    Attributes are those of `SavedNetwork` and `ValuePolicy`.
     """
 
-    KIND, VERSIONS, _empty_view = "policy", (2,), {"view": None}
+    KIND, VERSIONS, SETTINGS, NO_VIEW = "policy", (2,), ("temperature",), {"view": None}
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -162,16 +158,15 @@ class QPolicy(SavedNetwork, ValuePolicy):
 
     @staticmethod
     def of(
-        network: ValueNetwork,
+        network: Any,
         temperature: float,
         provenance: Mapping[str, Any],
         rng: np.random.Generator | None = None,
     ) -> QPolicy:
         """Build the policy from a trained network; its scale becomes part of the first layer."""
-        rng = np.random.default_rng(0) if rng is None else rng
-        view, layers = network.view, layers_of_network(network)
-        view = view.in_numpy() if view else None
-        return QPolicy(*layers, network.activation, float(temperature), provenance, rng, view)
+        rng, fields = rng or np.random.default_rng(0), fields_of_network(network)
+        tau = float(temperature)
+        return QPolicy(temperature=tau, provenance=provenance, rng=rng, **fields)
 
     def network(self) -> QNetwork:
         """Return the network, which can be trained: the inverse of `of`.
@@ -182,27 +177,8 @@ class QPolicy(SavedNetwork, ValuePolicy):
         from socialiq.nn import q_network  # learning needs JAX, acting does not
 
         one_of("activation of a trainable network", self.activation, TRAINABLE)
-        layers = q_network.linear_layers(self.weights, self.biases)
-        return q_network.QNetwork(layers, self.activation, q_network.in_jax(self.view))
-
-    def with_clock(self, times: int) -> QPolicy:
-        """Return the same policy for observations that end with the time, which it ignores.
-
-        A run that begins with it can learn to use the time.
-
-        Args:
-            times: Number of values of the time, 0, 1, ..., times - 1.
-
-        Raises:
-            UserError: If its view isn't of vehicles, or has a clock.
-        """
-        if not isinstance(self.view, View) or self.view.times:
-            raise UserError("a clock can be added to a network with a view of vehicles, once")
-        view = dataclasses.replace(self.view, n_features=self.view.n_features + 1, times=times)
-        first, *following = self.weights
-        ignored = np.zeros((len(first), times), first.dtype)  # a view puts the time first
-        weights = (np.hstack([ignored, first]), *following)
-        return dataclasses.replace(self, weights=weights, view=view)
+        layers, view = q_network.trainable(self)
+        return q_network.QNetwork(layers, self.activation, view)
 
     @property
     def n_actions(self) -> int:
@@ -212,22 +188,9 @@ class QPolicy(SavedNetwork, ValuePolicy):
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Return Q of each observation and action, shape (batch, actions).
-
-        Raises:
-            UserError: If an observation has another length or is not finite.
-        """
+        """Return Q of each observation and action, shape (batch, actions)."""
         return self.forward(checked_batch(observations, self.n_features))
-
-    def settings(self) -> dict[str, Any]:
-        """Return the temperature, by name."""
-        return {"temperature": self.temperature}
 
     def has_sound_settings(self) -> bool:
         """Whether the temperature is a positive, finite float."""
         return isinstance(self.temperature, float) and 0.0 < self.temperature < float("inf")
-
-    @classmethod
-    def of_content(cls, arrays: Arrays, header: Header) -> QPolicy:
-        """Build a policy from a file's content, the inverse of `content`."""
-        return cls(temperature=header["temperature"], **layers_of_content(arrays, header))

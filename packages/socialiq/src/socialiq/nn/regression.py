@@ -6,7 +6,6 @@ row's own noise would otherwise subtract that noise from the row.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -45,9 +44,6 @@ def cross_fitted(
         seed: Seed of the folds, the networks and the batches.
         steps: Gradient steps of each network.
 
-    Returns:
-        Prediction for each row, in the targets' unit.
-
     Raises:
         UserError: If there is one group only.
     """
@@ -79,19 +75,10 @@ def _fit_all(
     observation: Float[Array, "row feature"],
     target: Float[Array, "row output"],
 ) -> Float[Array, "fold row output"]:
-    """Return the predictions of each fold's network for every row."""
-    return jax.vmap(partial(_fit, observation, target))(networks, batches)
-
-
-def _fit(
-    observation: Float[Array, "row feature"],
-    target: Float[Array, "row output"],
-    network: QNetwork,
-    batches: Int[Array, "step batch"],
-) -> Float[Array, "row output"]:
-    """Fit a network with one step per batch of rows, and return its predictions for all rows."""
+    """Fit each fold's network with one step per batch of rows; return its predictions of all."""
     adam = optax.scale_by_adam()
-    rates = LEARNING_RATE * (1.0 - jnp.arange(len(batches)) / len(batches))
+    steps = batches.shape[1]
+    rates = LEARNING_RATE * (1.0 - jnp.arange(steps) / steps)
 
     def loss(fitted: QNetwork, rows: Int[Array, " batch"]) -> Float[Array, ""]:
         return jnp.mean(jnp.square(jax.vmap(fitted)(observation[rows]) - target[rows]))
@@ -103,6 +90,9 @@ def _fit(
         fitted = jax.tree.map(lambda weight, slope: weight - rate * slope, fitted, direction)
         return (fitted, memory), None
 
-    start = (network, adam.init(eqx.filter(network, eqx.is_array)))
-    (fitted, _), _ = jax.lax.scan(step, start, (batches, rates))
-    return jax.vmap(fitted)(observation)
+    def fit(network: QNetwork, batches: Int[Array, "step batch"]) -> Float[Array, "row output"]:
+        start = (network, adam.init(eqx.filter(network, eqx.is_array)))
+        (fitted, _), _ = jax.lax.scan(step, start, (batches, rates))
+        return jax.vmap(fitted)(observation)
+
+    return jax.vmap(fit)(networks, batches)

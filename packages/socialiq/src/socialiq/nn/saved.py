@@ -35,15 +35,12 @@ _FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, Overflow
 
 
 class Saved(ABC):
-    """Base class of what is saved in one safetensors file; `KIND` registers a subclass.
-
-    Attributes:
-        KIND: Kind of content in the file's header.
-        VERSIONS: Schema versions that are read.
-    """
+    """Base class of what is saved in one safetensors file; `KIND` registers a subclass."""
 
     KIND: ClassVar[str]
+    """Kind of content in the file's header."""
     VERSIONS: ClassVar[tuple[int, ...]] = (1,)
+    """Schema versions that are read."""
 
     def __init_subclass__(cls) -> None:
         """Enter the class into the registry."""
@@ -63,26 +60,14 @@ class Saved(ABC):
     @classmethod
     @abstractmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
-        """Build the object from a file's content, after a check that its parts agree.
-
-        Args:
-            path: The file, for messages.
-            arrays: Its arrays.
-            header: Its header, with `sha256` in it.
+        """Build the object from a file's arrays and header, with `sha256` in it.
 
         Raises:
             UserError: If they don't agree.
         """
 
     def save(self, path: Path, replace: bool = True) -> str:
-        """Write one safetensors file.
-
-        Args:
-            path: The file; its folder must exist.
-            replace: Whether a file there is replaced.
-
-        Returns:
-            SHA-256 of the content.
+        """Write one safetensors file, in a folder that exists; return the content's SHA-256.
 
         Raises:
             UserError: If the file can't be written.
@@ -138,6 +123,11 @@ class SavedNetwork(Saved):
         sha256: SHA-256 of the file's content, for a policy that was loaded.
     """
 
+    SETTINGS: ClassVar[tuple[str, ...]]
+    """Fields beside layers, view and provenance, which the header has."""
+    NO_VIEW: ClassVar[dict[str, None]] = {}
+    """Text of the header where a policy has no view."""
+
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
     activation: str
@@ -162,32 +152,27 @@ class SavedNetwork(Saved):
         return value
 
     @abstractmethod
-    def settings(self) -> dict[str, Any]:
-        """Return the fields beside layers, view and provenance, as the header has them."""
-
-    @abstractmethod
     def has_sound_settings(self) -> bool:
-        """Whether these fields are of their types and ranges, and fit the last layer."""
+        """Whether `SETTINGS` are of their types and ranges, and fit the last layer."""
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the named arrays and the header of the policy's file."""
         arrays = _named_layers("", self.weights, self.biases)
         header = {
             "activation": self.activation,
-            **self.settings(),
+            **{name: getattr(self, name) for name in self.SETTINGS},
             "layers": len(self.weights),
-            **self._empty_view,
+            **self.NO_VIEW,
             "provenance": dict(self.provenance),
         }
         if isinstance(self.view, OneHot):
             header |= {"one_hot": {"lows": self.view.lows, "sizes": self.view.sizes}}
         elif self.view is not None:
-            header |= {"view": _view_header(self.view)}
+            view = self.view.choice.described()
+            view |= {"layers": len(self.view.weights), "n_features": self.view.n_features}
+            header["view"] = view | ({"times": self.view.times} if self.view.times else {})
             arrays |= _named_layers("view_", self.view.weights, self.view.biases)
         return arrays, header
-
-    _empty_view: ClassVar[dict[str, None]] = {}
-    """Text of the header where a policy has no view."""
 
     @classmethod
     def checked(
@@ -201,31 +186,23 @@ class SavedNetwork(Saved):
             if array.dtype.kind != "f" or not np.isfinite(array).all():
                 raise refusal(path, "has a weight that is not a finite number")
         try:
-            policy = cls.of_content(arrays, header)
-            consistent = policy._agrees(extra)
+            policy = cls(**_fields_of(cls, arrays, header))
+            plain = policy.activation in ACTIVATIONS and isinstance(policy.provenance, dict)
+            sound = plain and policy.has_sound_settings() and _is_possible(policy.view)
+            if sound:  # before anything is computed: a header may claim widths of any size
+                width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
+                sound = width > 0 and _chained(policy.weights, policy.biases, width + extra)
         except _FAULTS as error:
             raise refusal(path, "has a header that doesn't fit its arrays") from error
-        if not consistent:
+        if not sound:
             raise refusal(path, "has layers that don't follow one another")
         return policy
 
-    @classmethod
-    @abstractmethod
-    def of_content(cls, arrays: Arrays, header: Header) -> Any:
-        """Build the policy from a file's content, the inverse of `content`, without checks."""
 
-    def _agrees(self, extra: int) -> bool:
-        plain = self.activation in ACTIVATIONS and isinstance(self.provenance, dict)
-        if not (plain and self.has_sound_settings() and view_is_possible(self.view)):
-            return False
-        # Before anything is computed with them: widths that a header claims could be of any size.
-        width = self.view.width if self.view else self.weights[0].shape[1] - extra
-        return width > 0 and _chained(self.weights, self.biases, width + extra)
-
-
-def layers_of_content(arrays: Arrays, header: Header) -> dict[str, Any]:
-    """Return the fields of a `SavedNetwork` in a file's content."""
+def _fields_of(kind: type[SavedNetwork], arrays: Arrays, header: Header) -> dict[str, Any]:
+    """Return the fields of a policy in a file's content, the inverse of `content`."""
     view: Encoding | None = None
+    header = header if kind.NO_VIEW else {"view": None, **header}
     if places := header.get("one_hot"):
         view = OneHot(tuple(places["lows"]), tuple(places["sizes"]))
     elif described := header["view"]:
@@ -233,7 +210,7 @@ def layers_of_content(arrays: Arrays, header: Header) -> dict[str, Any]:
         times, choice = described.get("times", 0), Choice.of_described(described)
         view = View(weights, biases, choice, described["n_features"], times)
     weights, biases = _layers_named("", header["layers"], arrays)
-    return {
+    return {name: header[name] for name in kind.SETTINGS} | {
         "weights": weights,
         "biases": biases,
         "activation": header["activation"],
@@ -253,13 +230,7 @@ def _layers_named(prefix: str, count: int, arrays: Arrays) -> tuple[Any, Any]:
     return weights, tuple(arrays[f"{prefix}bias_{number}"] for number in range(count))
 
 
-def _view_header(view: View) -> dict[str, Any]:
-    """Return what a header says of a view; the time only where there is one."""
-    sizes = {"layers": len(view.weights), "n_features": view.n_features}
-    return {**view.choice.described(), **sizes, **({"times": view.times} if view.times else {})}
-
-
-def view_is_possible(view: Any) -> bool:
+def _is_possible(view: Any) -> bool:
     """Whether a view's numbers are ones that `View` and `OneHot` produce."""
     if view is None:
         return True

@@ -3,10 +3,7 @@
 The intersection's observation is rows of seven numbers (presence, x, y, vx, vy, cos h, sin h), the
 ego's first, and with a clock the time at the end. A perceptron over the flat list has to learn each
 vehicle's effect once for each row that it may occupy, and distances from pairs of absolute
-positions. A view avoids both.
-
-A perceptron over raw coordinates fits rules that hold in one cell only with difficulty. In a
-gridworld an input for each value of a feature makes this easy.
+positions. In a gridworld an input for each value makes rules that hold in one cell easy to fit.
 """
 
 from __future__ import annotations
@@ -25,11 +22,7 @@ from socialiq.errors import UserError
 class OneHot:
     """Encoder from integer features to zeros and ones, for JAX and NumPy arrays.
 
-    A value outside its feature's range is encoded as all zeros.
-
-    Attributes:
-        lows: Smallest value of each feature.
-        sizes: Number of values of each feature.
+    Each feature has a smallest and a number of values; one outside is encoded as all zeros.
     """
 
     lows: tuple[int, ...]
@@ -37,10 +30,10 @@ class OneHot:
 
     @staticmethod
     def of(values: tuple[tuple[int, int], ...]) -> OneHot:
-        """Build the encoder from (smallest value, number of values) of each feature.
+        """Build the encoder from (smallest value, number of values) of each feature, at least one.
 
         Raises:
-            UserError: If there is no feature, or a feature without values.
+            UserError: If there is no feature, or one without values.
         """
         if not values or any(size < 1 for _, size in values):
             raise UserError("one_hot needs (smallest value, number of values) for each feature")
@@ -134,18 +127,15 @@ ENCODER = (64, 64)
 
 @dataclass(frozen=True)
 class View:
-    """Encoder from an observation to the inputs of a perceptron's first layer.
-
-    It accepts JAX and NumPy arrays, as weights and as input.
+    """Encoder from an observation to a first layer's inputs, of JAX or NumPy arrays.
 
     Attributes:
-        weights: Weights of the layers shared by all vehicles, each (outputs, inputs); empty if
-            rows are concatenated.
+        weights: Of the layers shared by all vehicles, each (outputs, inputs); empty if rows are
+            concatenated.
         biases: Biases of the same layers.
         choice: Properties of the view.
         n_features: Length of an observation.
-        times: Number of values of the time, the last feature, which are encoded one-hot: 0, 1,
-            ..., times - 1. 0: there is no time.
+        times: Number of values of the time, the last feature, encoded one-hot; 0 without.
     """
 
     weights: tuple[Any, ...]
@@ -281,8 +271,8 @@ def closeness(position: Any, velocity: Any) -> Any:
     """Return how close vehicles come to the ego at each of `SECONDS`, if all keep their velocities.
 
     A rule that brakes for who comes into the strip ahead needs a quotient of distances and speeds,
-    which a small network learns from many rows only. These are such quantities: the product of two
-    hats, 5 m to either side and 15 m before and behind, and the same times the distance ahead.
+    which a small network learns from many rows only. The closeness is the product of two hats, 5 m
+    to either side and 15 m before and behind.
 
     Args:
         position: Relative position along the ego's heading and to its left, in units of 100 m, last

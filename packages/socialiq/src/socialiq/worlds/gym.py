@@ -18,7 +18,7 @@ from socialiq.worlds import pictures, registry
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import Scene
-from socialiq.worlds.highway.world import RoadBatch, RoadWorld, world_of
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld, SceneWorld, world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 
@@ -158,7 +158,7 @@ class RoadEnv(gymnasium.Env):
         **options: Any,
     ) -> None:
         self.world, self.batch = _road(scene, options, 1)
-        if not isinstance(self.world, Intersection):
+        if isinstance(self.world, SceneWorld):
             self.metadata = {**self.metadata, "render_fps": 1}
         self.render_mode, self._clock = render_mode, clock
         self._weights = weights(check_angle(angle))
@@ -184,10 +184,12 @@ class RoadEnv(gymnasium.Env):
             "ending": Ending(ending).name.lower(),
             "speed": float(decisions.speed[0]),
             "contact": Contact(int(decisions.contact[0])).name.lower(),
-            "neighbours_collided": int(decisions.neighbours_collided[0]),
-            "classical": np.array([decisions.classical.env[0], decisions.classical.social[0]]),
-            "off_road": bool(decisions.off_road[0]),
         }
+        if len(decisions.off_road):  # a recorded junction doesn't report these
+            classical = decisions.classical
+            info["neighbours_collided"] = int(decisions.neighbours_collided[0])
+            info["classical"] = np.array([classical.env[0], classical.social[0]])
+            info["off_road"] = bool(decisions.off_road[0])
         reward = float(score(self._weights, decisions.rewards)[0])
         observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import network_of

@@ -12,10 +12,11 @@ from socialiq.cli.train import shared
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.learners.continuous.acting import ActorVectorCollector
+from socialiq.learners.acting import acting_in, actors_together
+from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous.config import PRESETS
 from socialiq.learners.continuous.standardise import Standardisation, explored
-from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
+from socialiq.learners.continuous.train import LEARNERS, check_fit, train
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, environment_maker, sizes
 from socialiq.worlds.gym import learning_env
@@ -114,7 +115,6 @@ class Task:
             UserError: If settings, data and world don't fit together.
         """
         command, data = self.command, self.data
-        learner: Any = LEARNERS[name]
         settings = command.size.given() | dict(given or {})
         static, numbers = command.options.apply(self._begun(name), settings)
         runs = command.grid.runs(numbers)
@@ -127,13 +127,13 @@ class Task:
         acting: dict[str, Any] = self._acting(static, runs, change) if self.world else {}
         clones = name == "behaviour-cloning"
         if not clones:
-            check_fit(learner, static, runs, datasets, None, acting.get("sizes"), bool(acting))
+            check_fit(static, runs, datasets, None, acting.get("sizes"), bool(acting))
         with folder.callbacks([shared.label(one_run) for one_run in runs]) as callbacks:
             if clones:
-                trained = learner.train_on(static, runs, datasets, callbacks, shared.CHUNK)
+                trained = LEARNERS[name].train_on(static, runs, datasets, callbacks, shared.CHUNK)
             else:
                 acting = {"chunk": shared.CHUNK, **acting}
-                trained = train(learner, static, runs, datasets, callbacks=callbacks, **acting)
+                trained = train(static, runs, datasets, callbacks=callbacks, **acting)
         record: dict[str, Any] = {"world": self.world}
         if data is not None:
             described = shared.described_file(command.data)
@@ -201,11 +201,13 @@ class Task:
             clock = static.times > 0 if data is None else data.n_features == listed + 1
             env = learning_env(Intersection(options), len(runs) * SIDE_BY_SIDE, clock)
             shape = (listed + clock, options.width)
-            collector = ActorVectorCollector(env, -(-steps // SIDE_BY_SIDE), static, runs)
+            together = actors_together(static, runs)
+            collector = VectorCollector(env, -(-steps // SIDE_BY_SIDE), runs, together)
         else:
             interface = (data.n_features, data.action_size) if data is not None else None
             make = environment_maker(self.world, interface, self.allow_code, continuous=True)
             make = make if change is None else change.maker(make)
             first = make()
-            shape, collector = (sizes(first)[0], action_size(first)), acting_in(make, static, runs)
+            shape = (sizes(first)[0], action_size(first))
+            collector = acting_in(make, static, runs, chunk)
         return {"sizes": shape, "chunk": chunk, "before_chunk": collector}

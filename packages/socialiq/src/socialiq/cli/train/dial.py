@@ -17,12 +17,11 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import road_training
-from socialiq.evaluation.ground import Ground, exact_regret, with_clock
+from socialiq.evaluation.exact import Ground, exact_regret
+from socialiq.learners import policy_iteration as iteration
 from socialiq.learners.dial.config import INTERSECTION, PRESETS, check_fit
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline import config as offline
-from socialiq.learners.policy_iteration import dial as iteration
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Row
@@ -126,7 +125,7 @@ class Dial(Printing):
                 f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
                 "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
             )
-        if self.preset in offline.PRESETS or is_world_file(self.world):
+        if self.preset == "offline-regularised" or is_world_file(self.world):
             raise UserError(
                 f"`socialiq train offline-dial FILE --world {self.world}` learns from "
                 "demonstrations alone: name that learner"
@@ -171,7 +170,7 @@ class Dial(Printing):
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.updates <= ASCENT_EVERY:
             raise UserError(f"a budget is checked every {ASCENT_EVERY} updates: train for more")
-        ground = with_clock(Ground.of(self.world), PRESETS[preset].clock)
+        ground = Ground.of(self.world).with_clock(PRESETS[preset].clock)
         return Budget(exact_regret(ground, static, runs), np.full(len(runs), self.budget))
 
 

@@ -18,9 +18,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners import extensions
-from socialiq.learners.collect import acting_in
+from socialiq.learners.acting import acting_in
 from socialiq.learners.extensions import LEARNERS
-from socialiq.learners.iq_learn.presets import PRESETS
+from socialiq.learners.iq_learn.config import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.settings import check_seeds
 from socialiq.worlds.enumerate import tabulate

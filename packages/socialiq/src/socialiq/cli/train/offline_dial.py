@@ -17,9 +17,9 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline.config import PRESETS
-from socialiq.learners.offline.train import train
 from socialiq.learners.settings import check_seeds
 from socialiq.outputs import new_folder, whole_folder
 from socialiq.results_folder import as_csv, versions
@@ -57,9 +57,10 @@ class OfflineDial(Printing):
         """Train a dial for each seed, write the folder, print what came out."""
         check_seeds(self.seed)
         data = files.load(self.data)
-        preset = PRESETS[PRESET]
         settings = encoding_of(self.world, data) | self.size.given()
-        static, numbers = self.options.apply((preset.structure, preset.numbers), settings)
+        static, numbers = self.options.apply(
+            (OfflineDialConfig(), OfflineDialHyperparameters()), settings
+        )
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
         with whole_folder(self.out) as folder:
@@ -120,7 +121,7 @@ class OfflineDial(Printing):
         def progress(stage: str) -> Callbacks:
             return Callbacks(on_report=display.stage(stage))
 
-        return train(static, numbers, data, progress, shared.CHUNK)
+        return train(static, [numbers], [data], progress, shared.CHUNK)
 
 
 def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:

@@ -1,12 +1,11 @@
 """The part that learners with an actor and critics share: networks, rows, acting, equations.
 
-The equations of soft actor-critic (Haarnoja et al. 2018) are one function each, of a policy
-π = squashed Gaussian and twin critics Q_1, Q_2; the score R(α) is the reward.
+The equations of soft actor-critic (Haarnoja et al. 2018) are of a policy π = squashed Gaussian and
+twin critics Q_1, Q_2; the score R(α) is the reward.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -14,30 +13,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import replay
-from socialiq.learners.continuous import acting
-from socialiq.learners.continuous.acting import Acting
-from socialiq.learners.dial.rows import draw_directions
-from socialiq.learners.expert_table import Batch, ExpertTable
-from socialiq.learners.iq_learn import losses
+from socialiq.learners.dial.rows import Acting, draw_directions
+from socialiq.learners.expert_table import Batch, Replay
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.actor import Actor, TwinCritics, draw, frozen
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import angle_columns
-from socialiq.types import ContinuousSimulator, Ending, RewardPair, Transitions
+from socialiq.types import ContinuousSimulator, Ending, RewardPair
 
 Scalar = Float[Array, ""]
 
 
 class Networks(NamedTuple):
-    """Networks that an optimiser step changes.
-
-    Attributes:
-        actor: The policy.
-        critics: Its values.
-        log_temperature: log τ, which only a tuned temperature changes.
-    """
+    """Networks that an optimiser step changes, and log τ, which only a tuned temperature does."""
 
     actor: Actor
     critics: TwinCritics
@@ -45,29 +34,19 @@ class Networks(NamedTuple):
 
 
 class Carry(NamedTuple):
-    """Loop carry of an update.
-
-    Attributes:
-        key: Random key.
-        replay: The learner's own transitions; None offline.
-        acting: Where it acts; None offline, or if experience comes from outside JAX.
-        more: What a learner adds.
-    """
+    """Loop carry of an update: own transitions, the place in a compiled world, a learner's own."""
 
     key: Array
-    replay: replay.Replay | None
+    replay: Replay | None
     acting: Acting | None
     more: Any = None
 
 
 class Rows(NamedTuple):
-    """Rows of one update.
+    """Rows of one update, `n_expert` demonstrations first, and a key for actions of the loss.
 
     Attributes:
-        batch: Transitions, demonstrations first.
         direction: (cos α, sin α) of each row.
-        n_expert: How many are demonstrations.
-        key: For the actions that the loss draws.
         initial: Observations of true initial states; None if they have no use.
         more: What a learner adds.
     """
@@ -98,22 +77,10 @@ class ActorCritic(Learner):
     shown: ClassVar[bool] = False
     """Whether the learner sees demonstrations."""
 
-    @classmethod
-    def of(
-        cls,
-        static: Any,
-        datasets: Sequence[Transitions],
-        simulator: ContinuousSimulator | None = None,
-    ) -> Any:
-        """Make the learner of sets of demonstrations and the world to act in.
-
-        Raises:
-            UserError: If there is none, or they differ in features or actions, or these are
-                discrete.
-        """
-        table = ExpertTable.of(datasets, cls.target_kind, 1.0, continuous=True)
-        sizes = (int(datasets[0].observation.shape[1]), int(datasets[0].action.shape[1]))
-        return cls(static, sizes, table, simulator)
+    @property
+    def volume(self) -> int:
+        """Volume of all actions: uniform ones have the entropy of its logarithm."""
+        return 2 ** self.sizes[1]
 
     @property
     def keeps_replay(self) -> bool:
@@ -138,13 +105,44 @@ class ActorCritic(Learner):
         if hasattr(hyperparameters, "temperature"):
             first = jnp.log(hyperparameters.temperature)
             network = network._replace(log_temperature=first)
-        ring = None
+        ring = begun = None
         if self.keeps_replay:
-            ring = replay.empty_of(self.static.replay_capacity, empty_row(self.sizes))
-        begun = None
+            ring = Replay.empty(self.static.replay_capacity, Batch.empty(*self.sizes))
         if self.simulator is not None:
-            begun = acting.begin(self.simulator, self.static, hyperparameters, for_acting)
+            begun = self.begin(hyperparameters, for_acting)
         return self.first_state(network), Carry(key, ring, begun)
+
+    def begin(self, hyperparameters: HyperparameterArrays, key: PRNGKeyArray) -> Acting:
+        """Start an episode, of a dial at a drawn angle."""
+        assert self.simulator is not None
+        for_world, for_angle = jax.random.split(key)
+        direction = hyperparameters.weights
+        if self.static.dial:
+            direction = jax.tree.map(jnp.squeeze, draw_directions(for_angle, 1, self.static))
+        return Acting(*self.simulator.reset(for_world), direction)
+
+    def act(
+        self, hyperparameters: HyperparameterArrays, actor: Actor, carry: Carry, key: PRNGKeyArray
+    ) -> Carry:
+        """Take steps with drawn actions, the first of a run uniform, into the replay."""
+        ring, now = carry.replay, carry.acting
+        assert self.simulator and ring and now  # such a learner keeps a replay
+        for step_key in jax.random.split(key, self.static.env_steps_per_update):
+            for_action, for_random, for_step, for_reset = jax.random.split(step_key, 4)
+            mean, log_std = actor(self.seen(now.observation, now.direction))
+            sampled = jnp.tanh(mean + jnp.exp(log_std) * jax.random.normal(for_action, mean.shape))
+            uniform = jax.random.uniform(for_random, mean.shape, minval=-1.0, maxval=1.0)
+            action = jnp.where(ring.added < self.static.random_steps, uniform, sampled)
+            follows, step = self.simulator.advance(for_step, now.episode, action)
+            row = Batch(now.observation, action, step.observation, step.ending, step.rewards)
+            ring = ring.add(row)
+            ended = step.ending != int(Ending.NONE)
+            fresh = self.begin(hyperparameters, for_reset)
+            going = Acting(follows, step.observation, now.direction)
+            now = jax.tree.map(
+                lambda new, old, ended=ended: jnp.where(ended, new, old), fresh, going
+            )
+        return carry._replace(replay=ring, acting=now)
 
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
@@ -154,24 +152,13 @@ class ActorCritic(Learner):
         keys = jax.random.split(carry.key, 6)
         carry = carry._replace(key=keys[0])
         if self.simulator is not None:
-            ring, now = carry.replay, carry.acting
-            assert ring is not None and now is not None  # such a learner keeps a replay
-            acting_inputs = (
-                self.simulator,
-                static,
-                hyperparameters,
-                state.network.actor,
-                ring,
-                now,
-            )
-            ring, now = acting.act(*acting_inputs, keys[1])
-            carry = carry._replace(replay=ring, acting=now)
+            carry = self.act(hyperparameters, state.network.actor, carry, keys[1])
         batches = []
         if self.shown:
             assert self.table is not None
             batches.append(self.demonstrated(keys[2], hyperparameters, carry))
         if carry.replay is not None:
-            batches.append(replay.sample(carry.replay, keys[3], static.batch_size))
+            batches.append(carry.replay.sample(keys[3], static.batch_size))
         batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *batches)
         count, n_expert = len(batch.ending), static.batch_size if self.shown else 0
         direction = jax.tree.map(
@@ -182,18 +169,15 @@ class ActorCritic(Learner):
         return Rows(batch, direction, n_expert, keys[5]), carry
 
     def demonstrated(
-        self,
-        key: PRNGKeyArray,
-        hyperparameters: HyperparameterArrays,
-        carry: Carry,  # noqa: ARG002
+        self, key: PRNGKeyArray, hyperparameters: HyperparameterArrays, _carry: Carry, /
     ) -> Batch:
         """Return demonstrations, all alike."""
         assert self.table is not None
         return self.table.sample(key, hyperparameters.dataset, self.static.batch_size)
 
     def seen(
-        self, observation: Float[Array, "batch feature"], direction: RewardPair
-    ) -> Float[Array, "batch input"]:
+        self, observation: Float[Array, "*batch feature"], direction: RewardPair
+    ) -> Float[Array, "*batch input"]:
         """Return the networks' inputs: observations, and of a dial the angles."""
         if not self.static.dial:
             return observation
@@ -210,20 +194,6 @@ class ActorCritic(Learner):
         if not self.static.tuned:
             return hyperparameters.temperature
         return jax.lax.stop_gradient(jnp.exp(network.log_temperature))
-
-    def continued(
-        self,
-        value: Float[Array, " batch"],
-        batch: Batch,
-        temperature: Scalar,
-        hyperparameters: HyperparameterArrays,
-        occupancy: Float[Array, " kind"] | None = None,
-    ) -> Float[Array, " batch"]:
-        """(1 - d) V(s') of Eq 2.6; an absorbing state has the entropy of uniform actions."""
-        volume = 2 ** self.sizes[1]
-        absorbing = losses.absorbing_value(volume, temperature, hyperparameters.discount)
-        treatment = self.static.endings.by_kind()
-        return losses.continuation(value, batch.ending, treatment, absorbing, occupancy)
 
     def improvement(
         self,
@@ -243,10 +213,7 @@ class ActorCritic(Learner):
         return terms | {"entropy": -jnp.mean(sampled.log_density)}
 
     def policy(
-        self,
-        hyperparameters: Any,
-        state: TrainState,
-        kept: Any = None,  # noqa: ARG002
+        self, hyperparameters: Any, state: TrainState, _kept: Any = None
     ) -> ActorPolicy | ActorDial:
         """Return the trained actor of one run, or its dial."""
         policy = ActorPolicy.of(state.network.actor, self.record(hyperparameters))
@@ -260,20 +227,8 @@ class ActorCritic(Learner):
         return super().run_name(hyperparameters)
 
 
-def empty_row(sizes: tuple[int, int]) -> Batch:
-    """Return a transition of zeros, with the shapes and types of a replay's rows."""
-    observation, zero = jnp.zeros(sizes[0]), jnp.zeros(())
-    action, ending = jnp.zeros(sizes[1]), jnp.array(int(Ending.NONE), jnp.int32)
-    return Batch(observation, action, observation, ending, RewardPair(zero, zero))
-
-
 class Drawn(NamedTuple):
-    """Actions that a policy draws in each state.
-
-    Attributes:
-        action: Several for each state.
-        log_density: log π of each.
-    """
+    """Actions that a policy draws in each state, and log π of each."""
 
     action: Float[Array, "draw batch size"]
     log_density: Float[Array, "draw batch"]

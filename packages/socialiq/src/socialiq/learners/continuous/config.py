@@ -73,19 +73,13 @@ class TD3BCConfig(ActorConfig, settings.LearnerConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CriticLoss:
-    """Choice of the critics' loss in continuous IQ-Learn."""
+class ActorIQLearnConfig(ActorConfig, IQLearnConfig):
+    """Choices that shape the program of continuous IQ-Learn."""
 
     critic: Literal["objective", "regression"] = "objective"
     """Loss of the critics: terms 1 to 3 of Eq 2.7, or the regression of r̂ to 4 α_χ on
     demonstrations and to -4 α_χ on own rows, which terms 1 to 3 are where own rows are drawn from
     the policy (Al-Hafez et al. 2023, LS-IQ); with `bounded` its targets are bounded."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActorIQLearnConfig(ActorConfig, CriticLoss, IQLearnConfig):
-    """Choices that shape the program of continuous IQ-Learn."""
-
     replay_capacity: Count = 100_000
     target_kind: Any = "instantaneous"
     """Kind of "cumulative returns" in R(α), of `social.returns`, or the advantage."""

@@ -21,9 +21,9 @@ from socialiq.learners.continuous import actor_critic
 from socialiq.learners.continuous.actor_critic import ActorCritic, Carry, Networks, Rows
 from socialiq.learners.continuous.config import ActorIQLearnConfig, ActorIQLearnHyperparameters
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn import losses, objective
-from socialiq.learners.iq_learn.objective import OURS, UserFunctions
-from socialiq.learners.iq_learn.train import ENDINGS_SHARE, followed
+from socialiq.learners.iq_learn import losses
+from socialiq.learners.iq_learn.objective import OURS, UserFunctions, terms_of
+from socialiq.learners.iq_learn.train import demonstrated, followed
 from socialiq.learners.kernel import Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.actor import TwinCritics, frozen
@@ -54,14 +54,7 @@ class ContinuousIQLearn(ActorCritic):
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw networks, start an episode, and weigh the demonstrations."""
         state, carry = super().initialise(hyperparameters)
-        assert self.table is not None
-        cumulative = endings = None
-        if self.static.prior == "reweighting":
-            cumulative = losses.cumulative_weights(self.table, hyperparameters)
-        if "occupancy" in self.static.endings.by_kind().values():
-            demonstrated = self.table.ending_shares(hyperparameters.dataset)
-            endings = jnp.stack([demonstrated, jnp.zeros_like(demonstrated)])
-        return state, carry._replace(more=(cumulative, endings))
+        return state, carry._replace(more=demonstrated(self, hyperparameters))
 
     def demonstrated(
         self, key: PRNGKeyArray, hyperparameters: HyperparameterArrays, carry: Carry
@@ -86,8 +79,7 @@ class ContinuousIQLearn(ActorCritic):
             first = self.table.sample_initial(for_initial, hyperparameters.dataset, size)
             rows = rows._replace(initial=first)
         if endings is not None:
-            counted = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
-            endings = followed(endings, rows.batch.ending[rows.n_expert :], counted)
+            endings = followed(endings, rows.batch.ending[rows.n_expert :], state)
             rows, carry = rows._replace(more=endings), carry._replace(more=(cumulative, endings))
         return rows, carry
 
@@ -113,54 +105,27 @@ class ContinuousIQLearn(ActorCritic):
         hyperparameters: HyperparameterArrays,
     ) -> list[Terms]:
         """Return the terms of Eq 2.7 and 4.5 for each critic."""
-        numbers, batch, target = (
-            hyperparameters,
-            rows.batch,
-            score(rows.direction, rows.batch.target),
-        )
-        value, after, start = self.values(network, target_network.critics, rows, key, numbers)
+        batch, chi2_alpha = rows.batch, hyperparameters.chi2_alpha
+        target, n_expert = score(rows.direction, batch.target), rows.n_expert
+        critics = (network, target_network.critics)
+        value, after, start = self.values(*critics, rows, key, hyperparameters)
         taken = jax.vmap(network.critics)(
             self.seen(batch.observation, rows.direction), batch.action
         )
         terms_by_critic = []
         for critic in range(2):
             follows = after[:, critic]
-            reward = losses.implicit_reward(taken[:, critic], follows, numbers.discount)
-            expert_reward = reward[: rows.n_expert]
+            reward = losses.implicit_reward(taken[:, critic], follows, hyperparameters.discount)
             if self.static.critic == "regression":
-                terms = regression_terms(expert_reward, reward[rows.n_expert :], numbers.chi2_alpha)
+                terms = regression_terms(reward[:n_expert], reward[n_expert:], chi2_alpha)
             else:
-                columns = (value[:, critic], follows, start if start is None else start[:, critic])
-                terms = self.objective_terms(reward, *columns, target, rows.n_expert, numbers)
-            recorded = {"max_q": jnp.max(jnp.abs(taken)), "expert_reward": jnp.mean(expert_reward)}
-            terms_by_critic.append(terms | recorded)
+                first = start if start is None else start[:, critic]
+                columns = (reward, target, value[:, critic], follows, first)
+                terms = terms_of(*columns, hyperparameters, self.static, self.own)
+            terms["max_q"] = jnp.max(jnp.abs(taken))
+            terms["expert_reward"] = jnp.mean(reward[:n_expert])
+            terms_by_critic.append(terms)
         return terms_by_critic
-
-    def objective_terms(
-        self,
-        reward: Float[Array, " batch"],
-        value: Float[Array, " batch"],
-        follows: Float[Array, " batch"],
-        start: Float[Array, " first"] | None,
-        target: Float[Array, " batch"],
-        n_expert: int,
-        hyperparameters: HyperparameterArrays,
-    ) -> Terms:
-        """Return the terms of Eq 2.7 and 4.5 for one critic; arguments as `values` has them."""
-        numbers, static, functions = hyperparameters, self.static, self.own
-        expert_reward, expert_target = reward[:n_expert], target[:n_expert]
-        terms = {
-            "expert": objective.expert_term(
-                expert_reward, expert_target, numbers, static, functions
-            )
-        }
-        if start is not None:
-            terms["value"] = losses.initial_value_term(start, numbers.discount)
-        else:
-            counted = slice(None) if static.value_term == "value" else slice(n_expert)
-            values = (value[counted], follows[counted])
-            terms["value"] = losses.value_term(*values, numbers.discount)
-        return terms | objective.quadratic_terms(reward, target, numbers, static, functions)
 
     def values(
         self,
@@ -185,18 +150,9 @@ class ContinuousIQLearn(ActorCritic):
             next_value = self.value_of(network, target_critics, after, keys[1], temperature, True)
         else:
             next_value = self.value_of(network, network.critics, after, keys[1], temperature)
-        alpha, discount = hyperparameters.chi2_alpha, hyperparameters.discount
-        if self.static.bounded:
-            volume = 2 ** self.sizes[1]  # of all actions: uniform ones have the entropy log 2^size
-            next_value = jnp.clip(
-                next_value, *losses.value_bounds(volume, temperature, discount, alpha)
-            )
-        occupancy = None
-        if rows.more is not None:
-            occupancy = losses.occupancy_value(rows.more[0], rows.more[1], discount, alpha)
+        settings = (self.volume, temperature, hyperparameters, self.static, rows.more)
         follows = [
-            self.continued(next_value[:, critic], batch, temperature, hyperparameters, occupancy)
-            for critic in range(2)
+            losses.continued(next_value[:, critic], batch.ending, *settings) for critic in range(2)
         ]
         start = None
         if rows.initial is not None:

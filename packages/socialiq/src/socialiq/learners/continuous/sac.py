@@ -8,14 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners.continuous import actor_critic
+from socialiq.learners.continuous import actor_critic, config
 from socialiq.learners.continuous.actor_critic import ActorCritic, Networks, Rows
-from socialiq.learners.continuous.config import (
-    SACConfig,
-    SACHyperparameters,
-    TD3BCConfig,
-    TD3BCHyperparameters,
-)
+from socialiq.learners.iq_learn import losses
 from socialiq.learners.kernel import Terms
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.actor import frozen
@@ -25,8 +20,8 @@ from socialiq.social.angle import score
 class SoftActorCritic(ActorCritic):
     """Reinforcement learning on λR(α) plus the entropy; needs a world and no demonstrations."""
 
-    StaticConfig: ClassVar[type] = SACConfig
-    Hyperparameters: ClassVar[type] = SACHyperparameters
+    StaticConfig: ClassVar[type] = config.SACConfig
+    Hyperparameters: ClassVar[type] = config.SACHyperparameters
     name: ClassVar[str] = "sac"
 
     def loss(
@@ -57,7 +52,8 @@ class SoftActorCritic(ActorCritic):
         sampled = actor_critic.draw_actions(network.actor, after, key, count)
         q = actor_critic.drawn_values(target_network.critics, after, sampled).min(axis=-1)
         value = actor_critic.soft_value(q, sampled, temperature)
-        follows = self.continued(value, rows.batch, temperature, hyperparameters)
+        settings = (self.volume, temperature, hyperparameters, self.static)
+        follows = losses.continued(value, rows.batch.ending, *settings)
         reward = hyperparameters.strength * score(rows.direction, rows.batch.target)
         return frozen(reward + hyperparameters.discount * follows)
 
@@ -69,8 +65,8 @@ class TD3BC(ActorCritic):
     and critics take one step of Adam together here.
     """
 
-    StaticConfig: ClassVar[type] = TD3BCConfig
-    Hyperparameters: ClassVar[type] = TD3BCHyperparameters
+    StaticConfig: ClassVar[type] = config.TD3BCConfig
+    Hyperparameters: ClassVar[type] = config.TD3BCHyperparameters
     name: ClassVar[str] = "td3_bc"
     stochastic: ClassVar[bool] = False
     online: ClassVar[bool] = False
@@ -111,7 +107,8 @@ class TD3BC(ActorCritic):
             action + jnp.clip(noise, -numbers.noise_clip, numbers.noise_clip), -1.0, 1.0
         )
         value = jax.vmap(target_network.critics)(after, action).min(axis=-1)
-        follows = self.continued(value, rows.batch, jnp.zeros(()), numbers)
+        settings = (self.volume, jnp.zeros(()), numbers, self.static)
+        follows = losses.continued(value, rows.batch.ending, *settings)
         reward = numbers.strength * score(rows.direction, rows.batch.target)
         return frozen(reward + numbers.discount * follows)
 

@@ -1,7 +1,6 @@
 """Standardised observations: each feature with mean 0 and deviation 1.
 
 Mean and deviation are over the demonstrations, or, without any, over steps at random in the world.
-
 Features of different units, a velocity of 10 m/s beside an angle of 0.1 rad, reach small networks
 alike. The learner sees standardised observations only; its policy takes them as they are.
 """
@@ -31,12 +30,9 @@ EXPLORED = 1000
 def explored(
     env: gymnasium.Env[Any, Any], seed: int, steps: int = EXPLORED
 ) -> Float32[np.ndarray, "row feature"]:
-    """Return the observations of steps with uniformly drawn actions, over whole and cut episodes.
+    """Return the flat observations of steps with uniformly drawn actions from a `Box`.
 
-    Args:
-        env: Environment with flat observations and a `Box` of actions.
-        seed: Of the first episode and of the actions.
-        steps: Number of steps.
+    The seed is of the first episode and of the actions; the last episode may be cut.
     """
     space = env.action_space
     assert isinstance(space, spaces.Box)
@@ -69,9 +65,7 @@ class Standardisation:
     ) -> Standardisation:
         """Return the change of these observations; a feature that never changes keeps its unit.
 
-        Args:
-            observation: The observations.
-            left_out: Features, counted from 0, that the networks do not see.
+        Features left out, counted from 0, are not seen by the networks.
 
         Raises:
             UserError: If there is no such feature, or none is left.
@@ -92,15 +86,11 @@ class Standardisation:
         return ((np.asarray(observation) - self.mean) / self.deviation).astype(np.float32)
 
     def transitions(self, table: Any) -> Any:
-        """Return demonstrations with standardised observations.
-
-        Args:
-            table: A dataclass with `observation` and `next_observation`.
-        """
-        standardised = {
-            name: self(getattr(table, name)) for name in ("observation", "next_observation")
-        }
-        return dataclasses.replace(table, **standardised)
+        """Return demonstrations, a dataclass, with standardised observations."""
+        after = self(table.next_observation)
+        return dataclasses.replace(
+            table, observation=self(table.observation), next_observation=after
+        )
 
     def environment(self, env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
         """Return an environment of flat observations with standardised ones.
@@ -123,20 +113,16 @@ class Standardisation:
         """Return a function that makes such environments."""
         return lambda: self.environment(make())
 
-    def policy(self, trained: ActorPolicy | ActorDial) -> ActorPolicy | ActorDial:
+    def policy(self, trained: ActorPolicy | ActorDial) -> Any:
         """Return a policy, or dial, of observations as they are; its first layer has the change.
+
+        Inputs after the observation, those of an angle, stay.
 
         Raises:
             UserError: If it reads the observation by a view.
         """
-        return self.dial(trained) if isinstance(trained, ActorDial) else self.actor(trained)
-
-    def dial(self, trained: ActorDial) -> ActorDial:
-        """Return `policy` of a dial."""
-        return dataclasses.replace(trained, turned=self.actor(trained.turned))
-
-    def actor(self, trained: ActorPolicy) -> ActorPolicy:
-        """Return `policy` of an actor; inputs after the observation, those of an angle, stay."""
+        if isinstance(trained, ActorDial):
+            return dataclasses.replace(trained, turned=self.policy(trained.turned))
         if trained.view is not None:
             raise UserError("a view reads vehicles in their units: leave --standardise out")
         (first, *weights), (bias, *biases) = trained.weights, trained.biases

@@ -1,4 +1,4 @@
-"""Settings of the dial: config, hyperparameters, presets, and the check of a run."""
+"""Settings of the dial and of the offline dial: configs, hyperparameters, presets."""
 
 from __future__ import annotations
 
@@ -123,6 +123,64 @@ class DialHyperparameters(settings.CosineRate, settings.Dataset):
     """Share of random actions while acting; the others are drawn from softmax(Q/τ)."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class OfflineDialConfig(settings.DrawnAngles, settings.LearnerConfig):
+    """Choices that shape the program. Defaults: the intersection."""
+
+    high_from: float = 77.0
+    high_share: Share | None = 0.4
+    """Share of the drawn angles beyond `high_from`, if the range reaches there; None: uniform. From
+    there to 90 degrees policies change from driving to waiting."""
+    members: Count = 1
+    """Critics, trained on the same rows from different weights; their mean is used."""
+    one_hot: tuple[tuple[int, int], ...] = ()
+    """For observations of integers: smallest value and number of values of each feature, which the
+    networks then see one place for each value. None: they see the view."""
+    hidden: settings.Widths = (128, 128)
+    view: settings.ViewName = "set"
+    batch_size: Count = 256
+    updates: Count = 5000
+    """Gradient steps of the behaviour policy, and of the dial."""
+    critic_factor: Count = 2
+    """Gradient steps of the critics, over those of the other two."""
+    whole_episode: settings.Natural = 0
+    """Decisions of a whole episode, where recordings end before it: a timeout before that many is
+    the end of a view, behind which values go on. 0: every timeout ends an episode."""
+
+    def __post_init__(self) -> None:
+        """Refuse names, sizes and ranges that make no run."""
+        super().__post_init__()
+        if (self.input_scale, self.schedule, self.averaging) != (1.0, "constant", 0.0):
+            raise UserError(
+                "the offline dial has a scale, a schedule and an average of its own: leave out "
+                "input_scale, schedule and averaging"
+            )
+
+    @property
+    def drawn(self) -> OfflineDialConfig:
+        """Return this config, without a high share where the range doesn't reach beyond it."""
+        reaches = self.low < self.high_from < self.high
+        return self if reaches else dataclasses.replace(self, high_share=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfflineDialHyperparameters(settings.CosineRate):
+    """Numbers of one run, all traced. The learning rate falls in each of the three stages."""
+
+    temperature: Positive = 0.1
+    """η from 30 to 60 degrees, in units of reward: the price of a nat of distance from the
+    behaviour policy. Small values choose the best supported action, large ones clone."""
+    end_temperature: Positive = 0.3
+    """η up to 15 degrees and from 75 on; between, it changes with sin 2α. Where one reward decides
+    alone, fewer demonstrators are overruled, and a critic's errors cost more."""
+    discount: Share = 1.0
+    """γ. The critics observe the time, so a finite horizon needs none."""
+    learning_rate: Positive = 1e-3
+    polyak: settings.Rate = 0.01
+    dataset: settings.Natural = 0
+    """Number of the run among those trained together, each with data of its own; set by them."""
+
+
 def check_fit(
     static: DialConfig,
     hyperparameters: Sequence[DialHyperparameters],
@@ -131,29 +189,17 @@ def check_fit(
     sizes: tuple[int, int] | None,
     collects: bool,
 ) -> tuple[int, int]:
-    """Refuse runs whose settings, data and world don't fit together, before any work is done.
-
-    Returns:
-        Features of an observation and number of actions.
-
-    Raises:
-        UserError: The line says what doesn't fit.
-    """
-    if static.demonstrations and not datasets and hyperparameters:
-        raise UserError("no demonstrations: pass at least one set, or train without them")
-    sets = len(datasets) // max(len(static.demonstrators), 1) if static.demonstrations else None
-    if datasets and sets == 0:
+    """Return (features, actions) of runs that fit data and world, as `settings.check_fit`."""
+    of_run = max(len(static.demonstrators), 1)
+    if 0 < len(datasets) < of_run and static.demonstrations:
         raise UserError("a run names a set of demonstrations beyond the 0 given")
-    settings.check_runs(hyperparameters, sets, static.online, simulator is not None or collects)
-    shapes = {(data.observation.shape[1], data.n_actions) for data in datasets}
-    shapes |= {(simulator.n_features, simulator.n_actions)} if simulator is not None else set()
-    shapes |= {sizes} if sizes else set()
-    if len(shapes) != 1:
-        raise UserError(
-            f"data and world differ in (features, actions): {sorted(shapes)}: "
-            "record the data in this world, with a clock if it has one"
-        )
-    return shapes.pop()
+    sets = len(datasets) // of_run if static.demonstrations else None
+    shapes = [(data.observation.shape[1], data.n_actions) for data in datasets]
+    shapes += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
+    acts = simulator is not None or collects
+    return settings.check_fit(
+        hyperparameters, sets, static.online, acts, [*shapes, sizes] if sizes else shapes
+    )
 
 
 class DialPreset(NamedTuple):

@@ -20,7 +20,7 @@ depends on the angle but by the action of the next step (vector-valued values, a
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -39,12 +39,7 @@ Scalar = Float[Array, ""]
 
 
 class Networks(NamedTuple):
-    """Inputs of the loss.
-
-    Attributes:
-        values: Q.
-        skill: f; None if no demonstrators are given.
-    """
+    """Q, and the skill f, None if no demonstrators are given."""
 
     values: DialNetwork
     skill: QNetwork | None
@@ -63,111 +58,74 @@ def objective(
     """
     network, skill = networks
     batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)
-    of_rows = _of_pairs if static.heads == "pair" else _of_scores
-    q, follows, reward, pairs = of_rows(network, target_network, rows, hyperparameters, static)
+    q, later, rewards = _implied(network, target_network, rows, hyperparameters, static)
+    pairs = len(rewards) == 2
+    reward = score(direction, RewardPair(*rewards)) if pairs else rewards[0]
     target = score(direction, batch.target)
 
     terms = {}
     if skill is not None and rows.own is not None:
         correction = jax.vmap(skill)(batch.observation)
         terms["skill"] = _skill_loss(correction, target_network, rows, rows.own, hyperparameters)
-        taken = jnp.take_along_axis(correction, batch.action[:, None], axis=1)[:, 0]
+        taken = _at(correction, batch.action)
         target = target + jax.lax.stop_gradient(taken) / hyperparameters.strength
     elif static.demonstrations:
         soft = static.backup == "soft"
         value = losses.soft_value(q, hyperparameters.temperature) if soft else q.max(axis=-1)
+        follows = score(direction, RewardPair(*later)) if pairs else later[0]
         terms["expert"] = losses.expert_term("chi2", reward[expert])
         terms["value"] = losses.value_term(value, follows, hyperparameters.discount)
     scored = expert if static.scored == "demonstrations" else slice(None)
-    centred = list(zip(pairs, batch.target, strict=True)) if pairs else [(reward, target)]
+    scale = (hyperparameters.strength, hyperparameters.chi2_alpha)
     gaps = [
-        losses.shifted_chi2(
-            implied[scored], centre[scored], hyperparameters.strength, hyperparameters.chi2_alpha
-        )
-        for implied, centre in centred
+        losses.shifted_chi2(implied[scored], centre[scored], *scale)
+        for implied, centre in zip(rewards, batch.target if pairs else [target], strict=True)
     ]
     terms["prior"] = hyperparameters.prior_weight * sum(gaps[1:], gaps[0])
     total = jnp.sum(jnp.stack(list(terms.values())))
     return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
 
 
-class _Rewards(NamedTuple):
-    """Values and implied rewards of the rows, each at its angle.
-
-    Attributes:
-        q: Values of all actions, (batch, action).
-        follows: (1 - d) V(s'), (batch,).
-        reward: r̂, (batch,).
-        pairs: r̂ of each reward, of a network with pairs.
-    """
-
-    q: Float[Array, "batch action"]
-    follows: Float[Array, " batch"]
-    reward: Float[Array, " batch"]
-    pairs: RewardPair | None
-
-
-def _of_scores(
+def _implied(
     network: DialNetwork,
     target_network: DialNetwork,
     rows: Rows,
     hyperparameters: HyperparameterArrays,
     static: DialConfig,
-) -> _Rewards:
-    """Return r̂ of a network whose outputs are values."""
+) -> tuple[Array, list[Array], list[Array]]:
+    """Return Q of all actions, and (1 - d) V(s') and r̂: of pairs each reward's, else one."""
     batch, direction = rows.batch, rows.direction
-    q = jax.vmap(network)(batch.observation, direction)
-    q_next = jax.vmap(target_network)(batch.next_observation, direction)
-    absorbing = 0.0
+    discount, pairs = hyperparameters.discount, static.heads == "pair"
+
+    def outputs(of: DialNetwork, observation: Array) -> Any:
+        if pairs:
+            return jax.vmap(of.both)(observation, direction)
+        return (jax.vmap(of)(observation, direction),)
+
+    def values(heads: Any) -> Array:
+        wide = jax.tree.map(lambda side: side[:, None], direction)
+        return score(wide, heads) if pairs else heads[0]
+
+    heads = outputs(network, batch.observation)
+    heads_next = outputs(target_network, batch.next_observation)
+    q, absorbing = values(heads), 0.0
     if static.backup == "soft":
-        absorbing = losses.absorbing_value(
-            q.shape[-1], hyperparameters.temperature, hyperparameters.discount
-        )
-        next_value = losses.soft_value(q_next, hyperparameters.temperature)
+        temperature = hyperparameters.temperature
+        absorbing = losses.absorbing_value(q.shape[-1], temperature, discount)
+        next_values = [losses.soft_value(heads_next[0], temperature)]
     else:
-        next_value = _at(q_next, _next_action(network, q_next, rows, static))
-    follows = losses.continuation(next_value, batch.ending, static.endings.by_kind(), absorbing)
-    reward = losses.implicit_reward(_at(q, batch.action), follows, hyperparameters.discount)
-    return _Rewards(q, follows, reward, None)
-
-
-def _of_pairs(
-    network: DialNetwork,
-    target_network: DialNetwork,
-    rows: Rows,
-    hyperparameters: HyperparameterArrays,
-    static: DialConfig,
-) -> _Rewards:
-    """Return r̂ of both rewards, of a network with pairs, and their score."""
-    batch, direction = rows.batch, rows.direction
-    wide = jax.tree.map(lambda column: column[:, None], direction)
-    values = jax.vmap(network.both)(batch.observation, direction)
-    both_next = jax.vmap(target_network.both)(batch.next_observation, direction)
-    action = _next_action(network, score(wide, both_next), rows, static)
+        q_next = values(heads_next)
+        if static.backup == "double":
+            q_next = jax.vmap(network)(batch.next_observation, direction)
+        action = jnp.argmax(q_next, axis=-1)
+        next_values = [_at(head, action) for head in heads_next]
     endings = static.endings.by_kind()
-    follows = RewardPair(
-        *(
-            losses.continuation(_at(next_values, action), batch.ending, endings, 0.0)
-            for next_values in both_next
-        )
-    )
-    reward = RewardPair(
-        *(
-            losses.implicit_reward(_at(q, batch.action), after, hyperparameters.discount)
-            for q, after in zip(values, follows, strict=True)
-        )
-    )
-    q = score(wide, values)
-    return _Rewards(q, score(direction, follows), score(direction, reward), reward)
-
-
-def _next_action(
-    network: DialNetwork, q_next: Float[Array, "batch action"], rows: Rows, static: DialConfig
-) -> Int[Array, " batch"]:
-    """Return the action of s' that the backup takes the value of."""
-    if static.backup == "double":
-        q_next = jax.vmap(network)(rows.batch.next_observation, rows.direction)
-    return jnp.argmax(q_next, axis=-1)
+    later = [losses.continuation(value, batch.ending, endings, absorbing) for value in next_values]
+    rewards = [
+        losses.implicit_reward(_at(head, batch.action), after, discount)
+        for head, after in zip(heads, later, strict=True)
+    ]
+    return q, later, rewards
 
 
 def _at(
@@ -195,7 +153,7 @@ def _skill_loss(
     f, action = correction[:count], rows.batch.action[:count]
     q = jax.vmap(target_network)(rows.batch.observation[:count], own)
     policy = jax.lax.stop_gradient(jax.nn.softmax(q / hyperparameters.temperature))
-    taken = jnp.take_along_axis(f, action[:, None], axis=1)[:, 0]
+    taken = _at(f, action)
     moved = jnp.mean(jnp.sum(policy * f, axis=1) - taken)
     size = jnp.mean(jnp.square(taken) + hyperparameters.spread * jnp.sum(jnp.square(f), axis=1))
     return moved + hyperparameters.shrinkage * size

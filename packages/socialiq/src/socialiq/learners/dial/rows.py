@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import replay
 from socialiq.learners.dial.config import DialConfig
-from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
+from socialiq.learners.expert_table import Batch, ExpertTable, Replay, draw_between
+from socialiq.learners.settings import DrawnAngles
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending, RewardPair
 
@@ -32,135 +32,67 @@ class Rows(NamedTuple):
     own: RewardPair | None = None
 
 
-class Driven(NamedTuple):
-    """Own transitions with the direction (cos α, sin α) at which they were driven.
+class Acting(NamedTuple):
+    """Running episodes in a compiled world; one, or as many as its arrays lead with.
 
     Attributes:
-        observation: As in `Batch`, and so on up to `target`.
-        direction: Of each transition.
+        episode: State of the world.
+        observation: Of that state.
+        direction: (cos α, sin α) at which the learner acts in the episode.
     """
 
+    episode: Any
     observation: Array
-    action: Array
-    next_observation: Array
-    ending: Array
-    target: RewardPair
     direction: RewardPair
-
-    @staticmethod
-    def of(batch: Batch, direction: RewardPair) -> Driven:
-        """Join transitions with their directions."""
-        return Driven(*batch, direction)
-
-    @property
-    def batch(self) -> Batch:
-        """The transitions."""
-        return Batch(*self[:-1])
-
-
-def empty_ring(static: DialConfig, n_features: int) -> replay.Replay:
-    """Return an empty ring; it also holds directions if rows are learned from at theirs."""
-    ring = replay.empty(static.replay_capacity, n_features)
-    if not static.driven_share:
-        return ring
-    nothing = jnp.zeros(static.replay_capacity, jnp.float32)
-    return ring._replace(columns=Driven.of(ring.columns, RewardPair(nothing, nothing)))
 
 
 def draw_rows(
     static: DialConfig,
     table: ExpertTable | None,
     dataset: Array,
-    ring: replay.Replay | None,
+    ring: Replay | None,
     key: Array,
 ) -> Rows:
-    """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
+    """Demonstrations, then the learner's own steps, each row at an angle drawn for it.
+
+    Of several demonstrators there are as many rows of each, in their order.
+    """
     for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
-    batches, driven = list[Batch](), None
+    batches, driven, demonstrators = list[Batch](), None, None
+    count = len(static.demonstrators)
     if static.demonstrations and table is not None:
-        batches += _shown(static, table, dataset, for_expert)
+        if not count:
+            batches.append(table.sample(for_expert, dataset, static.expert_batch))
+        for number, row_key in enumerate(jax.random.split(for_expert, count) if count else ()):
+            size = static.expert_batch // count
+            batches.append(table.sample(row_key, dataset * count + number, size))
     if ring is not None:
-        sampled = replay.sample(ring, for_replay, static.replay_batch)
-        if static.driven_share:
-            sampled, driven = sampled.batch, sampled.direction
-        batches.append(sampled)
+        sampled = ring.sample(for_replay, static.replay_batch)
+        driven = sampled.direction
+        batches.append(sampled._replace(direction=None))
     batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *batches)
     if static.redraw_times:
-        batch = at_other_times(
-            for_time, batch, static.redraw_times, static.timeout_reward, static.redraw_share
-        )
+        times = (static.redraw_times, static.timeout_reward, static.redraw_share)
+        batch = at_other_times(for_time, batch, *times)
+    direction = draw_directions(for_angle, len(batch.action), static)
+    if driven is not None:  # some of the own rows, which are the last, are at the driven angles
+        key, size = jax.random.fold_in(for_angle, 1), len(driven.env)
+        as_driven = jax.random.uniform(key, (size,)) < static.driven_share
+
+        def joined(new: Array, old: Array) -> Array:
+            return new.at[-size:].set(jnp.where(as_driven, old, new[-size:]))
+
+        direction = jax.tree.map(joined, direction, driven)
+    if count:
+        pairs = jnp.array([exact_weights(angle) for angle in static.demonstrators])
+        pairs = jnp.repeat(pairs, static.expert_batch // count, axis=0)
+        demonstrators = RewardPair(pairs[:, 0], pairs[:, 1])
     n_expert = static.expert_batch if static.demonstrations else 0
-    directions = draw_directions(for_angle, len(batch.action), static)
-    if driven is not None:
-        directions = _some_as_driven(jax.random.fold_in(for_angle, 1), directions, driven, static)
-    return Rows(batch, directions, n_expert, _own_directions(static))
+    return Rows(batch, direction, n_expert, demonstrators)
 
 
-def _shown(static: DialConfig, table: ExpertTable, dataset: Array, key: Array) -> list[Batch]:
-    """Demonstrations; of several demonstrators as many of each, in their order."""
-    count = len(static.demonstrators)
-    if not count:
-        return [table.sample(key, dataset, static.expert_batch)]
-    return [
-        table.sample(row_key, dataset * count + number, static.expert_batch // count)
-        for number, row_key in enumerate(jax.random.split(key, count))
-    ]
-
-
-def _own_directions(static: DialConfig) -> RewardPair | None:
-    """Each demonstrator's own direction, for as many rows as there are of it."""
-    if not static.demonstrators:
-        return None
-    pairs = jnp.array([exact_weights(angle) for angle in static.demonstrators])
-    rows = jnp.repeat(pairs, static.expert_batch // len(static.demonstrators), axis=0)
-    return RewardPair(rows[:, 0], rows[:, 1])
-
-
-def _some_as_driven(
-    key: PRNGKeyArray, drawn: RewardPair, driven: RewardPair, static: DialConfig
-) -> RewardPair:
-    """Return the drawn directions, but of some own rows, which are the last, those driven."""
-    count = len(driven.env)
-    as_driven = jax.random.uniform(key, (count,)) < static.driven_share
-
-    def joined(new: Array, old: Array) -> Array:
-        return new.at[-count:].set(jnp.where(as_driven, old, new[-count:]))
-
-    return jax.tree.map(joined, drawn, driven)
-
-
-@runtime_checkable
-class AngleRange(Protocol):
-    """Angles that a static config trains for, in degrees."""
-
-    @property
-    def low(self) -> float:
-        """Smallest angle."""
-        ...
-
-    @property
-    def high(self) -> float:
-        """Largest angle."""
-        ...
-
-    @property
-    def margin(self) -> float:
-        """Degrees beyond both ends in which angles are also drawn."""
-        ...
-
-    @property
-    def high_from(self) -> float:
-        """Angle from which `high_share` counts."""
-        ...
-
-    @property
-    def high_share(self) -> float | None:
-        """Share of the drawn angles beyond `high_from`; None: uniform."""
-        ...
-
-
-def draw_directions(key: PRNGKeyArray, size: int, static: AngleRange) -> RewardPair:
-    """Draw (cos α, sin α), α between the structure's `low` and `high` and its margin.
+def draw_directions(key: PRNGKeyArray, size: int, static: DrawnAngles) -> RewardPair:
+    """Draw (cos α, sin α), α between the config's `low` and `high` and its margin.
 
     α is uniform, or with `high_share` uniform on each side of `high_from`.
     """
@@ -168,38 +100,39 @@ def draw_directions(key: PRNGKeyArray, size: int, static: AngleRange) -> RewardP
     if static.high_share is None:
         angles = jax.random.uniform(key, (size,), minval=low, maxval=high)
     else:
-        angles = angles_at(jax.random.uniform(key, (size,)), static)
+        angles = _angles_at(jax.random.uniform(key, (size,)), static)
     radians = jnp.deg2rad(angles)
     return RewardPair(jnp.cos(radians), jnp.sin(radians))
 
 
-def angles_at(shares: Any, static: AngleRange) -> Any:
-    """Return the angles in degrees below which these shares of the drawn ones lie.
-
-    Args:
-        shares: Numbers in [0, 1], a NumPy or JAX array.
-        static: Structure with a `high_share`.
-    """
-    assert static.high_share is not None
-    low, high = static.low - static.margin, static.high + static.margin
-    below, middle = 1.0 - static.high_share, static.high_from
-    xp = shares.__array_namespace__()
-    return xp.where(
-        shares < below,
-        low + (middle - low) * shares / max(below, 1e-12),
-        high - (high - middle) * (1.0 - shares) / max(static.high_share, 1e-12),
-    )
-
-
 def stratified_angles(
-    static: AngleRange, count: int, rng: np.random.Generator
+    static: DrawnAngles, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, " count"]:
     """Return α in degrees, one as drawn within each of `count` equal parts of the angles."""
     places = np.arange(count) + rng.random(count)
     if static.high_share is None:
         low, high = static.low - static.margin, static.high + static.margin
         return low + (high - low) * places / count
-    return angles_at(places / count, static)
+    return _angles_at(places / count, static)
+
+
+def stratified(static: DrawnAngles, count: int, rng: np.random.Generator) -> RewardPair:
+    """Return the directions (cos α, sin α) of `stratified_angles`."""
+    angles = stratified_angles(static, count, rng)
+    pairs = np.array([exact_weights(angle) for angle in angles.tolist()], np.float32)
+    return RewardPair(pairs[:, 0], pairs[:, 1])
+
+
+def _angles_at(shares: Any, static: DrawnAngles) -> Any:
+    """Return the angles in degrees below which these shares of the drawn ones lie."""
+    assert static.high_share is not None
+    low, high = static.low - static.margin, static.high + static.margin
+    below, middle = 1.0 - static.high_share, static.high_from
+    return shares.__array_namespace__().where(
+        shares < below,
+        low + (middle - low) * shares / max(below, 1e-12),
+        high - (high - middle) * (1.0 - shares) / max(static.high_share, 1e-12),
+    )
 
 
 def at_other_times(

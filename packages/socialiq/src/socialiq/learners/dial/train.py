@@ -14,20 +14,18 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError
-from socialiq.learners import replay
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.acting import Acting, act, begin
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters, check_fit
 from socialiq.learners.dial.objective import Networks, objective
-from socialiq.learners.dial.rows import Rows, draw_rows, empty_ring
-from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.dial.rows import Acting, Rows, draw_directions, draw_rows
+from socialiq.learners.expert_table import Batch, ExpertTable, Replay
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import QNetwork, network_of
-from socialiq.types import Simulator, Transitions
+from socialiq.types import Ending, RewardPair, Simulator, Transitions
 
 
 class Carry(NamedTuple):
@@ -37,11 +35,11 @@ class Carry(NamedTuple):
         key: Random key.
         replay: The learner's own transitions; None offline.
         acting: Where it acts; None offline, or if experience comes from outside JAX.
-        multiplier: What a budget has made of the prior's weight (`learners.dial.train`).
+        multiplier: What a `Budget` has made of the prior's weight.
     """
 
     key: Array
-    replay: replay.Replay | None
+    replay: Replay | None
     acting: Acting | None
     multiplier: Array
 
@@ -71,23 +69,58 @@ class Dial(Learner):
         values = self.start or DialNetwork.initialise(
             key, n_features, static.hidden, n_actions, *shape, static.times, pairs, knots
         )
-        skill = None
-        if static.demonstrators:
-            for_skill = jax.random.fold_in(key, 1)
-            skill = QNetwork.initialise(
-                for_skill, n_features, static.skill_hidden, n_actions, *shape
-            )
-        return Networks(values, skill)
+        if not static.demonstrators:
+            return Networks(values, None)
+        widths = (n_features, static.skill_hidden, n_actions)
+        return Networks(values, QNetwork.initialise(jax.random.fold_in(key, 1), *widths, *shape))
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw networks and start episodes, from the run's seed alone."""
+        static = self.static
         key, for_network, for_acting = jax.random.split(jax.random.key(hyperparameters.seed), 3)
         state = self.first_state(self.network(for_network))
         ring = None
-        if self.static.online:
-            ring = empty_ring(self.static, self.sizes[0])
-        acting = begin(self.static, self.simulator, for_acting) if self.simulator else None
+        if static.online:
+            row, zero = Batch.empty(self.sizes[0]), jnp.zeros(())
+            if static.driven_share:
+                row = row._replace(direction=RewardPair(zero, zero))
+            ring = Replay.empty(static.replay_capacity, row)
+        acting = self.begin(for_acting) if self.simulator else None
         return state, Carry(key, ring, acting, jnp.ones(()))
+
+    def begin(self, key: Array) -> Acting:
+        """Start fresh episodes at angles drawn for them."""
+        assert self.simulator is not None
+        for_world, for_angle = jax.random.split(key)
+        count = self.static.environments
+        begun = jax.vmap(self.simulator.reset)(jax.random.split(for_world, count))
+        return Acting(*begun, draw_directions(for_angle, count, self.static))
+
+    def act(
+        self, hyperparameters: HyperparameterArrays, network: DialNetwork, carry: Carry, key: Array
+    ) -> Carry:
+        """Take one step in every environment, into the replay; an ended episode begins again."""
+        ring, now, count = carry.replay, carry.acting, self.static.environments
+        assert self.simulator and ring and now  # `check_fit` asks for online training
+        for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
+        q = jax.vmap(network)(now.observation, now.direction)
+        chosen = jax.random.categorical(for_action, q / hyperparameters.temperature)
+        random = jax.random.randint(for_random, (count,), 0, q.shape[-1])
+        explores = jax.random.uniform(for_chance, (count,)) < hyperparameters.exploration
+        action = jnp.where(explores, random, chosen)
+        step_keys = jax.random.split(for_step, count)
+        follows, step = jax.vmap(self.simulator.advance)(step_keys, now.episode, action)
+        rows = Batch(now.observation, action, step.observation, step.ending, step.rewards)
+        if self.static.driven_share:
+            rows = rows._replace(direction=now.direction)
+        ended = step.ending != int(Ending.NONE)
+
+        def begun(new: Array, old: Array) -> Array:
+            return jnp.where(ended.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+        going = Acting(follows, step.observation, now.direction)
+        acting = jax.tree.map(begun, self.begin(for_new), going)
+        return carry._replace(replay=ring.add_many(rows), acting=acting)
 
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
@@ -96,13 +129,7 @@ class Dial(Learner):
         key, for_acting, for_rows = jax.random.split(carry.key, 3)
         carry = carry._replace(key=key)
         if self.simulator is not None:
-            ring, acting = carry.replay, carry.acting
-            assert ring is not None and acting is not None  # `check_fit` asks for online training
-            values = state.network.values
-            ring, acting = act(
-                self.static, self.simulator, hyperparameters, values, ring, acting, for_acting
-            )
-            carry = carry._replace(replay=ring, acting=acting)
+            carry = self.act(hyperparameters, state.network.values, carry, for_acting)
         dataset = hyperparameters.dataset
         return draw_rows(self.static, self.table, dataset, carry.replay, for_rows), carry
 
@@ -160,7 +187,7 @@ def dial_of(
 def train(
     static: DialConfig,
     hyperparameters: Sequence[DialHyperparameters],
-    datasets: Sequence[Transitions],
+    datasets: Sequence[Transitions] = (),
     simulator: Simulator | None = None,
     sizes: tuple[int, int] | None = None,
     callbacks: Callbacks | None = None,
@@ -169,23 +196,21 @@ def train(
     budget: BeforeChunk | None = None,
     start: DialNetwork | None = None,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
     Args:
         static: Shared by all runs.
         hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations; `DialHyperparameters.dataset` picks the set of each run.
-            None without demonstrations; with `DialConfig.demonstrators` one set of each of them
-            for a run.
+        datasets: Sets of demonstrations, or none; with `DialConfig.demonstrators` one set of each
+            of them for a run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         sizes: Features of an observation and number of actions; needed only where neither
             demonstrations nor a simulator tell.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks.
         before_chunk: Adds experience from outside JAX (`learners.collect`).
-        budget: Moves the multiplier (`learners.dial.train`).
-        start: Network that every run begins with, of the form that `static` describes; None draws
-            one from each run's seed.
+        budget: Moves the multiplier (`Budget`).
+        start: Network of this form that every run begins with; None draws one from its seed.
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -194,44 +219,25 @@ def train(
     sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
     table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
     world = simulator.description if simulator else "offline or collected"
-    hook = _in_turn(before_chunk, budget)
     if start is not None:
-        world = f"{world}, from the network {_checked_start(static, sizes, start)}"
-    return Dial(static, sizes, table, simulator, start).train(
-        hyperparameters, callbacks, chunk, hook, world
-    )
+        fresh = Dial(static, sizes).network(jax.random.key(0)).values
+        forms = [jax.tree.structure(network) for network in (fresh, start)]
+        shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
+        if forms[0] != forms[1] or shapes[0] != shapes[1]:
+            raise UserError(
+                "the first network has another form than the configuration: give it the same "
+                "view, widths, heads, knots and horizon, and the world's features and actions"
+            )
+        content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(start))
+        world = f"{world}, from the network {hashlib.sha256(content).hexdigest()}"
 
-
-def _checked_start(static: DialConfig, sizes: tuple[int, int], start: DialNetwork) -> str:
-    """Return the SHA-256 of a first network's numbers.
-
-    Raises:
-        UserError: If it has another form than the config describes.
-    """
-    fresh = Dial(static, sizes).network(jax.random.key(0)).values
-    forms = [jax.tree.structure(network) for network in (fresh, start)]
-    shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
-    if forms[0] != forms[1] or shapes[0] != shapes[1]:
-        raise UserError(
-            "the first network has another form than the configuration: give it the same view, "
-            "widths, heads, knots and horizon, and the world's features and actions"
-        )
-    digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(start):
-        digest.update(np.asarray(leaf).tobytes())
-    return digest.hexdigest()
-
-
-def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
-    """Return a hook that calls the given hooks in turn; None if there is none."""
-    present = [hook for hook in hooks if hook is not None]
-
-    def all_of(runs: Runs, done: int) -> Runs:
-        for hook in present:
-            runs = hook(runs, done)
+    def in_turn(runs: Runs, done: int) -> Runs:
+        for hook in (before_chunk, budget):
+            runs = hook(runs, done) if hook else runs
         return runs
 
-    return all_of if present else None
+    learner = Dial(static, sizes, table, simulator, start)
+    return learner.train(hyperparameters, callbacks, chunk, in_turn, world)
 
 
 def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:
@@ -249,19 +255,12 @@ def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> Hyperpa
 Regret = Callable[[DialNetwork, int, float], float]
 """Function from a network, its run, and the multiplier of its training to the regret."""
 
-
 ASCENT_EVERY = 250
 """Usual number of updates between two steps of dual ascent."""
 
 
 class Look(NamedTuple):
-    """History of the dual ascent.
-
-    Attributes:
-        updates: Gradient steps done.
-        regret: Of each run.
-        multiplier: Of each run, from here on.
-    """
+    """Step of the dual ascent: each run's regret after some updates, and multiplier from there."""
 
     updates: int
     regret: Float[np.ndarray, " run"]
@@ -310,16 +309,15 @@ class Budget:
 
     def __call__(self, runs: Runs, done: int) -> Runs:
         """Measure every run, and move its multiplier."""
-        before = np.asarray(runs.carry.multiplier, np.float64)
         if not done:
             return runs
+        before = np.asarray(runs.carry.multiplier, np.float64)
         networks = runs.state.target_network.values
-        regret = np.array(
-            [
-                self._regret(network_of(networks, run), run, float(multiplier))
-                for run, multiplier in enumerate(before)
-            ]
-        )
+        regrets = [
+            self._regret(network_of(networks, run), run, float(multiplier))
+            for run, multiplier in enumerate(before)
+        ]
+        regret = np.array(regrets)
         # Bounded: far from the budget every step is as long as any.
         excess = np.clip(regret / self._budget - 1.0, -1.0, 1.0)
         after = np.clip(before * np.exp(self._step * excess), self._low, self._high)

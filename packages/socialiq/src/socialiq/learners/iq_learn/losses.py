@@ -20,18 +20,15 @@ from socialiq.types import Ending
 
 
 class Divergence(NamedTuple):
-    """One divergence.
-
-    Attributes:
-        phi: φ, on rewards above the floor.
-        slope: φ', on rewards above the floor.
-        floor: Where the tangent takes over; None if φ is defined everywhere.
-    """
+    """φ and φ' above a floor, where the tangent takes over; None if φ is defined everywhere."""
 
     phi: Callable[[Any], Any]
     slope: Callable[[Any], Any]
     floor: float | None
 
+
+Scalar = Float[Array, ""]
+Column = Float[Array, " batch"]
 
 DIVERGENCES: dict[str, Divergence] = {
     # χ²: the linear part; its quadratic part is term 3 of Eq 2.7.
@@ -58,9 +55,6 @@ def phi_slope(name: str | Divergence, reward: Any) -> Any:
     if divergence.floor is None:
         return divergence.slope(reward)
     return divergence.slope(jnp.maximum(reward, divergence.floor))
-
-
-Scalar = Float[Array, ""]
 
 
 def soft_value(
@@ -90,9 +84,7 @@ def reward_bound(chi2_alpha: Scalar | float) -> Any:
     return 4.0 * chi2_alpha
 
 
-def regression_term(
-    reward: Float[Array, " batch"], wanted: Any, chi2_alpha: Scalar | float
-) -> Scalar:
+def regression_term(reward: Column, wanted: Any, chi2_alpha: Scalar | float) -> Scalar:
     """E[(r̂ - wanted)²] / (8 α_χ): one side of Eq 2.7 as a regression of the soft Bellman reward.
 
     Where term 2 is over the learner's own rows and these are drawn from its policy, E[V - γ V']
@@ -109,10 +101,7 @@ def value_bounds(
     discount: Scalar | float,
     chi2_alpha: Scalar | float,
 ) -> tuple[Any, Any]:
-    """Return the least and the greatest V(s) under rewards within `reward_bound`.
-
-    V counts the entropy too, from 0 to τ log|A| a step.
-    """
+    """Return the least and greatest V(s), entropy included, under rewards within `reward_bound`."""
     bound = reward_bound(chi2_alpha) / (1.0 - discount)
     return -bound, bound + absorbing_value(n_actions, temperature, discount)
 
@@ -126,14 +115,9 @@ def occupancy_value(
     """4 α_χ (d_E - d) / (d_E + d) / (1 - γ): the optimal value of a state that is never left.
 
     Such a state has one transition, into itself, and its reward is the optimum of `reward_bound`.
-    Both densities are proportional to how often the state is reached. Where neither side reaches
-    it the value is 0, and is not used.
-
-    Args:
-        expert_share: Share of the demonstrations that end in each kind of ending.
-        own_share: The same share of the learner's own transitions.
-        discount: γ.
-        chi2_alpha: α_χ.
+    Both densities are proportional to how often the state is reached: the share of the
+    demonstrations, and of the learner's own transitions, that end in each kind of ending. Where
+    neither side reaches it the value is 0, and is not used.
     """
     total = expert_share + own_share
     contrast = (expert_share - own_share) / jnp.where(total > 0.0, total, 1.0)
@@ -141,12 +125,12 @@ def occupancy_value(
 
 
 def continuation(
-    next_value: Float[Array, " batch"],
+    next_value: Column,
     ending: Int[Array, " batch"],
     treatment: dict[Ending, str],
     absorbing: Any,
     occupancy: Float[Array, " kind"] | None = None,
-) -> Float[Array, " batch"]:
+) -> Column:
     """(1 - d) V(s') of Eq 2.6, with d decided for each kind of ending.
 
     Args:
@@ -170,16 +154,42 @@ def continuation(
     return value
 
 
+def continued(
+    next_value: Column,
+    ending: Int[Array, " batch"],
+    n_actions: int,
+    temperature: Scalar | float,
+    hyperparameters: HyperparameterArrays,
+    static: Any,
+    shares: Float[Array, "2 kind"] | None = None,
+) -> Column:
+    """(1 - d) V(s') by the endings of a config, with V(s') in its bounds if it asks for them.
+
+    The number of continuous actions is the volume of all. The treatment "occupancy" needs the
+    shares of endings of demonstrations and own rows.
+    """
+    discount = hyperparameters.discount
+    if getattr(static, "bounded", False):
+        alpha = hyperparameters.chi2_alpha
+        bounds = value_bounds(n_actions, temperature, discount, alpha)
+        next_value = jnp.clip(next_value, *bounds)
+    occupancy = None
+    if shares is not None:
+        occupancy = occupancy_value(shares[0], shares[1], discount, hyperparameters.chi2_alpha)
+    absorbing = absorbing_value(n_actions, temperature, discount)
+    return continuation(next_value, ending, static.endings.by_kind(), absorbing, occupancy)
+
+
 def implicit_reward(
-    q_taken: Float[Array, " batch"],
-    continuation: Float[Array, " batch"],
+    q_taken: Column,
+    continuation: Column,
     discount: Scalar | float,
-) -> Float[Array, " batch"]:
+) -> Column:
     """r̂(s, a) = Q(s, a) - γ (1 - d) V(s') (Eq 2.6)."""
     return q_taken - discount * continuation
 
 
-def expert_term(divergence: str | Divergence, expert_reward: Float[Array, " batch"]) -> Scalar:
+def expert_term(divergence: str | Divergence, expert_reward: Column) -> Scalar:
     """-E_E[φ'(r̂) r̂], term 1 of Eq 2.7.
 
     φ' is a constant weight here, so the gradient is that of -E_E[φ(r̂)], the objective of the
@@ -190,25 +200,22 @@ def expert_term(divergence: str | Divergence, expert_reward: Float[Array, " batc
 
 
 def value_term(
-    value: Float[Array, " batch"],
-    continuation: Float[Array, " batch"],
+    value: Column,
+    continuation: Column,
     discount: Scalar | float,
 ) -> Scalar:
     """E[V(s) - γ (1 - d) V(s')], term 2 of Eq 2.7, over the batch that is passed."""
     return jnp.mean(value - discount * continuation)
 
 
-def initial_value_term(initial_value: Float[Array, " batch"], discount: Scalar | float) -> Scalar:
+def initial_value_term(initial_value: Column, discount: Scalar | float) -> Scalar:
     """(1 - γ) E_p0[V(s_0)]: what term 2 equals over true initial states (IQ-Learn Cor. 2.1)."""
     return (1.0 - discount) * jnp.mean(initial_value)
 
 
-def chi2_term(reward: Float[Array, " batch"], chi2_alpha: Scalar | float) -> Scalar:
+def chi2_term(reward: Column, chi2_alpha: Scalar | float) -> Scalar:
     """E[r̂²] / (4 α_χ), term 3 of Eq 2.7."""
     return jnp.mean(jnp.square(reward)) / (4.0 * chi2_alpha)
-
-
-Column = Float[Array, " batch"]
 
 
 def social_prior(reward: Column, target: Column, strength: Scalar | float) -> Scalar:
@@ -257,13 +264,6 @@ def table_weights(
     target = score(hyperparameters.weights, table.columns.target)
     allowed = (rows >= first) & (rows < end)
     return demonstration_weights(target, allowed, hyperparameters.reweight_temperature)
-
-
-def cumulative_weights(
-    table: ExpertTable, hyperparameters: HyperparameterArrays
-) -> Float[Array, " transition"]:
-    """Return the cumulative sum of `table_weights`, as `ExpertTable.sample_weighted` takes it."""
-    return jnp.cumsum(table_weights(table, hyperparameters))
 
 
 def effective_sample_size(weights: Float[Array, " transition"]) -> Scalar:

@@ -40,14 +40,13 @@ OURS = UserFunctions()
 
 
 class Batches(NamedTuple):
-    """Rows of one update.
+    """Rows of one update; None where a run has no use for a part.
 
     Attributes:
         expert: Demonstrations.
-        replay: The learner's own transitions; None offline.
-        initial: Observations of true initial states; None unless term 2 is `v0`.
-        endings: Shares of demonstrations and of replay that end in each kind of ending, (2, kinds);
-            None unless an ending is treated by occupancy.
+        replay: The learner's own transitions.
+        initial: Observations of true initial states.
+        endings: Shares of demonstrations and of replay that end in each kind of ending.
     """
 
     expert: Batch
@@ -72,106 +71,63 @@ def objective(
     batch = batches.expert
     if batches.replay is not None:
         batch = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), batch, batches.replay)
-    size = static.batch_size  # the first rows are the demonstrations
+    temperature, discount = hyperparameters.temperature, hyperparameters.discount
 
     q = jax.vmap(network)(batch.observation)
-    value = losses.soft_value(q, hyperparameters.temperature)
-    follows = _continuation(
-        network, target_network, batch, batches.endings, hyperparameters, static
-    )
+    source = target_network if static.next_value == "target" else network
+    next_value = losses.soft_value(jax.vmap(source)(batch.next_observation), temperature)
+    settings = (q.shape[-1], temperature, hyperparameters, static, batches.endings)
+    follows = losses.continued(next_value, batch.ending, *settings)
     taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
-    reward = losses.implicit_reward(taken, follows, hyperparameters.discount)
+    reward = losses.implicit_reward(taken, follows, discount)
     target = score(hyperparameters.weights, batch.target)
+    start = None
+    if batches.initial is not None:
+        start = losses.soft_value(jax.vmap(network)(batches.initial), temperature)
 
-    terms = {
-        "expert": expert_term(reward[:size], target[:size], hyperparameters, static, own),
-        "value": _value_term(network, value, follows, batches.initial, hyperparameters, static),
-    }
-    terms |= quadratic_terms(reward, target, hyperparameters, static, own)
+    values = (losses.soft_value(q, temperature), follows, start)
+    terms = terms_of(reward, target, *values, hyperparameters, static, own)
     total = jnp.sum(jnp.stack(list(terms.values())))
-    recorded = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
+    demonstrated = jnp.mean(reward[: static.batch_size])
+    recorded = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": demonstrated}
     return total, terms | recorded | {"loss": total}
 
 
-def _continuation(
-    network: ValueNetwork,
-    target_network: ValueNetwork,
-    batch: Batch,
-    endings: Float[Array, "2 kind"] | None,
-    hyperparameters: HyperparameterArrays,
-    static: IQLearnConfig,
-) -> Float[Array, " batch"]:
-    """(1 - d) V(s'), from the target network without gradient or from the network with gradient."""
-    source = target_network if static.next_value == "target" else network
-    q_next = jax.vmap(source)(batch.next_observation)
-    temperature, discount = hyperparameters.temperature, hyperparameters.discount
-    value = losses.soft_value(q_next, temperature)
-    if static.bounded:
-        alpha = hyperparameters.chi2_alpha
-        value = jnp.clip(
-            value, *losses.value_bounds(q_next.shape[-1], temperature, discount, alpha)
-        )
-    absorbing = losses.absorbing_value(q_next.shape[-1], temperature, discount)
-    occupancy = None
-    if endings is not None:
-        occupancy = losses.occupancy_value(
-            endings[0], endings[1], discount, hyperparameters.chi2_alpha
-        )
-    treatment = static.endings.by_kind()
-    return losses.continuation(value, batch.ending, treatment, absorbing, occupancy)
-
-
-def expert_term(
+def terms_of(
     reward: Array,
     target: Array,
-    hyperparameters: HyperparameterArrays,
-    static: IQLearnConfig,
-    own: UserFunctions,
-) -> Scalar:
-    """Term 1 on demonstrations, of the shifted r̂ with the prior "bellman_shift"."""
-    if static.prior == "bellman_shift":
-        reward = losses.bellman_shift(reward, target, hyperparameters.strength)
-    return losses.expert_term(own.divergence or static.divergence, reward)
-
-
-def _value_term(
-    network: ValueNetwork,
     value: Array,
     follows: Array,
-    initial: Array | None,
-    hyperparameters: HyperparameterArrays,
-    static: IQLearnConfig,
-) -> Scalar:
-    if initial is not None:
-        start = losses.soft_value(jax.vmap(network)(initial), hyperparameters.temperature)
-        return losses.initial_value_term(start, hyperparameters.discount)
-    rows = slice(None) if static.value_term == "value" else slice(static.batch_size)
-    return losses.value_term(value[rows], follows[rows], hyperparameters.discount)
-
-
-def quadratic_terms(
-    reward: Array,
-    target: Array,
+    start: Array | None,
     hyperparameters: HyperparameterArrays,
     static: IQLearnConfig,
     own: UserFunctions,
 ) -> dict[str, Scalar]:
-    """Term 3 (only with χ²) and the social prior."""
-    rows = slice(None) if static.chi2_on == "mixture" else slice(static.batch_size)
-    expert = slice(static.batch_size)
+    """Return terms 1 to 3 of Eq 2.7 and the social prior of r̂ and R(α); term 3 only with χ².
+
+    The first `batch_size` rows are demonstrations. Value is V(s), what follows (1 - d) V(s'), and
+    start V(s_0) of true initial states, over which term 2 then is.
+    """
+    strength, expert = hyperparameters.strength, slice(static.batch_size)
+    rows = slice(None) if static.chi2_on == "mixture" else expert
+    shifted = reward
+    if static.prior == "bellman_shift":
+        shifted = losses.bellman_shift(reward, target, strength)
+    terms = {"expert": losses.expert_term(own.divergence or static.divergence, shifted[expert])}
+    if start is not None:
+        terms["value"] = losses.initial_value_term(start, hyperparameters.discount)
+    else:
+        of_value = slice(None) if static.value_term == "value" else expert
+        values = (value[of_value], follows[of_value])
+        terms["value"] = losses.value_term(*values, hyperparameters.discount)
     if static.prior == "shifted_chi2":
-        shifted = losses.shifted_chi2(
-            reward[rows], target[rows], hyperparameters.strength, hyperparameters.chi2_alpha
-        )
-        return {"prior": hyperparameters.prior_weight * shifted}
-    terms = {}
+        alpha = hyperparameters.chi2_alpha
+        gap = losses.shifted_chi2(reward[rows], target[rows], strength, alpha)
+        return terms | {"prior": hyperparameters.prior_weight * gap}
     if static.divergence == "chi2" and own.divergence is None:
-        bounded = reward[rows]
-        if static.prior == "bellman_shift" and static.shift_term_3:
-            bounded = losses.bellman_shift(bounded, target[rows], hyperparameters.strength)
-        terms["chi2"] = losses.chi2_term(bounded, hyperparameters.chi2_alpha)
+        bounded = shifted if static.shift_term_3 else reward
+        terms["chi2"] = losses.chi2_term(bounded[rows], hyperparameters.chi2_alpha)
     if static.prior == "reward":
-        prior = own.prior or losses.social_prior
-        gap = prior(reward[expert], target[expert], hyperparameters.strength)
+        gap = (own.prior or losses.social_prior)(reward[expert], target[expert], strength)
         terms["prior"] = hyperparameters.prior_weight * gap
     return terms

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
-from socialiq.learners import replay
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.expert_table import Batch, ExpertTable, shares_of_endings
+from socialiq.learners.expert_table import Batch, ExpertTable, Replay, shares_of_endings
 from socialiq.learners.extensions import checked_divergence, checked_learner, checked_prior
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.iq_learn import losses
@@ -21,7 +21,6 @@ from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparamet
 from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
 from socialiq.learners.kernel import Learner, Terms, Trained, described
-from socialiq.learners.settings import check_runs
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import DuelingNetwork
 from socialiq.types import Ending, Simulator, Transitions
@@ -31,21 +30,20 @@ ENDINGS_SHARE = 0.01
 
 
 class Carry(NamedTuple):
-    """Loop carry of an update.
+    """Loop carry of an update; None where a run has no use for a part.
 
     Attributes:
         key: Random key.
-        replay: The learner's own transitions; None offline.
-        episode: The world's state; None offline.
-        observation: Of that state; None offline.
-        cumulative: Cumulative weights of Eq B.2; None without reweighting.
+        replay: The learner's own transitions.
+        episode: The world's state.
+        observation: Of that state.
+        cumulative: Cumulative weights of Eq B.2.
         endings: Shares that end in each kind of ending, of the demonstrations and, as an average
-            over the batches so far, of the replay, (2, kinds); None unless an ending is treated by
-            occupancy.
+            over the batches so far, of the replay.
     """
 
     key: Array
-    replay: replay.Replay | None
+    replay: Replay | None
     episode: Any
     observation: Float[Array, " feature"] | None
     cumulative: Float[Array, " transition"] | None
@@ -67,67 +65,63 @@ class IQLearn(Learner):
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network and start an episode, from the run's seed alone."""
+        static = self.static
         key, for_network, for_world = jax.random.split(jax.random.key(hyperparameters.seed), 3)
         network: Any = self.network(for_network)
-        if self.static.form == "dueling":
-            network = self.dueling(for_network, hyperparameters)
+        if static.form == "dueling":
+            (n_features, n_actions), tau = self.sizes, hyperparameters.temperature
+            shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+            network = DuelingNetwork.initialise(for_network, tau, *shape, static.input_scale)
         episode, observation = self.simulator.reset(for_world) if self.simulator else (None, None)
         ring = None
-        if self.static.online:
-            ring = replay.empty(self.static.replay_capacity, self.sizes[0])
-        cumulative = None
-        if self.static.prior == "reweighting":
-            assert self.table is not None
-            cumulative = losses.cumulative_weights(self.table, hyperparameters)
-        endings = None
-        if "occupancy" in self.static.endings.by_kind().values():
-            assert self.table is not None
-            demonstrated = self.table.ending_shares(hyperparameters.dataset)
-            endings = jnp.stack([demonstrated, jnp.zeros_like(demonstrated)])
-        carry = Carry(key, ring, episode, observation, cumulative, endings)
+        if static.online:
+            ring = Replay.empty(static.replay_capacity, Batch.empty(self.sizes[0]))
+        carry = Carry(key, ring, episode, observation, *demonstrated(self, hyperparameters))
         return self.first_state(network), carry
-
-    def dueling(self, key: Array, hyperparameters: HyperparameterArrays) -> DuelingNetwork:
-        """Draw a network of V and one of log π."""
-        static, (n_features, n_actions) = self.static, self.sizes
-        shape = (
-            n_features,
-            static.hidden,
-            n_actions,
-            static.activation,
-            static.view,
-            static.input_scale,
-        )
-        return DuelingNetwork.initialise(key, hyperparameters.temperature, *shape)
 
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[Batches, Carry]:
         """Act in the world, if there is one, and sample the batches of an update."""
         assert self.table is not None
-        static, table = self.static, self.table
+        size, table, dataset = self.static.batch_size, self.table, hyperparameters.dataset
         key, for_acting, for_expert, for_replay, for_initial = jax.random.split(carry.key, 5)
         carry = carry._replace(key=key)
         if self.simulator is not None:
-            carry = _act(static, self.simulator, hyperparameters, state, carry, for_acting)
-        replayed = None
+            carry = self.act(hyperparameters, state.network, carry, for_acting)
+        if carry.cumulative is not None:
+            expert = table.sample_weighted(for_expert, carry.cumulative, size)
+        else:
+            expert = table.sample(for_expert, dataset, size)
+        replayed = initial = None
         if carry.replay is not None:
-            replayed = replay.sample(carry.replay, for_replay, static.batch_size)
+            replayed = carry.replay.sample(for_replay, size)
             if carry.endings is not None:
-                counted = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
-                shares = followed(carry.endings, replayed.ending, counted)
+                shares = followed(carry.endings, replayed.ending, state)
                 carry = carry._replace(endings=shares)
-        batches = Batches(
-            expert=table.sample_weighted(for_expert, carry.cumulative, static.batch_size)
-            if carry.cumulative is not None
-            else table.sample(for_expert, hyperparameters.dataset, static.batch_size),
-            replay=replayed,
-            initial=table.sample_initial(for_initial, hyperparameters.dataset, static.batch_size)
-            if static.value_term == "v0"
-            else None,
-            endings=carry.endings,
-        )
-        return batches, carry
+        if self.static.value_term == "v0":
+            initial = table.sample_initial(for_initial, dataset, size)
+        return Batches(expert, replayed, initial, carry.endings), carry
+
+    def act(
+        self, hyperparameters: HyperparameterArrays, network: Any, carry: Carry, key: Array
+    ) -> Carry:
+        """Take steps in the world with the soft policy, into the replay."""
+        ring, observation, episode = carry.replay, carry.observation, carry.episode
+        assert self.simulator and ring and observation is not None  # `check_fit` asks for online
+        for step_key in jax.random.split(key, self.static.env_steps_per_update):
+            for_action, for_step, for_reset = jax.random.split(step_key, 3)
+            q = network(observation)
+            action = jax.random.categorical(for_action, q / hyperparameters.temperature)
+            follows, step = self.simulator.advance(for_step, episode, action)
+            ring = ring.add(Batch(observation, action, step.observation, step.ending, step.rewards))
+            ended = step.ending != int(Ending.NONE)
+            episode, observation = jax.tree.map(
+                lambda new, old, ended=ended: jnp.where(ended, new, old),
+                self.simulator.reset(for_reset),
+                (follows, step.observation),
+            )
+        return carry._replace(replay=ring, episode=episode, observation=observation)
 
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
@@ -194,7 +188,7 @@ def train(
         return own_learner.train_on(static, hyperparameters, datasets, callbacks, chunk)
     if prior is not None and static.prior != "reward":
         raise UserError("a prior of your own replaces prior 'reward': leave the setting at that")
-    check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
+    sizes = check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
     functions = UserFunctions(
         checked_prior(prior) if prior else None,
         checked_divergence(divergence) if divergence else None,
@@ -203,45 +197,31 @@ def train(
     # Without a prior no returns are needed, and some data have none.
     kind = "instantaneous" if static.prior == "none" else static.target_kind
     table = ExpertTable.of(datasets, kind, static.social_discount)
-    sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
     iq_learn = IQLearn(static, sizes, table, simulator, functions)
     world = simulator.description if simulator else "offline or collected"
     return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
 
 
+def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tuple[Any, Any]:
+    """Return cumulative weights and endings of demonstrations, as of `Carry`; None without use."""
+    table, static = learner.table, learner.static
+    assert table is not None
+    cumulative = endings = None
+    if static.prior == "reweighting":
+        cumulative = jnp.cumsum(losses.table_weights(table, hyperparameters))
+    if "occupancy" in static.endings.by_kind().values():
+        shares = table.ending_shares(hyperparameters.dataset)
+        endings = jnp.stack([shares, jnp.zeros_like(shares)])
+    return cumulative, endings
+
+
 def followed(
-    endings: Float[Array, "2 kind"], own: Int[Array, " batch"], share: Float[Array, ""]
+    endings: Float[Array, "2 kind"], own: Int[Array, " batch"], state: TrainState
 ) -> Float[Array, "2 kind"]:
-    """Mix the endings of a batch of replay into the average."""
+    """Mix the endings of a batch of replay into the average, a plain one at first."""
+    share = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
     batch = shares_of_endings(own, jnp.ones(len(own), bool))
     return endings.at[1].add(share * (batch - endings[1]))
-
-
-def _act(
-    static: IQLearnConfig,
-    simulator: Simulator,
-    hyperparameters: HyperparameterArrays,
-    state: TrainState,
-    carry: Carry,
-    key: Array,
-) -> Carry:
-    """Take steps in the world with the soft policy, into the replay."""
-    ring, observation, episode = carry.replay, carry.observation, carry.episode
-    assert ring is not None and observation is not None  # `check_fit` asks for online training
-    for step_key in jax.random.split(key, static.env_steps_per_update):
-        for_action, for_step, for_reset = jax.random.split(step_key, 3)
-        q = state.network(observation)
-        action = jax.random.categorical(for_action, q / hyperparameters.temperature)
-        follows, step = simulator.advance(for_step, episode, action)
-        transition = Batch(observation, action, step.observation, step.ending, step.rewards)
-        ring = replay.add(ring, transition)
-        ended = step.ending != int(Ending.NONE)
-        episode, observation = jax.tree.map(
-            lambda new, old, ended=ended: jnp.where(ended, new, old),
-            simulator.reset(for_reset),
-            (follows, step.observation),
-        )
-    return carry._replace(replay=ring, episode=episode, observation=observation)
 
 
 def check_fit(
@@ -250,29 +230,13 @@ def check_fit(
     datasets: Sequence[Transitions],
     simulator: Simulator | None,
     collects: bool,
-) -> None:
-    """Refuse runs whose settings, data and world don't fit together, before any work is done.
-
-    Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations.
-        simulator: The world, if there is one.
-        collects: Whether experience comes from outside JAX.
-
-    Raises:
-        UserError: The line says what doesn't fit.
-    """
+) -> tuple[int, int]:
+    """Return (features, actions) of runs that fit data and world, as `settings.check_fit`."""
+    shapes = [(data.observation.shape[1], data.n_actions) for data in datasets[:1]]
+    shapes += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
     acts = simulator is not None or collects
-    check_runs(hyperparameters, len(datasets), static.online, acts)
+    sizes = settings.check_fit(hyperparameters, len(datasets), static.online, acts, shapes)
     if static.prior != "none":
         for data in datasets:  # raises where returns aren't known
             data.returns(static.target_kind, static.social_discount)
-    if simulator is not None:
-        of_world = (simulator.n_features, simulator.n_actions)
-        of_data = (datasets[0].observation.shape[1], datasets[0].n_actions)
-        if of_world != of_data:
-            raise UserError(
-                f"the demonstrations have {of_data[0]} features and {of_data[1]} actions, "
-                f"the world has {of_world[0]} and {of_world[1]}: they belong to another world"
-            )
+    return sizes

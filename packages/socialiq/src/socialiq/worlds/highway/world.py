@@ -55,7 +55,7 @@ class RoadBatch(abc.ABC):
     road's core reads and writes. A single thread is best for small batches.
     """
 
-    n_actions: ClassVar[int]  # of the road, discrete
+    n_actions: int  # of the road, discrete
 
     def __init__(
         self, options: RoadOptions, buffers: Buffers, settings: np.ndarray, threads: int
@@ -151,17 +151,20 @@ class RoadBatch(abc.ABC):
             UserError: If an action is not one of the road, or an episode has not begun or has
                 ended.
         """
-        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
-
         chosen, deciding = self._checked(actions), rows_of(rows, self.size)
         if (self._waiting & deciding).any():
             raise UserError("an episode has not begun, or has ended: reset it first")
         command = DECIDE_AND_RESET if auto_reset else DECIDE
         commands = np.where(deciding, command, SKIP).astype(np.int8)
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
-        buffers, left = self.buffers, np.zeros(self.size, bool)
         if not auto_reset:
-            self._waiting |= deciding & (buffers.ending != int(Ending.NONE))
+            self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
+        return self._decisions()
+
+    def _decisions(self) -> Decisions:
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
+
+        buffers, left = self.buffers, np.zeros(self.size, bool)
         step.off_road(self._core()[2], buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
             observation=buffers.reached.reshape(self.size, -1).copy(),

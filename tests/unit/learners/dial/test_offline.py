@@ -8,9 +8,9 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline import STAGES, recorded, train
 from socialiq.learners.dial.rows import draw_directions
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.train import STAGES, recorded, train, train_together
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Ending, RewardPair
 
@@ -50,7 +50,7 @@ def two_steps(episodes: int = 200, last: Ending = Ending.ARRIVAL) -> Demonstrati
 @pytest.fixture(scope="module")
 def trained():
     long = dataclasses.replace(STATIC, updates=3000)  # a dial changes fast near both ends
-    return train(long, NUMBERS, two_steps(), chunk=1000)
+    return train(long, [NUMBERS], [two_steps()], chunk=1000)
 
 
 def test_the_best_supported_action_is_chosen_at_every_angle(trained) -> None:
@@ -76,7 +76,7 @@ def test_what_earns_nothing_is_imitated(trained) -> None:
 def test_a_high_temperature_clones() -> None:
     prices = dict.fromkeys(("temperature", "end_temperature"), 1e3)
     cold = OfflineDialHyperparameters(learning_rate=1e-2, **prices)
-    dial = train(STATIC, cold, two_steps(), chunk=200)["dial"].policy(0)
+    dial = train(STATIC, [cold], [two_steps()], chunk=200)["dial"].policy(0)
     found = dial.at(45.0).probabilities(STATES)
     np.testing.assert_allclose(found, [[0.7, 0.3, 0.0], [0.9, 0.1, 0.0]], atol=0.1)
 
@@ -84,7 +84,7 @@ def test_a_high_temperature_clones() -> None:
 @pytest.mark.slow
 def test_a_run_repeats_and_its_record_names_it() -> None:
     short = OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8, members=2)
-    runs = [train(short, NUMBERS, two_steps(20), chunk=10)["dial"] for _ in range(2)]
+    runs = [train(short, [NUMBERS], [two_steps(20)], chunk=10)["dial"] for _ in range(2)]
     first, second = (one.policy(0) for one in runs)
     np.testing.assert_array_equal(first.turned.weights[0], second.turned.weights[0])
     assert first.provenance["learner"] == "offline_dial"
@@ -103,7 +103,7 @@ def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
 
 def test_the_critics_take_more_steps() -> None:
     short = OfflineDialConfig(view="flat", hidden=(8,), updates=10, critic_factor=3, batch_size=8)
-    stages = train(short, NUMBERS, two_steps(20), chunk=10)
+    stages = train(short, [NUMBERS], [two_steps(20)], chunk=10)
     assert [stages[name].history.updates[-1] for name in STAGES] == [10, 30, 10]
 
 
@@ -136,10 +136,10 @@ def test_runs_trained_together_learn_from_their_own_data() -> None:
     mixed, sure = two_steps(40), two_steps(200)
     sure = sure.select(np.flatnonzero(sure.action[::2] + sure.action[1::2] == 2))
     runs = [NUMBERS, dataclasses.replace(NUMBERS, seed=1)]
-    both = train_together(short, runs, [mixed, sure], chunk=100)["dial"]
+    both = train(short, runs, [mixed, sure], chunk=100)["dial"]
     found = [both.policy(run).at(45.0).probabilities(STATES) for run in (0, 1)]
     assert found[1][:, 1].min() > 0.9 > found[0][:, 1].max()
-    alone = train(short, runs[1], sure, chunk=100)["dial"].policy(0)
+    alone = train(short, runs[1:], [sure], chunk=100)["dial"].policy(0)
     np.testing.assert_allclose(alone.at(45.0).probabilities(STATES), found[1], atol=1e-3)
 
 
@@ -147,19 +147,19 @@ def test_unlike_data_are_refused() -> None:
     wide = dataclasses.replace(two_steps(20), n_actions=4)
     for datasets in ([], [two_steps(20), wide]):
         with pytest.raises(UserError, match="demonstrations"):
-            train_together(STATIC, [NUMBERS] * len(datasets), datasets)
+            train(STATIC, [NUMBERS] * len(datasets), datasets)
 
 
 def test_episodes_with_missing_steps_are_refused() -> None:
     with pytest.raises(UserError, match="misses steps"):
-        train(STATIC, NUMBERS, two_steps(20).subsample(2))
+        train(STATIC, [NUMBERS], [two_steps(20).subsample(2)])
 
 
 def test_a_stage_that_blows_up_is_told() -> None:
     short = OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8)
     told = r"stage behaviour, seed 0 stopped at update \d+: .* not finite; lower learning_rate$"
     with pytest.raises(UserError, match=told):
-        train(short, OfflineDialHyperparameters(learning_rate=1e30), two_steps(20))
+        train(short, [OfflineDialHyperparameters(learning_rate=1e30)], [two_steps(20)])
 
 
 @pytest.mark.usefixtures("without_type_checker")

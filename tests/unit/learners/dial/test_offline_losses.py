@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.offline.config import OfflineDialConfig
-from socialiq.learners.offline.objective import (
+from socialiq.learners.dial.config import OfflineDialConfig
+from socialiq.learners.dial.offline_losses import (
     Critic,
     Rows,
     behaviour_loss,

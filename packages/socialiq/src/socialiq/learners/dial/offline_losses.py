@@ -23,9 +23,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from socialiq.learners.offline.config import OfflineDialConfig
+from socialiq.learners.dial.config import OfflineDialConfig
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.q_network import QNetwork, affine_layers, encoding, through
+from socialiq.nn.q_network import QNetwork, perceptron, through
 from socialiq.nn.view import Encoding
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
@@ -39,12 +39,9 @@ _AT_15, _AT_30 = math.sin(math.radians(30.0)), math.sin(math.radians(60.0))
 
 
 class Rows(NamedTuple):
-    """Recorded transitions.
+    """Recorded transitions (s, a, s').
 
     Attributes:
-        observation: s.
-        action: a.
-        next_observation: s'.
         ended: Whether the episode ends with the row, by its clock too.
         rewards: (r_env, r_social).
         time: Step within the episode, over the length of the longest episode.
@@ -62,6 +59,48 @@ class Rows(NamedTuple):
     next_time: Float[Array, " row"]
     log_behaviour: Float[Array, "row action"]
     next_log_behaviour: Float[Array, "row action"]
+
+
+class Critic(eqx.Module):
+    """Vector Q-network, from observation, time and (cos α, sin α) to two values per action.
+
+    Attributes:
+        layers: Affine layers; the first one's last three inputs are time and direction.
+        activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
+        view: Encoding of the observation that the first layer reads; None for none.
+    """
+
+    layers: tuple[eqx.nn.Linear, ...]
+    activation: str = eqx.field(static=True)
+    view: Encoding | None = None
+
+    @staticmethod
+    def initialise(key: PRNGKeyArray, sizes: tuple[int, int], static: OfflineDialConfig) -> Critic:
+        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+
+        Raises:
+            UserError: If the view doesn't fit the observation.
+        """
+        n_features, n_actions = sizes
+        shape = (n_features, (*static.hidden, 2 * n_actions), static.view, static.one_hot)
+        layers, view = perceptron(key, *shape, extra=3)
+        return Critic(layers, static.activation, view)
+
+    @staticmethod
+    def ensemble(key: PRNGKeyArray, sizes: tuple[int, int], static: OfflineDialConfig) -> Critic:
+        """Draw `static.members` critics; leaves lead with the members."""
+        keys = jax.random.split(key, static.members)
+        critics = [Critic.initialise(member_key, sizes, static) for member_key in keys]
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *critics)
+
+    def __call__(
+        self, observation: Float[Array, " feature"], time: Float[Array, ""], direction: RewardPair
+    ) -> Float[Array, "action 2"]:
+        """Return Q of (r_env, r_social) for each action, in the critic's unit."""
+        value = self.view(observation) if self.view else observation
+        context = jnp.stack([time, direction.env, direction.social])
+        outputs = through(self.layers, self.activation, jnp.concatenate([value, context]))
+        return outputs.reshape(-1, 2)
 
 
 def regularised_policy(
@@ -107,7 +146,8 @@ def ensemble_values(
 def behaviour_loss(network: QNetwork, rows: Rows) -> Scalar:
     """-E[log β(a | s)]."""
     logits = jax.vmap(network)(rows.observation)
-    return _cross_entropy(logits, jax.nn.one_hot(rows.action, logits.shape[-1]))
+    taken = jax.nn.one_hot(rows.action, logits.shape[-1])
+    return -jnp.mean(jnp.sum(taken * jax.nn.log_softmax(logits), axis=-1))
 
 
 def critic_target(
@@ -159,57 +199,3 @@ def dial_loss(
     gain = value - jnp.max(value, axis=-1, keepdims=True)
     behaviour = jnp.maximum(rows.log_behaviour, LEAST)
     return jnp.mean(jnp.sum(jnp.exp(log_policy) * (log_policy - behaviour - gain), axis=-1))
-
-
-def _cross_entropy(logits: Array, wanted: Array) -> Scalar:
-    return -jnp.mean(jnp.sum(wanted * jax.nn.log_softmax(logits), axis=-1))
-
-
-class Critic(eqx.Module):
-    """Vector Q-network, from observation, time and (cos α, sin α) to two values per action.
-
-    Attributes:
-        layers: Affine layers; the first one's last three inputs are time and direction.
-        activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
-        view: Encoding of the observation that the first layer reads; None for none.
-    """
-
-    layers: tuple[eqx.nn.Linear, ...]
-    activation: str = eqx.field(static=True)
-    view: Encoding | None = None
-
-    @staticmethod
-    def initialise(key: PRNGKeyArray, sizes: tuple[int, int], static: OfflineDialConfig) -> Critic:
-        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
-
-        Args:
-            key: Random key.
-            sizes: Length of an observation, and number of actions.
-            static: Shape of the network.
-
-        Raises:
-            UserError: If the view doesn't fit the observation.
-        """
-        n_features, n_actions = sizes
-        view = encoding(key, n_features, static.view, static.one_hot)
-        inputs = (view.width if view else n_features) + 3
-        layers = affine_layers(key, (inputs, *static.hidden, 2 * n_actions))
-        return Critic(layers, static.activation, view)
-
-    @staticmethod
-    def ensemble(key: PRNGKeyArray, sizes: tuple[int, int], static: OfflineDialConfig) -> Critic:
-        """Draw `static.members` critics; leaves lead with the members."""
-        critics = [
-            Critic.initialise(member_key, sizes, static)
-            for member_key in jax.random.split(key, static.members)
-        ]
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *critics)
-
-    def __call__(
-        self, observation: Float[Array, " feature"], time: Float[Array, ""], direction: RewardPair
-    ) -> Float[Array, "action 2"]:
-        """Return Q of (r_env, r_social) for each action, in the critic's unit."""
-        value = self.view(observation) if self.view else observation
-        context = jnp.stack([time, direction.env, direction.social])
-        outputs = through(self.layers, self.activation, jnp.concatenate([value, context]))
-        return outputs.reshape(-1, 2)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from socialiq_recordings.prediction.density import LEAST, Forecast, Spread
+from socialiq_recordings.prediction.models import LEAST, Forecast, Spread
 
 
 def test_scale_and_share_that_stays_are_found_again() -> None:

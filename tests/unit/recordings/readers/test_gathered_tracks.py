@@ -1,13 +1,16 @@
 import numpy as np
 
-from socialiq_recordings.readers.motion import differences, heading_of_motion, smoothed, wrapped
+from socialiq_recordings.physics import wrapped_heading
+from socialiq_recordings.readers.tracks import differences, heading_of_motion, smoothed
 
 
 def test_angles_that_lie_in_the_turn_keep_their_bits():
     inside = np.array([0.1, -3.1, np.pi, 1e-300])
-    assert wrapped(inside).tolist() == inside.tolist()
-    np.testing.assert_allclose(wrapped(np.array([4.0, -4.0])), [4 - 2 * np.pi, 2 * np.pi - 4])
-    assert wrapped(np.array([-np.pi, 3 * np.pi])).tolist() == [np.pi, np.pi]
+    assert wrapped_heading(inside).tolist() == inside.tolist()
+    np.testing.assert_allclose(
+        wrapped_heading(np.array([4.0, -4.0])), [4 - 2 * np.pi, 2 * np.pi - 4]
+    )
+    assert wrapped_heading(np.array([-np.pi, 3 * np.pi])).tolist() == [np.pi, np.pi]
 
 
 def test_a_quadratic_is_differentiated_without_error():

@@ -13,19 +13,12 @@ from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial import offline_losses as losses
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.offline_losses import Critic, Rows
 from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms, Trained
-from socialiq.learners.offline.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.offline.objective import (
-    Critic,
-    Rows,
-    behaviour_loss,
-    critic_loss,
-    critic_target,
-    dial_loss,
-    price,
-)
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
@@ -63,10 +56,7 @@ class Stage(Learner):
         return TrainState.of(self.network(for_network)), key
 
     def draw(
-        self,
-        hyperparameters: HyperparameterArrays,
-        state: TrainState,  # noqa: ARG002
-        carry: Array,
+        self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Array
     ) -> tuple[tuple[Rows, RewardPair], Array]:
         """Return rows of the run's own data, and a direction (cos α, sin α) drawn for each."""
         key, for_rows, for_angles = jax.random.split(carry, 3)
@@ -85,25 +75,14 @@ class Behaviour(Stage):
     def network(self, key: Any) -> QNetwork:
         """Draw a network of logits."""
         static, (n_features, n_actions) = self.static, self.sizes
-        shape = (
-            n_features,
-            static.hidden,
-            n_actions,
-            static.activation,
-            static.view,
-            static.one_hot,
-        )
-        return QNetwork.initialise(key, *shape)
+        shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+        return QNetwork.initialise(key, *shape, static.one_hot)
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+        self, network: Any, _target: Any, batch: Any, _numbers: Any
     ) -> tuple[Float[Array, ""], Terms]:
         """Negative log-likelihood."""
-        loss = behaviour_loss(network, batch[0])
+        loss = losses.behaviour_loss(network, batch[0])
         return loss, {"loss": loss}
 
 
@@ -124,9 +103,9 @@ class Critics(Stage):
         rows, direction = batch
         numbers = hyperparameters
         where = (rows, direction, self.units[numbers.dataset])
-        temperature = price(direction, numbers.temperature, numbers.end_temperature)
-        target = critic_target(target_network, *where, temperature, numbers.discount)
-        loss = critic_loss(network, jax.lax.stop_gradient(target), *where)
+        temperature = losses.price(direction, numbers.temperature, numbers.end_temperature)
+        target = losses.critic_target(target_network, *where, temperature, numbers.discount)
+        loss = losses.critic_loss(network, jax.lax.stop_gradient(target), *where)
         return loss, {"loss": loss, "max_target": jnp.max(jnp.abs(target))}
 
 
@@ -145,49 +124,27 @@ class Distillation(Stage):
     def network(self, key: Any) -> DialNetwork:
         """Draw the dial."""
         static, (n_features, n_actions) = self.static, self.sizes
-        shape = (
-            n_features,
-            static.hidden,
-            n_actions,
-            static.activation,
-            static.view,
-            static.one_hot,
-        )
-        return DialNetwork.initialise(key, *shape)
+        shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+        return DialNetwork.initialise(key, *shape, static.one_hot)
 
     def loss(
-        self,
-        network: Any,
-        target_network: Any,  # noqa: ARG002
-        batch: Any,
-        hyperparameters: HyperparameterArrays,
+        self, network: Any, _target: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
         """Distance from the behaviour policy less the score."""
         numbers, (rows, direction) = hyperparameters, batch
-        temperature = price(direction, numbers.temperature, numbers.end_temperature)
+        temperature = losses.price(direction, numbers.temperature, numbers.end_temperature)
         critics = jax.tree.map(lambda leaf: leaf[numbers.dataset], self.critics)
         unit = self.units[numbers.dataset]
-        loss = dial_loss(network, critics, rows, direction, unit, temperature)
+        loss = losses.dial_loss(network, critics, rows, direction, unit, temperature)
         return loss, {"loss": loss}
 
-    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> DialPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None) -> DialPolicy:
         """Return the trained dial, the running average of the network."""
         static, record = self.static, self.record(hyperparameters)
         return DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)
 
 
 def train(
-    static: OfflineDialConfig,
-    hyperparameters: OfflineDialHyperparameters,
-    data: Transitions,
-    callbacks: Callable[[str], Callbacks] | None = None,
-    chunk: int = 500,
-) -> dict[str, Trained]:
-    """Train one dial on recorded episodes and their reward pairs alone (`train_together`)."""
-    return train_together(static, [hyperparameters], [data], callbacks, chunk)
-
-
-def train_together(
     static: OfflineDialConfig,
     hyperparameters: Sequence[OfflineDialHyperparameters],
     datasets: Sequence[Transitions],
@@ -196,23 +153,23 @@ def train_together(
 ) -> dict[str, Trained]:
     """Train dials on recorded episodes and their reward pairs, each on its own, in one program.
 
-    Args:
-        static: Shape of the networks, and updates of each stage.
-        hyperparameters: Numbers of each run.
-        datasets: Whole episodes of each run.
-        callbacks: Called with the name of each stage; returns its progress and monitor.
-        chunk: Updates between two calls of the callbacks.
-
-    Returns:
-        The outcome of each stage, by its name; that of "dial" has the policies.
+    Each run has whole episodes of its own. The callbacks are called with the name of each stage.
+    Returns the outcome of each stage, by its name; that of "dial" has the policies.
 
     Raises:
         UserError: If there is no run, the data differ in features or actions, an episode misses
             steps, the view doesn't fit, or a stage is not finite.
         Stopped: On Ctrl-C.
     """
-    shared: dict[str, Any] = {"static": static} | _laid_out(datasets, static.whole_episode)
-    runs = [replace(run, dataset=number) for number, run in enumerate(hyperparameters)]
+    if not datasets:
+        raise UserError("no runs: pass at least one set of demonstrations")
+    sizes = {(int(data.observation.shape[1]), int(data.n_actions)) for data in datasets}
+    if len(sizes) > 1:
+        raise UserError("the sets of demonstrations have different observations or actions")
+    tables, units = zip(*(recorded(data, static.whole_episode) for data in datasets), strict=True)
+    bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
+    shared: dict[str, Any] = {"bounds": jnp.asarray(bounds, jnp.int32), "units": jnp.stack(units)}
+    size, runs = sizes.pop(), [replace(run, dataset=n) for n, run in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
 
     def finish(name: str, stage: Stage) -> Any:
@@ -222,55 +179,24 @@ def train_together(
         done[name] = trained
         return trained.state.target_network
 
-    behaviour = finish("behaviour", Behaviour(**shared))
-    shared["rows"] = _with_behaviour(behaviour, shared["rows"], shared["bounds"])
-    longer: dict[str, Any] = shared | {
-        "static": replace(static, updates=static.critic_factor * static.updates)
-    }
-    critics = finish("critics", Critics(**longer))
-    finish("dial", Distillation(**shared, critics=critics))
+    rows = jax.tree.map(lambda *columns: jnp.concatenate(columns), *tables)
+    networks = finish("behaviour", Behaviour(static, size, rows=rows, **shared))
+    logs = [
+        [log_probabilities(network_of(networks, run), side) for side in (table[0], table[2])]
+        for run, table in enumerate(tables)
+    ]
+    now, later = (jnp.concatenate(column) for column in zip(*logs, strict=True))
+    rows = rows._replace(log_behaviour=now, next_log_behaviour=later)
+    longer = replace(static, updates=static.critic_factor * static.updates)
+    critics = finish("critics", Critics(longer, size, rows=rows, **shared))
+    finish("dial", Distillation(static, size, rows=rows, critics=critics, **shared))
     return done
 
 
-def _laid_out(datasets: Sequence[Transitions], whole: int) -> dict[str, Any]:
-    """Return the rows of all runs end to end, their bounds and units, and the sizes."""
-    if not datasets:
-        raise UserError("no runs: pass at least one set of demonstrations")
-    sizes = {(int(data.observation.shape[1]), int(data.n_actions)) for data in datasets}
-    if len(sizes) > 1:
-        raise UserError("the sets of demonstrations have different observations or actions")
-    rows, units = zip(*(recorded(data, whole) for data in datasets), strict=True)
-    bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
-    return {
-        "rows": jax.tree.map(lambda *columns: jnp.concatenate(columns), *rows),
-        "bounds": jnp.asarray(bounds, jnp.int32),
-        "units": jnp.stack(units),
-        "sizes": sizes.pop(),
-    }
-
-
-def _with_behaviour(networks: Any, rows: Rows, bounds: Array) -> Rows:
-    """Return the rows with log β, each run's by its own network."""
-    logs = []
-    for run in range(len(bounds) - 1):
-        of_run = slice(int(bounds[run]), int(bounds[run + 1]))
-        observations = rows.observation[of_run], rows.next_observation[of_run]
-        logs.append(
-            [
-                log_probabilities(network_of(networks, run), observation)
-                for observation in observations
-            ]
-        )
-    now, later = (jnp.concatenate(column) for column in zip(*logs, strict=True))
-    return rows._replace(log_behaviour=now, next_log_behaviour=later)
-
-
 def recorded(data: Transitions, whole: int = 0) -> tuple[Rows, Float[Array, " 2"]]:
-    """Return all transitions, log β still 0, and the spread of the returns-to-go.
+    """Return all transitions of whole episodes, log β still 0, and the spread of returns-to-go.
 
-    Args:
-        data: Whole episodes.
-        whole: Decisions of a whole episode (`whole_episode` of the config); 0: of the longest one.
+    A whole episode has so many decisions; 0: as many as the longest one.
 
     Raises:
         UserError: If an episode misses steps, or one is longer than a whole one.

@@ -1,0 +1,298 @@
+"""Physical plausibility of tracks: sizes, displacements, speeds, directions, overlaps.
+
+The tolerances follow from the stated errors of the measurement. A track that fails is left out with
+its reason. If most tracks fail in the same way, the file is refused and the unit that explains it
+is named.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from socialiq.errors import UserError
+from socialiq_recordings.physics import overlaps, wrapped
+from socialiq_recordings.recording import FARTHEST, Refused, RoadUser, Tracks
+
+COVERAGE = 3.0
+"""Standard errors that a difference may be before it is taken as an error of the file; three hold
+99.7 % of normal differences (JCGM 100:2008, G.3)."""
+
+_TURNING = 14.0
+"""Degrees; angle between heading and motion of the middle of a car of 5 m that turns with a radius
+of 6 m, whose rear axle moves along the heading: atan(1.5 / 6)."""
+
+
+@dataclass(frozen=True)
+class MeasurementError:
+    """Standard errors of a source's measurement; the defaults are assumed where it states none.
+
+    Raises:
+        UserError: If one is not a number above 0.
+    """
+
+    position: float = 0.25  # m, in each direction, independent from frame to frame (the worst case)
+    speed: float = 0.25  # m/s
+    heading: float = 2.0  # degrees
+    size: float = 0.2  # m, of length and width
+    scale: float = 0.05  # relative, of distances: a picture is not equally large everywhere
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0 < value < math.inf:
+                raise UserError(f"error of {field.name} must be a number above 0, got {value:g}")
+
+    def mean_speed(self, seconds: float, driven: float) -> float:
+        """Return the largest difference of driven and stated mean speed over a time, m/s.
+
+        The driven distance is a difference of two positions; `driven` is its speed, m/s.
+        """
+        positions = math.sqrt(2.0) * self.position / seconds
+        return COVERAGE * math.hypot(self.speed, positions, self.scale * driven)
+
+    def jump(self, dt: float) -> float:
+        """Return the largest excess of a displacement between frames over the stated, m."""
+        return COVERAGE * math.hypot(math.sqrt(2.0) * self.position, self.speed * dt)
+
+    @property
+    def direction(self) -> float:
+        """Largest angle between heading and motion, rad."""
+        return math.radians(_TURNING + COVERAGE * self.heading)
+
+    @property
+    def overlap(self) -> float:
+        """Largest depth by which two boxes overlap although the vehicles do not touch, m.
+
+        The depth is a difference of two positions, less half a side of each box.
+        """
+        return COVERAGE * math.hypot(math.sqrt(2.0) * self.position, self.size / math.sqrt(2.0))
+
+
+FASTEST = 70.0  # m/s; 252 km/h
+MOVING = 2.0  # m/s; directions are checked where the driven speed is at least this
+FEWEST_STEPS = 3  # directions of a track with fewer moving steps are not checked
+LONGEST, WIDEST = 30.0, 4.5  # m; road trains are as long, wide loads as wide
+SHORTEST = 0.2  # m; a pedestrian's box
+_FOOT = 0.3048
+
+_RATIOS = {
+    1 / _FOOT: "positions are in feet",
+    _FOOT: "velocities are in feet per second",
+    1 / 3.6: "velocities are in km/h",
+    0.44704: "velocities are in miles per hour",
+}
+"""Explanations of the ratio of driven to stated speed."""
+
+_HEADINGS = {
+    "degrees, read as radians": lambda heading: np.radians(heading),
+    "radians, read as degrees": lambda heading: np.degrees(heading),
+    "clockwise: does y point down?": lambda heading: -heading,
+    "clockwise from north": lambda heading: np.pi / 2 - heading,
+}
+
+
+def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks, list[Refused]]:
+    """Leave out the tracks that are physically impossible.
+
+    Returns:
+        The other tracks, and the reason for each refused track.
+
+    Raises:
+        UserError: If no track is left, or most fail in a way that a wrong unit explains.
+    """
+    error = error or MeasurementError()
+    far = np.zeros(tracks.n_tracks, bool)
+    for column in (tracks.x, tracks.y, tracks.vx, tracks.vy):
+        far[tracks.track[np.abs(column) > FARTHEST]] = True
+    if far.all():
+        raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
+    reason = f"a position or velocity is above {FARTHEST:g}"
+    refused = [Refused(str(identity), reason) for identity in tracks.identity[far]]
+    tracks = tracks.kept(~far) if far.any() else tracks
+    reasons = np.full(tracks.n_tracks, "", object)
+    bad = _wrong_size(tracks, 1.0)
+    if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
+        raise UserError(
+            f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
+            "give sizes in metres, or say that they are in feet"
+        )
+    for track in np.flatnonzero(bad):
+        reasons[track] = (
+            f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
+            f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
+        )
+    _check_jumps(tracks, error, reasons)
+    _check_speeds(tracks, error, reasons)
+    _check_directions(tracks, error, reasons)
+    if (reasons == "").any():
+        _check_overlaps(tracks, error, reasons)
+    good = reasons == ""
+    refused += [
+        Refused(str(tracks.identity[track]), str(reasons[track])) for track in np.flatnonzero(~good)
+    ]
+    if not good.any():
+        raise UserError(
+            f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
+            f"{refused[0].reason}"
+        )
+    return tracks.kept(good), refused
+
+
+def _steps(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rows that a row of the same track follows, and the displacements, m."""
+    row = np.flatnonzero(np.diff(tracks.track) == 0)
+    return row, tracks.x[row + 1] - tracks.x[row], tracks.y[row + 1] - tracks.y[row]
+
+
+def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
+    (row, dx, dy), speed = _steps(tracks), np.hypot(tracks.vx, tracks.vy)
+    driven, stated = np.hypot(dx, dy) / tracks.dt, (speed[row] + speed[row + 1]) / 2
+    further = (driven - stated) * tracks.dt
+    for step in np.flatnonzero(further > error.jump(tracks.dt)):
+        if reasons[tracks.track[row[step]]] == "":
+            reasons[tracks.track[row[step]]] = (
+                f"jumps {further[step]:.2f} m further than its speed allows after frame "
+                f"{tracks.frame[row[step]]}"
+            )
+
+
+def _axis_angle(difference: np.ndarray) -> np.ndarray:
+    """Return the angle between two axes, in [0, π/2], which ignores reversing."""
+    angle = np.abs(wrapped(difference))
+    return np.minimum(angle, np.pi - angle)
+
+
+def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
+    length, width = tracks.length * unit, tracks.width * unit
+    # A person may be wider than long, so the smaller of the two is checked.
+    return (np.minimum(length, width) < SHORTEST) | (length > LONGEST) | (width > WIDEST)
+
+
+def _check_speeds(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
+    """Compare the distances of about a second with the integrals of the stated velocities."""
+    driven, stated, apart, seconds = _seconds(tracks)
+    times = np.maximum(seconds, tracks.dt).tolist()
+    pairs = zip(times, driven.tolist(), strict=True)
+    allowed = np.array([error.mean_speed(time, speed) for time, speed in pairs])
+    bad = apart > allowed
+    moves = np.maximum(driven, stated) > MOVING
+    if 2 * (bad & moves).sum() > max(moves.sum(), 1):
+        ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
+        nearest = min(_RATIOS, key=lambda track: abs(ratio / track - 1))
+        unit = _RATIOS[nearest] if abs(ratio / nearest - 1) < 0.1 else ""
+        raise UserError(
+            f"in {(bad & moves).sum()} of {moves.sum()} moving tracks the driven speed is about "
+            f"{ratio:.3g} times the stated one: "
+            f"{unit or 'positions, velocities or the frame rate have another unit'}"
+        )
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = (
+            f"drives {driven[track]:.2f} m/s but states {stated[track]:.2f} (means; "
+            f"{apart[track]:.2f} apart in {seconds[track]:g} s, where {allowed[track]:.2f} may be "
+            "measurement)"
+        )
+    fastest = np.zeros(tracks.n_tracks)
+    np.maximum.at(fastest, tracks.track, np.hypot(tracks.vx, tracks.vy))
+    for track in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
+        reasons[track] = f"states {fastest[track]:.1f} m/s, more than {FASTEST:g}"
+
+
+def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return driven and stated speeds over a second, their mean distance, and the time, by track.
+
+    A track that is shorter than a second is taken as a whole; one without steps has speeds of 0.
+    """
+    starts, n = tracks.starts, tracks.n_tracks
+    frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
+    rows = np.arange(tracks.n_states)
+    rows = rows[rows + frames[tracks.track] < starts[1:][tracks.track]]
+    rows = rows[frames[tracks.track[rows]] > 0]
+    track = tracks.track[rows].astype(np.int64)
+    after, time = rows + frames[track], frames[track] * tracks.dt
+    driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
+    integrals = []
+    for velocity in (tracks.vx, tracks.vy):
+        # The integral by the trapezoidal rule; differences across tracks are never used, and an
+        # absurd velocity must not cost the sums of the others their digits.
+        velocity = np.clip(velocity, -1e4, 1e4)
+        steps = (velocity[:-1] + velocity[1:]) / 2 * tracks.dt
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        integrals.append(along[after] - along[rows])
+    stated = np.hypot(*integrals) / time
+    counts = np.maximum(np.bincount(track, minlength=n), 1)
+    columns = driven, stated, np.abs(driven - stated)
+    a, b, c = (np.bincount(track, values, n) / counts for values in columns)
+    return a, b, c, frames * tracks.dt
+
+
+def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
+    row, dx, dy = _steps(tracks)
+    after, track = row + 1, tracks.track[row].astype(np.int64)
+    direction = np.arctan2(dy, dx)
+    velocity = np.arctan2(tracks.vy[row] + tracks.vy[after], tracks.vx[row] + tracks.vx[after])
+    north = np.sin(tracks.heading[row]) + np.sin(tracks.heading[after])
+    east = np.cos(tracks.heading[row]) + np.cos(tracks.heading[after])
+    heading = np.arctan2(north, east)
+    moving = np.hypot(dx, dy) / tracks.dt >= MOVING
+    # People walk backwards and sideways, and their boxes have no front.
+    along = moving & (tracks.road_user != RoadUser.PEDESTRIAN)[track]
+    for name, angles, rows in (
+        ("heading", _axis_angle(direction - heading), along),
+        ("velocity", np.abs(wrapped(direction - velocity)), moving),
+    ):
+        medians = _medians(angles[rows], track[rows], tracks.n_tracks)
+        bad, checked = medians > error.direction, ~np.isnan(medians)
+        if 2 * bad.sum() > max(checked.sum(), 1):
+            fault = (
+                "does not point the way they move: do positions and velocities have the same axes, "
+                "and does y point up?"
+            )
+            if name == "heading":
+                headings = "wrong, or the axes of positions are not those of headings"
+                for words, read in _HEADINGS.items():
+                    if "as degrees" in words and np.abs(heading[along]).max() > np.radians(
+                        2 * np.pi
+                    ):
+                        continue  # A full turn in radians is the number 6.28, which is 6 degrees.
+                    angle = _axis_angle(direction[along] - read(heading[along]))
+                    explained = _medians(angle, track[along], tracks.n_tracks) <= error.direction
+                    if 2 * explained.sum() > checked.sum():
+                        headings = words
+                        break
+                fault = f"is not the way they move: headings are {headings}"
+            raise UserError(f"in {bad.sum()} of {checked.sum()} tracks the {name} {fault}")
+        for number in np.flatnonzero(bad & (reasons == "")):
+            degrees = np.degrees(medians[number])
+            reasons[number] = f"{name} {degrees:.0f}° off the way it moves (median)"
+
+
+def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
+    """Return the median by track, NaN for fewer than `FEWEST_STEPS`; rows in order of tracks."""
+    medians = np.full(n_tracks, np.nan)
+    ends = np.searchsorted(track, np.arange(n_tracks + 1))
+    for number in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
+        medians[number] = np.median(values[ends[number] : ends[number + 1]])
+    return medians
+
+
+def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
+    """Refuse both tracks of an overlap, because either may be wrong."""
+    good = reasons == ""
+    plausible, numbers = tracks.kept(good), np.flatnonzero(good)
+    pairs = overlaps(plausible)
+    # The deepest first: it is reported.
+    for pair in np.argsort(-pairs.depth, kind="stable"):
+        if pairs.depth[pair] <= error.overlap:
+            break
+        rows = int(pairs.first[pair]), int(pairs.second[pair])
+        for row, beside in (rows, rows[::-1]):
+            track = numbers[plausible.track[row]]
+            if reasons[track] == "":
+                reasons[track] = (
+                    f"overlaps by {pairs.depth[pair]:.2f} m with "
+                    f"{plausible.identity[plausible.track[beside]]} at frame {plausible.frame[row]}"
+                )

@@ -1,1 +1,0 @@
-"""Offline dial: behaviour-regularised vector Q-learning from demonstrations and their rewards."""

@@ -1,0 +1,347 @@
+"""Direct policy iteration of a dial: label visited states by rollouts of every action, fit, repeat.
+
+In a state that the current policy visits, each action is taken in a copy of the simulator, and the
+policy is followed to the end of the episode. The returns are unbiased samples of Q^π(s, a), with
+the simulator's hidden state and future traffic, which all actions of a state share. Their mean over
+all states of one observation is what a policy of observations can use. Fitting a network to them
+is one approximate step of policy iteration, without bootstrapping: Lagoudakis and Parr 2003
+(Reinforcement learning as classification), Lazaric, Ghavamzadeh and Munos 2016 (Analysis of
+classification-based policy iteration algorithms). Needs a simulator whose state can be copied; the
+trained policy needs none.
+
+Every episode has an angle. Its states are labelled by rollouts of the dial at this angle, and the
+network is fitted to the returns of both rewards, and then to their score. So neighbouring angles
+share what is learned.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.errors import UserError
+from socialiq.learners import settings
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.collect import BaseCollector
+from socialiq.learners.expert_table import Carry, Replay
+from socialiq.learners.kernel import Learner, Terms, Trained
+from socialiq.learners.settings import Count, Natural, Positive, Share
+from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy, angle_columns, knots_between
+from socialiq.nn.q_network import network_of
+from socialiq.nn.view import CHOICES, PresentRows, View
+from socialiq.social.angle import score
+from socialiq.types import Act, RewardPair
+
+Scalar = Float[Array, ""]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DialIterationConfig(settings.DrawnAngles, settings.Network, settings.Replay):
+    """Choices that shape the program.
+
+    The ring holds labelled states; older ones were labelled by earlier policies.
+    """
+
+    high_share: Share | None = 0.4
+    knots: Natural = 0
+    """Number of hat functions of the angle that the network reads."""
+    times: int = 0
+    """Number of values of the time, the last feature of an observation that ends with a clock;
+    0: it doesn't."""
+    hidden: settings.Widths = (256, 256)
+    batch_size: Count = 256
+    """Labelled states of an update."""
+    updates: Count = 8_000
+    """Gradient steps of a run."""
+    states_per_update: Count = 32
+    """States that are labelled for each gradient step."""
+    first_rounds: Count = 1
+    """Rounds of labelling before the first update; a network that improves a given policy would
+    learn the few states of one round by heart."""
+
+    def __post_init__(self) -> None:
+        """Refuse names, sizes and angles that make no run."""
+        super().__post_init__()
+        self.check_high_share()
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterationHyperparameters(settings.Exploration):
+    """Numbers of one run; all are traced, so runs that differ in them share one program.
+
+    The policy is the running average of the network. Followed rollouts don't explore.
+    """
+
+    angle: settings.Angle = 0.0
+    """Not used: every episode has an angle of its own."""
+    learning_rate: Positive = 5e-4
+    final_learning_rate: Positive = 2e-5
+    value_weight: Share = 0.05
+    """Weight in the regression of the error that all actions of a state share; 1: the plain mean
+    squared error. Their returns share most of their noise, and no decision depends on it."""
+    regression: Share = 0.6
+    """Share of the run that fits values to the returns. The rest maximises the expected return of
+    softmax(output/τ) alone, which from the start would rule out actions for ever."""
+    temperature: Positive = 0.3
+    """τ of softmax(output/τ) in the expected return, in units of reward."""
+    entropy: Share = 0.01
+    """Weight of the policy's entropy in nats, which keeps actions from being ruled out early."""
+    exploration: Share = 0.1
+
+
+def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterationConfig:
+    """Return a static config for runs that begin with a dial: with its network and angles.
+
+    Raises:
+        UserError: If the dial has no pair of values for each action, or reads one-hot inputs.
+    """
+    view = dial.turned.view
+    if not dial.pairs:
+        raise UserError(
+            "this dial has no pair of values for each action: train it with --heads pair"
+        )
+    names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
+    if not names or (view is None) != (names == ["flat"]):
+        raise UserError("this dial reads a gridworld: give one of the intersection")
+    return replace(
+        static,
+        view=names[0],
+        times=getattr(view, "times", 0),
+        hidden=tuple(len(bias) for bias in dial.turned.biases[:-1]),
+        activation=dial.turned.activation,
+        knots=len(dial.knots),
+        low=dial.low,
+        high=dial.high,
+        high_share=static.high_share if dial.low < static.high_from < dial.high else None,
+    )
+
+
+class Labelled(NamedTuple):
+    """States, ending with their angle in degrees, and undiscounted returns (batch, actions)."""
+
+    observation: Any
+    returns: RewardPair
+
+
+Labeller = Callable[[Act, Act, np.random.Generator], Labelled]
+"""Given the policy that rollouts follow, the one that visits states, and random numbers, returns
+labelled states, as many for each chunk."""
+
+
+def expected_return(
+    outputs: Float[Array, "batch action"],
+    returns: Float[Array, "batch action"],
+    temperature: Scalar | float,
+) -> tuple[Float[Array, " batch"], Float[Array, " batch"]]:
+    """Return Σ_a π(a|s) (G(s, a) - mean_b G(s, b)), π = softmax(output/τ), and the entropy of π.
+
+    Its maximum over all π is the greedy policy of E[G | s, a]: the cost-sensitive loss of
+    Lazaric et al. 2016. The mean over actions changes no gradient, only the loss's variance.
+    """
+    logs = jax.nn.log_softmax(outputs / temperature, axis=-1)
+    gains = returns - returns.mean(axis=-1, keepdims=True)
+    chances = jnp.exp(logs)
+    return (chances * gains).sum(axis=-1), -(chances * logs).sum(axis=-1)
+
+
+def regression_error(
+    outputs: Float[Array, "batch action"],
+    returns: Float[Array, "batch action"],
+    value_weight: Scalar | float,
+) -> Float[Array, " batch"]:
+    """Return half the squared error of outputs, split in two parts by state.
+
+    With e the errors of a state's actions it is ½ mean_a (e_a - ē)² + ½ w ē². For any w > 0 its
+    minimum is E[G | s, a] = Q^π(s, a), and w = 1 is the mean squared error.
+    """
+    errors = outputs - returns
+    shared = errors.mean(axis=-1, keepdims=True)
+    return 0.5 * ((errors - shared) ** 2).mean(axis=-1) + 0.5 * value_weight * shared[..., 0] ** 2
+
+
+class DialIteration(Learner):
+    """Direct policy iteration at every angle of a range; the policy is a dial.
+
+    Attributes:
+        start: Network that every run begins with; None draws one from the run's seed.
+        start_sha256: Of its file, for the record.
+    """
+
+    start: Any = None
+    start_sha256: str = eqx.field(static=True, default="")
+
+    name: ClassVar[str] = "dial-policy-iteration"
+
+    def record(self, hyperparameters: IterationHyperparameters) -> dict[str, Any]:
+        """Return the record of one run, with the policy that it began with."""
+        begun = {"start": {"sha256": self.start_sha256}} if self.start is not None else {}
+        return super().record(hyperparameters) | begun
+
+    def network(self, key: PRNGKeyArray) -> DialNetwork:
+        """Draw a network with a pair of values for each action."""
+        static, (n_features, n_actions) = self.static, self.sizes
+        knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
+        shape = (n_features, static.hidden, n_actions, static.activation, static.view)
+        return DialNetwork.initialise(key, *shape, times=static.times, pairs=True, knots=knots)
+
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+        """Draw a network from the run's seed or take the first one, beside an empty ring."""
+        state, key = super().initialise(hyperparameters)
+        if self.start is not None:
+            state = self.first_state(self.start)
+        column = jnp.zeros(self.sizes[1], jnp.float32)
+        row = Labelled(jnp.zeros(self.sizes[0] + 1, jnp.float32), RewardPair(column, column))
+        return state, Carry(key, Replay.empty(self.static.replay_capacity, row))
+
+    def draw(
+        self, _numbers: Any, state: TrainState, carry: Carry
+    ) -> tuple[tuple[Labelled, Array], Carry]:
+        """Sample the ring; return labelled states and the share of the run that is done."""
+        key, for_batch = jax.random.split(carry.key)
+        states = carry.replay.sample(for_batch, self.static.batch_size)
+        return (states, state.optimiser.count / self.static.updates), carry._replace(key=key)
+
+    def loss(
+        self, network: Any, _target: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Array, Terms]:
+        """The regression's loss of both rewards, or at the end the expected score's."""
+        (observation, returns), progress = batch
+        direction = _direction_of(observation)
+        values = jax.vmap(network.both)(observation[:, :-1], direction)
+        errors = [
+            regression_error(output, value, hyperparameters.value_weight).mean()
+            for output, value in zip(values, returns, strict=True)
+        ]
+        outputs, gains = (score(_of_rows(direction), pair) for pair in (values, returns))
+        gain, entropy = expected_return(outputs, gains, hyperparameters.temperature)
+        gain, entropy, error = gain.mean(), entropy.mean(), errors[0] + errors[1]
+        ending = -gain - hyperparameters.entropy * entropy
+        loss = jnp.where(progress < hyperparameters.regression, error, ending)
+        return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
+
+    def policy(
+        self, hyperparameters: IterationHyperparameters, state: TrainState, _kept: Any = None
+    ) -> DialPolicy:
+        """Return the running average of the network as a dial."""
+        static, record = self.static, self.record(hyperparameters)
+        temperature = hyperparameters.temperature
+        return DialPolicy.of(state.target_network, temperature, static.low, static.high, record)
+
+
+class LabelCollector(BaseCollector):
+    """Fills each run's ring with states that its policy visits, labelled by its labeller."""
+
+    def __init__(
+        self,
+        learner: DialIteration,
+        hyperparameters: Sequence[IterationHyperparameters],
+        labellers: Sequence[Labeller],
+    ) -> None:
+        super().__init__([run.seed for run in hyperparameters])
+        self._learner, self._numbers, self._labellers = learner, hyperparameters, labellers
+
+    def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Labelled:
+        """Return the labelled states of a chunk."""
+        batches = [self._labelled(runs, run, done, rng) for run, rng in enumerate(streams)]
+        return jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
+
+    def _labelled(self, runs: Runs, run: int, done: int, rng: np.random.Generator) -> Labelled:
+        static, n_actions = self._learner.static, self._learner.sizes[1]
+        network = network_of(runs.state.target_network, run)
+        follow = greedy(DialPolicy.of(network, 1.0, static.low, static.high, {}))
+        share = self._numbers[run].exploring(done / static.updates)
+
+        def visit(observation: np.ndarray) -> np.ndarray:
+            random = rng.integers(n_actions, size=len(observation))
+            return np.where(rng.random(len(observation)) < share, random, follow(observation))
+
+        rounds = 1 if done else static.first_rounds
+        labelled = [self._labellers[run](follow, visit, rng) for _ in range(rounds)]
+        return jax.tree.map(
+            lambda *columns: jnp.asarray(np.concatenate(columns), jnp.float32), *labelled
+        )
+
+
+def greedy(dial: DialPolicy) -> Act:
+    """Return a dial's greedy actions, of observations that end with their angle in degrees.
+
+    A pooled view encodes the present vehicles alone, which is faster.
+    """
+    view, layers = dial.turned.view, dataclasses.replace(dial.turned, view=None)
+    encode: Any = view
+    if isinstance(view, View) and view.choice.pooled:
+        encode = PresentRows(view)
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        direction, encoded = _direction_of(observation), observation[:, :-1]
+        columns = [encode(encoded) if encode else encoded, *angle_columns(direction, dial.knots)]
+        outputs = layers.q_values(np.concatenate(columns, axis=-1))
+        if dial.pairs:
+            outputs = score(_of_rows(direction), RewardPair(*np.split(outputs, 2, axis=1)))
+        return outputs.argmax(axis=1)
+
+    return act
+
+
+def _direction_of(observation: Any) -> RewardPair:
+    """Return (cos α, sin α) of observations that end with their angle in degrees."""
+    xp = observation.__array_namespace__()
+    radians = xp.deg2rad(observation[:, -1])
+    return RewardPair(xp.cos(radians), xp.sin(radians))
+
+
+def _of_rows(direction: RewardPair) -> RewardPair:
+    """Return directions with an axis for the actions."""
+    return RewardPair(direction.env[:, None], direction.social[:, None])
+
+
+def train(
+    static: DialIterationConfig,
+    hyperparameters: Sequence[IterationHyperparameters],
+    labellers: Sequence[Labeller],
+    sizes: tuple[int, int],
+    callbacks: Callbacks | None = None,
+    chunk: int = 200,
+    start: DialPolicy | None = None,
+) -> Trained:
+    """Train one dial for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
+
+    Args:
+        static: Shared by all runs.
+        hyperparameters: One entry for each run; their angle is not used.
+        labellers: One for each run, of `chunk * static.states_per_update` states for each chunk;
+            `evaluation.road_training.dial_labeller` makes those of the intersection.
+        sizes: Features of an observation without the angle, and number of actions.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two calls of the callbacks.
+        start: Dial that every run improves; its network must be that of `static`.
+
+    Raises:
+        UserError: If there is no run, not one labeller for each, or another first network.
+        Stopped: On Ctrl-C.
+    """
+    if not hyperparameters or len(labellers) != len(hyperparameters):
+        raise UserError(
+            f"{len(hyperparameters)} runs and {len(labellers)} labellers: pass one for each"
+        )
+    learner = DialIteration(static, sizes)
+    if start is not None:
+        network, fresh = start.network(), jax.eval_shape(learner.network, jax.random.key(0))
+        shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, fresh)]
+        if shapes[0] != shapes[1] or network.activation != static.activation:
+            raise UserError(
+                "the first policy has another network: give its view, hidden widths and activation"
+            )
+        learner = DialIteration(static, sizes, start=network, start_sha256=start.turned.sha256)
+    collector = LabelCollector(learner, hyperparameters, labellers)
+    return learner.train(hyperparameters, callbacks, chunk, collector, learner.start_sha256)

@@ -1,1 +1,0 @@
-"""Direct policy iteration from rollouts of every action (Lazaric et al. 2016)."""
