@@ -15,6 +15,7 @@ import numpy as np
 
 from socialiq.evaluation.episodes import policy_row
 from socialiq.evaluation.front import hypervolume
+from socialiq.evaluation.rollout import MODES
 from socialiq.types import Row
 from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection.driving import episodes_at, load_episodes
