@@ -157,7 +157,7 @@ class Audit:
             count = enough_resamples(error, self._least)
             regrets = Regrets(self._evidence, self._seed, count)
             angle = self._truth.declared
-            test = regret_test(regrets, self._evidence, angle, MARGIN, error, error / 2)
+            test = regret_test(regrets, angle, MARGIN, error, error / 2)
             joined = join_tests(test, self._evidence.policy, FLOOR, error)
             self._tested[error] = joined.decision is Decision.PASS
         return self._tested[error]

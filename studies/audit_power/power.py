@@ -204,7 +204,7 @@ def verdict_rows(
             rewards = (truth.declared, truth.regret, truth.alpha_hat)
             if rewards not in tested:
                 regrets = Regrets(evidence, current + _APART, resamples)
-                test = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
+                test = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
                 tested[rewards] = test
             joined = join_tests(tested[rewards], evidence.policy, FLOOR, ERROR)
             decisions[case].append(joined.decision)
@@ -225,7 +225,7 @@ def _covered(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str
     evidence = draw_evidence(truth, episodes, seed)
     seed += _APART
     regrets = Regrets(evidence, seed, resamples)
-    regret = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
+    regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
     towards_first = float(
         (truth.references[1] - truth.policy) @ _directions(np.array([truth.declared]))[0]
     )

@@ -21,14 +21,8 @@ from socialiq.audit.request import Request
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
 from socialiq_lab.tables import column, matching
-from studies.audits.policies import (
-    GRIDWORLD,
-    AuditedPolicy,
-    at_intersection,
-    exact_in_gridworld,
-    of_gridworld,
-    trained_in_gridworld,
-)
+from studies.audits import policies as audited
+from studies.audits.policies import GRIDWORLD, AuditedPolicy
 from studies.audits.published import floor_rows, learner_angle_rows, return_rows
 
 DAY = datetime.date(2026, 11, 1)
@@ -45,14 +39,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
         folder = Path(scratch)
         how = config.episodes, config.seed, folder, context.on_stage
         if "intersection" in config.worlds:
-            rows += audit_rows(list(at_intersection(folder)), *how)
+            rows += audit_rows(list(audited.at_intersection(folder)), *how)
         if GRIDWORLD in config.worlds:
             trained = folder / GRIDWORLD
             trained.mkdir()
             updates = config.updates, config.dial_updates
-            exact_in_gridworld(trained)
-            trained_in_gridworld(trained, config.training_seed, updates, context.on_stage)
-            rows += audit_rows(list(of_gridworld(trained, config.dial_angles)), *how)
+            audited.exact_in_gridworld(trained)
+            audited.trained_in_gridworld(trained, config.training_seed, updates, context.on_stage)
+            rows += audit_rows(list(audited.of_gridworld(trained, config.dial_angles)), *how)
     tables = {"audits": rows, **published_tables(config.episodes)}
     return Findings(tables, _summary(tables))
 

@@ -15,6 +15,7 @@ from typing import Any
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.road_training import source_of
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners.iq_learn import config as presets
 from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import as_csv, from_csv

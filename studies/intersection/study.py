@@ -23,15 +23,9 @@ from socialiq_lab.intersection.driving import episodes_at, load_episodes
 from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import groups, matching, nested, numeric_means, paired_row, with_holm
+from studies.intersection import plan
 from studies.intersection import tables as thesis_tables
-from studies.intersection.plan import (
-    SHIPPED,
-    TRAINED,
-    columns,
-    jobs,
-    members,
-    policy_file,
-)
+from studies.intersection.plan import jobs
 
 PolicyRows = Mapping[tuple[str, str], Row]
 """Rows of policies by (policy, readout)."""
@@ -39,7 +33,7 @@ PolicyRows = Mapping[tuple[str, str], Row]
 
 def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders alone."""
-    work, shipped = context.work, members(config)
+    work, shipped = context.work, plan.members(config)
     episodes = intersection.evaluated(context.jobs, work)
     rows = {key: policy_row(*key, played) for key, played in episodes.items()}
     a_1, a_2 = thesis_tables.separability(work / DEMONSTRATIONS)
@@ -61,7 +55,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         "highway": _highway(context.jobs, work),
         "times": intersection.times(context.jobs, work),
     }
-    sources = {name: (job, policy_file(job)) for name, job in shipped.items()}
+    sources = {name: (job, plan.policy_file(job)) for name, job in shipped.items()}
     greedy = {name: rows[job, "greedy"] for name, job in shipped.items()}
     files = intersection.atlas_files("intersection", "intersection", sources, work, greedy)
     return Findings(tables, _summary(config, tables), files)
@@ -111,10 +105,10 @@ def differences(rows: PolicyRows, config: Any) -> list[Row]:
     tests cover the variation of learners and not that of experts. A rate over nothing (no entry
     into the junction) leaves a comparison out.
     """
-    experts = columns(config)["experts", "flat"]
+    experts = plan.columns(config)["experts", "flat"]
     tests: list[Row] = []
-    for preset, setting in TRAINED:
-        names = columns(config)[preset, setting]
+    for preset, setting in plan.TRAINED:
+        names = plan.columns(config)[preset, setting]
         names |= {name: single * len(config.seeds) for name, single in experts.items()}
         family: list[Row] = []
         for comparison in COMPARISONS:
@@ -184,7 +178,7 @@ def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     configs = {job.name: dataclasses.asdict(job.config) for job in jobs(config)}
     settings: dict[str, Any] = {}
     policies: dict[str, Row] = {}
-    for (preset, setting), names in columns(config).items():
+    for (preset, setting), names in plan.columns(config).items():
         if preset == "experts":
             settings["expert"] = configs[names["expert egoistic"][0]]
             continue
@@ -195,7 +189,7 @@ def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
         ("ours", "over_training", "over_evaluation", "low", "high"),
         tables["connected"],
     )
-    experts = columns(config)["experts", "flat"]
+    experts = plan.columns(config)["experts", "flat"]
     return {
         "table_6_2": nested(printed, "group", "policy", "metric", keep=spreads),
         "table_a_1": nested(returns, "mode", "signal", keep=("mean", "sd")),
@@ -250,7 +244,7 @@ def fig_6_5(results: Results) -> dict[str, Figure]:
     """Draw Fig 6.5: the empirical angle of each learner, the thesis' as an open mark outside."""
     marks = []
     for name in COLORS:
-        row = results.summary["policies"]["_".join((*SHIPPED, name))]
+        row = results.summary["policies"]["_".join((*plan.SHIPPED, name))]
         angle, low, high = (row[f"angle{end}"] for end in ("", "_low", "_high"))
         thesis = thesis_values.FIG_6_5.get(name)
         printed = "not printed" if thesis is None else f"{thesis:.0f}°"

@@ -215,7 +215,7 @@ def train_runs(
             ),
         )
     elif isinstance(structure, bc.CloningConfig):
-        program = partial(GaussianCloning.train_on, structure, numbers, data)
+        program = partial(bc.GaussianCloning.train_on, structure, numbers, data)
     elif isinstance(structure, actors.TD3BCConfig):
         program = partial(train, structure, numbers, data)
     else:

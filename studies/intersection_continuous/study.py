@@ -15,15 +15,10 @@ import numpy as np
 
 from socialiq.evaluation.episodes import policy_row
 from socialiq.evaluation.front import hypervolume
+from socialiq.evaluation.rollout import MODES
 from socialiq.types import Row
+from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection.driving import episodes_at, load_episodes
-from socialiq_lab.intersection.rows import (
-    atlas_files,
-    backward_steps,
-    points_of,
-    times,
-    value_at,
-)
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import (
@@ -34,22 +29,17 @@ from socialiq_lab.tables import (
     paired_differences,
     with_holm,
 )
-from studies.intersection_continuous.plan import (
-    CONTINUOUS,
-    DISCRETE,
-    EXPERTS,
-    HIGH_ANGLES,
-    KINDS,
-    POLICIES,
-    Config,
-    jobs,
-    run_file,
-)
+from studies.intersection_continuous import plan
+from studies.intersection_continuous.plan import Config, jobs
 
 __all__ = ["Config", "compute_tables", "jobs"]
 
 _PERCENT = ("collision", "arrival", "timeout", "stopped")
-_PAIRS = ((CONTINUOUS, DISCRETE), (HIGH_ANGLES, DISCRETE), (HIGH_ANGLES, CONTINUOUS))
+_PAIRS = (
+    (plan.CONTINUOUS, plan.DISCRETE),
+    (plan.HIGH_ANGLES, plan.DISCRETE),
+    (plan.HIGH_ANGLES, plan.CONTINUOUS),
+)
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
@@ -57,7 +47,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     work = context.work
     policies, dials = _policies(config, work), _dials(config, work)
     for row in dials:
-        best = max(value_at(other, row["asked"]) for other in dials + policies)
+        best = max(intersection.value_at(other, row["asked"]) for other in dials + policies)
         row["regret"] = best - row["value"]
     families = _families(dials)
     tables = {
@@ -67,16 +57,18 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "dials": dials,
         "families": families,
         "differences": _differences(families),
-        "times": times(context.jobs, work),
+        "times": intersection.times(context.jobs, work),
     }
     name = "intersection-continuous"
     experts = {
-        f"expert_{mode}": (EXPERTS, run_file(angle, config.expert_seed))
+        f"expert_{mode}": (plan.EXPERTS, plan.run_file(angle, config.expert_seed))
         for mode, angle in MODES.items()
     }
     rows = {f"expert_{mode}": matching(policies, name=f"expert {mode}")[0] for mode in MODES}
-    files = atlas_files(name, name, experts, work, rows)
-    files["dial.safetensors"] = (work / CONTINUOUS / run_file(0.0, config.seeds[0])).read_bytes()
+    files = intersection.atlas_files(name, name, experts, work, rows)
+    files["dial.safetensors"] = (
+        work / plan.CONTINUOUS / plan.run_file(0.0, config.seeds[0])
+    ).read_bytes()
     means = {
         _short(kind): {name: mean for name, mean in numeric_means(rows).items() if name != "seed"}
         for (kind,), rows in groups(families, "kind").items()
@@ -88,15 +80,15 @@ def compute_tables(config: Config, context: Context) -> Findings:
 def _policies(config: Config, work: Path) -> list[Row]:
     """Return metrics of each expert and policy of a mixture, with J at its own angle, or 0."""
     rows: list[Row] = []
-    for job, (name, of_angles) in POLICIES.items():
-        seeds = (config.expert_seed,) if job == EXPERTS else config.learner_seeds
+    for job, (name, of_angles) in plan.POLICIES.items():
+        seeds = (config.expert_seed,) if job == plan.EXPERTS else config.learner_seeds
         for mode, angle in MODES.items() if of_angles else (("", 0.0),):
             for seed in seeds:
-                file = run_file(angle, seed)
+                file = plan.run_file(angle, seed)
                 episodes = load_episodes(episodes_at(work / "evaluation" / job, file))
                 row = policy_row(f"{job}/{file}", "greedy", episodes)
                 label = {"name": f"{name} {mode}".strip(), "seed": seed}
-                rows.append(label | {"value": value_at(row, angle)} | row)
+                rows.append(label | {"value": intersection.value_at(row, angle)} | row)
     return rows
 
 
@@ -104,9 +96,9 @@ def _of_mixture(policies: Sequence[Row]) -> list[Row]:
     """Return J of each policy of a mixture at the angles of the modes, its own angle or not."""
     return [
         {"method": name or "IQ-Learn", "asked": angle, "seed": row["seed"]}
-        | {"value": value_at(row, angle)}
-        for job, (name, of_angles) in POLICIES.items()
-        if job != EXPERTS
+        | {"value": intersection.value_at(row, angle)}
+        for job, (name, of_angles) in plan.POLICIES.items()
+        if job != plan.EXPERTS
         for mode, angle in MODES.items()
         for row in matching(policies, name=f"{name} {mode}".strip() if of_angles else name)
     ]
@@ -115,13 +107,15 @@ def _of_mixture(policies: Sequence[Row]) -> list[Row]:
 def _dials(config: Config, work: Path) -> list[Row]:
     """Return metrics of each dial at each angle, with J there; the regret is added later."""
     rows: list[Row] = []
-    for kind in KINDS:
+    for kind in plan.KINDS:
         for seed in config.seeds:
             for angle in config.angles:
-                file = episodes_at(work / "evaluation" / kind, run_file(0.0, seed), angle)
+                file = episodes_at(work / "evaluation" / kind, plan.run_file(0.0, seed), angle)
                 row = policy_row(kind, "greedy", load_episodes(file))
                 label = {"kind": kind, "seed": seed, "asked": angle}
-                rows.append(label | {"value": value_at(row, angle), "regret": 0.0} | row)
+                rows.append(
+                    label | {"value": intersection.value_at(row, angle), "regret": 0.0} | row
+                )
     return rows
 
 
@@ -150,13 +144,13 @@ def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
 
 def _families(dials: Sequence[Row]) -> list[Row]:
     """Return J and regret at each angle, means of both, and monotony, of each dial of a kind."""
-    corner = points_of(dials).min(axis=0)
+    corner = intersection.points_of(dials).min(axis=0)
     return [
         {"kind": kind, "seed": seed}
         | {f"value_{row['asked']:g}": row["value"] for row in rows}
         | {f"mean_{name}": float(np.mean([row[name] for row in rows])) for name in _MEANS}
-        | {"hypervolume": hypervolume(points_of(rows), corner)}
-        | backward_steps(rows)
+        | {"hypervolume": hypervolume(intersection.points_of(rows), corner)}
+        | intersection.backward_steps(rows)
         for (kind, seed), rows in groups(dials, "kind", "seed").items()
     ]
 

@@ -19,18 +19,8 @@ from socialiq.storage import read_json
 from socialiq.types import Ending, Row
 from socialiq_lab.study import Context, Findings
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from studies.recorded_junction_practice.work import (
-    HUMAN,
-    MIXTURES,
-    PRACTICE,
-    PRACTISED,
-    VALUES,
-    WORLD,
-    Config,
-    driven,
-    jobs,
-    slug,
-)
+from studies.recorded_junction_practice import work as junction
+from studies.recorded_junction_practice.work import Config, jobs
 
 _SIDES = ("r_env", "r_social")
 
@@ -46,10 +36,10 @@ def compute_tables(config: Config, context: Context) -> Findings:
     angles: list[Row] = []
     turns: list[Row] = []
     values: list[Row] = []
-    drivers = [_row(name, [runs]) for name, runs in driven(work / "drivers").items()]
+    drivers = [_row(name, [runs]) for name, runs in junction.driven(work / "drivers").items()]
     summary = {}
-    for mixture in MIXTURES:
-        outcomes = driven(work / "driven" / slug(mixture))
+    for mixture in junction.MIXTURES:
+        outcomes = junction.driven(work / "driven" / junction.slug(mixture))
         dials = {
             angle: [outcomes[f"dial {seed} {angle:g}"] for seed in config.seeds]
             for angle in config.angles
@@ -62,9 +52,12 @@ def compute_tables(config: Config, context: Context) -> Findings:
         turns += turned
         summary[mixture] = {row["reward"]: row["difference"] for row in turned}
         if config.checked:
-            values.append({"mixture": mixture} | read_json(work / "dials" / slug(mixture) / VALUES))
-    counts = files.load(work / "world" / HUMAN).counts().items()
-    world = RecordedWorld.load(work / "world" / WORLD)
+            values.append(
+                {"mixture": mixture}
+                | read_json(work / "dials" / junction.slug(mixture) / junction.VALUES)
+            )
+    counts = files.load(work / "world" / junction.HUMAN).counts().items()
+    world = RecordedWorld.load(work / "world" / junction.WORLD)
     about = {name: world.provenance[name] for name in ("vehicles", "egos", "closures")}
     tables = {
         "angles": angles,
@@ -72,7 +65,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "drivers": drivers,
         "data": [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts],
         "values": values,
-        "practice": read_json(work / "dials" / slug(PRACTISED) / PRACTICE),
+        "practice": read_json(
+            work / "dials" / junction.slug(junction.PRACTISED) / junction.PRACTICE
+        ),
     }
     return Findings(tables, {"world_sha256": world.sha256} | about | summary)
 

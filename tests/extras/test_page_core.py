@@ -58,7 +58,7 @@ def test_a_core_built_again_behaves_as_the_one_that_ships(tmp_path):
 
 
 def test_the_committed_counts_are_those_of_the_command():
-    config = equality.Config(packaged_results())
+    config = equality.Comparison(packaged_results())
     for path in sorted((packaged_results() / "page-core").glob("*.json")):
         found = read_json(path)
         assert (found["episodes"], found["first"]) == (config.episodes, config.first)

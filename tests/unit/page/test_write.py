@@ -12,7 +12,7 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.dial import FAMILY, SEED, STUDY, measured, shipped_dial
+from socialiq.page.data import FAMILY, SEED, STUDY, measured, shipped_dial
 from socialiq.page.webassembly.layout import CORE
 from socialiq.page.write import ASSETS, page, program
 from socialiq.storage import packaged_results
@@ -78,7 +78,7 @@ def test_the_command_writes_it_once(tmp_path, capsys):
 def test_a_dial_of_ones_own_turns_in_its_range_with_a_curve_of_its_own(
     tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("socialiq.page.dial.EPISODES", 10)
+    monkeypatch.setattr("socialiq.page.data.EPISODES", 10)
     own = dataclasses.replace(DialPolicy.load(DIAL), low=7.5, high=21.0)
     own.save(tmp_path / "own & mine.safetensors")
     words = ["page", "--dial", str(tmp_path / "own & mine.safetensors"), "--out"]

@@ -116,7 +116,7 @@ def test_the_quick_rules_leave_out_no_pass(error):
         drawn = draw_of("rerun", 3, number)
         evidence = draw_evidence(EASY, 250, drawn.derived("episodes"))
         regrets = Regrets(evidence, drawn.derived("resampling"), enough_resamples(error, 400))
-        test = regret_test(regrets, evidence, EASY.declared, MARGIN, error, error / 2)
+        test = regret_test(regrets, EASY.declared, MARGIN, error, error / 2)
         whole = join_tests(test, evidence.policy, FLOOR, error).decision is Decision.PASS
         decided.append((Audit(EASY, drawn, 250, 400).passes(error), whole))
     assert all(quick == whole for quick, whole in decided)

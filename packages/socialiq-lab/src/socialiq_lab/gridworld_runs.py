@@ -11,16 +11,8 @@ from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import one_of
-from socialiq.evaluation.exact import (
-    READOUTS,
-    Ground,
-    Metrics,
-    Readout,
-    action_table,
-    evaluate_exactly,
-    exact_monitor,
-    mean_of,
-)
+from socialiq.evaluation import exact
+from socialiq.evaluation.exact import Ground, Metrics, mean_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
@@ -69,7 +61,7 @@ def train_runs(
     The default monitor of a training with a progress callback is the exact metrics.
     """
     if monitor is None and on_report is not None:
-        monitor = exact_monitor(ground.part, [run.temperature for run in hyperparameters])
+        monitor = exact.exact_monitor(ground.part, [run.temperature for run in hyperparameters])
     callbacks = Callbacks(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if static.online else None
     return train(static, hyperparameters, datasets, simulator, callbacks, chunk, prior=prior)
@@ -120,7 +112,7 @@ def train_variant(
         return behaviour_cloning.BehaviourCloning.train_on(static, runs, datasets, callbacks)
     monitor = None
     if chunk is not None:
-        monitor = exact_monitor(ground.part, [run.temperature for run in runs])
+        monitor = exact.exact_monitor(ground.part, [run.temperature for run in runs])
     return train_runs(ground, static, runs, datasets, on_report, chunk or 500, monitor, prior)
 
 
@@ -128,7 +120,7 @@ def checkpoint_rows(history: History, runs: Sequence[Any], labels: Sequence[Row]
     """Return a row for each checkpoint, run and action selection, with the exact metrics."""
     arrays = {
         (readout, name): history.array(f"{readout}_{name}")
-        for readout in READOUTS
+        for readout in exact.READOUTS
         for name in Metrics._fields
     }
     return [
@@ -136,14 +128,14 @@ def checkpoint_rows(history: History, runs: Sequence[Any], labels: Sequence[Row]
         | {"readout": readout, "seed": run.seed, "updates": updates}
         | {name: float(arrays[readout, name][checkpoint, number]) for name in Metrics._fields}
         for number, (run, label) in enumerate(zip(runs, labels, strict=True))
-        for readout in READOUTS
+        for readout in exact.READOUTS
         for checkpoint, updates in enumerate(history.updates)
     ]
 
 
-def evaluate(ground: Ground, policy: QPolicy, readout: Readout) -> Metrics:
+def evaluate(ground: Ground, policy: QPolicy, readout: exact.Readout) -> Metrics:
     """Return the exact metrics of a trained policy."""
-    return evaluate_exactly(ground.part, action_table(policy, ground.part, readout))
+    return exact.evaluate_exactly(ground.part, exact.action_table(policy, ground.part, readout))
 
 
 def rows_of(
@@ -152,7 +144,7 @@ def rows_of(
     """Return label, seed, metrics and regret of each policy and action selection."""
     rows = []
     for policy, seed in zip(policies, seeds, strict=True):
-        for readout in READOUTS:
+        for readout in exact.READOUTS:
             metrics = evaluate(ground, policy, readout)
             regret = ground.optimum.regret(metrics, angle)
             rows.append(

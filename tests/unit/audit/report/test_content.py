@@ -18,7 +18,7 @@ from socialiq.audit.report.verify import fault_of, read_report
 from socialiq.audit.seeds import LARGEST_SEED
 from socialiq.audit.verdict.calibration import Status
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.shift import MEASURES
+from socialiq.audit.verdict.results import MEASURES
 from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError
 

@@ -84,7 +84,7 @@ def tested(outcomes, evidence):
     made = evidence(outcomes("policy", behind), outcomes("a", totals))
 
     def with_loss(largest_loss):
-        return regret_test(Regrets(made, 0, 100, largest_loss), made, 0.0, 1.0)
+        return regret_test(Regrets(made, 0, 100, largest_loss), 0.0, 1.0)
 
     return with_loss
 

@@ -12,7 +12,7 @@ EPISODES = 400
 
 def decided(found, largest_loss, margin=0.5, angle=0.0):
     regrets = Regrets(found, 0, 300, largest_loss)
-    return regret_test(regrets, found, angle, margin)
+    return regret_test(regrets, angle, margin)
 
 
 @pytest.fixture(scope="module")

@@ -264,9 +264,11 @@ def in_common(motion: Motion, other_motion: Motion) -> Common | None:
     near = other_motion.tree.query_ball_point(speeds[chosen], SAME_SPEED, p=np.inf)
     states = np.repeat(rows[chosen], [len(windows) for windows in near])
     other_states = other_rows[np.concatenate([*near, []]).astype(np.int64)]
-    tracks, other = motion.tracks, other_motion.tracks
-    pairs = np.column_stack([tracks.track[states], other.track[other_states]]).astype(np.int64)
-    lags = other.frame[other_states].astype(np.int64) - tracks.frame[states]
+    tracks, tracks_there = motion.tracks, other_motion.tracks
+    pairs = np.column_stack([tracks.track[states], tracks_there.track[other_states]]).astype(
+        np.int64
+    )
+    lags = tracks_there.frame[other_states].astype(np.int64) - tracks.frame[states]
     best: tuple[float, Common] | None = None
     for lag in _most_frequent(lags)[0][:_LAGS].tolist():
         for pair in _most_frequent(pairs[lags == lag])[0][:_TRIALS]:

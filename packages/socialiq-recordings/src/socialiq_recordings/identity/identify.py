@@ -232,8 +232,8 @@ def pairs_once(
         return [
             (number, ego_track, partner_track)
             for number, ego_track in same.get((recording, ego), ())
-            for other, partner_track in same.get((recording, partner), ())
-            if other == number
+            for recording_of, partner_track in same.get((recording, partner), ())
+            if recording_of == number
         ]
 
     return once(sizes, equal)

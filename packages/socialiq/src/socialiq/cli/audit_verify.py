@@ -75,11 +75,11 @@ class Verify(Printing):
             faults = signature.faults_of_signature(content_of(self.folder), key)
             checked.append(f"signature by the key {signature.key_id(key)}")
             policy = Path(self.policy)
-            path = path_of_signature(policy)
-            if not faults and self.key is not None and policy.is_file() and path.is_file():
+            signed = policy.is_file() and path_of_signature(policy).is_file()
+            if not faults and self.key is not None and signed:
                 checked.append("signature of the policy")
                 fault = _fault_of_policy(self.folder, policy)
-                fault = fault or fault_of_model(policy, path, self.key)
+                fault = fault or fault_of_model(policy, path_of_signature(policy), self.key)
                 faults = [fault] if fault else []
         if self.log is not None and not faults:
             faults = faults_by_log(self.folder, self.log)

@@ -37,7 +37,7 @@ class Page:
 
     def run(self) -> int:
         """Write."""
-        from socialiq.page.dial import own_dial
+        from socialiq.page.data import own_dial
         from socialiq.page.write import FILE, write_page
 
         refuse_existing(self.out / FILE)

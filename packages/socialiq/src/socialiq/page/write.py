@@ -11,8 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.page.crossing import crossing
-from socialiq.page.dial import PageDial, shipped_dial
+from socialiq.page.data import PageDial, crossing, shipped_dial
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
 from socialiq.worlds.intersection.options import Options

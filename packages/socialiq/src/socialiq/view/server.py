@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
-from socialiq.page.dial import shipped_dial
+from socialiq.page.data import shipped_dial
 from socialiq.page.write import ASSETS, content, core, embedded, framed, page, policy, program
 from socialiq.view import Decide, View
 
@@ -152,7 +152,7 @@ def check_extra() -> None:
         UserError: If the extra `web` is not installed.
     """
     starlette = ("applications", "responses", "routing")
-    for name in (*(f"starlette.{part}" for part in starlette), "uvicorn", "websockets"):
+    for name in (*(f"starlette.{module}" for module in starlette), "uvicorn", "websockets"):
         optional(name, "web", "view")
 
 

@@ -19,8 +19,7 @@ from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round, worth
 from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import Results, results_of, stratified
-from socialiq.audit.verdict.shift import Shift, sentence_of
+from socialiq.audit.verdict.results import Results, Shift, results_of, sentence_of, stratified
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json

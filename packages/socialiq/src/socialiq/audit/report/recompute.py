@@ -63,10 +63,10 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
         UserError: If the seed is a beacon's, and the library that checks signatures is missing.
     """
     draw, look = opened_of(report)
-    revealed, faults, whole = draw.revealed, [], whole_error(report["declaration"]["confidence"])
-    if look is not None and look.error != spend(whole, look.number):
+    revealed, faults, error = draw.revealed, [], whole_error(report["declaration"]["confidence"])
+    if look is not None and look.error != spend(error, look.number):
         faults.append(f"{REPORT}: the error of look {look.number} is not its share")
-    if report["verdict"]["error"] != (whole if look is None else look.error):
+    if report["verdict"]["error"] != (error if look is None else look.error):
         faults.append(f"{REPORT}: the error of the verdict is not that of the look")
     if revealed is not None and look is None:
         faults.append(f"{REPORT}: a seed of the {draw.source} needs a log")

@@ -77,7 +77,7 @@ class Regrets:
         largest_loss: float | None = None,
     ) -> None:
         self.largest_loss = largest_loss
-        self._evidence = evidence
+        self.evidence = evidence
         self._gains = evidence.gains()
         self.moments = Moments.of(self._gains, seed, resamples)
         drivers = (evidence.policy, *evidence.references)
@@ -88,7 +88,7 @@ class Regrets:
         weights = exact_weights(angle)
         exact = [
             -np.inf if reference.expected is None else float(score(weights, reference.expected))
-            for reference in self._evidence.references
+            for reference in self.evidence.references
         ]
         if np.isneginf(exact).all():
             return np.ones(len(exact), bool)
@@ -102,14 +102,6 @@ class Regrets:
         """Return R(α) of each reference less the policy's in each episode."""
         gains = np.moveaxis(self._gains, 2, 0)
         return np.asarray(score(exact_weights(angle), RewardPair(*gains)))
-
-    def best(self, angle: float) -> int:
-        """Return the compared reference with the largest estimate."""
-        return int(np.where(self.compared(angle), self.means(angle), -np.inf).argmax())
-
-    def estimate(self, angle: float) -> float:
-        """Return the estimate of ρ at an angle."""
-        return float(self.means(angle)[self.best(angle)])
 
     def highs(self, angle: float, error: float) -> Float[np.ndarray, " reference"]:
         """Return an upper bound of the regret towards each reference.
@@ -142,10 +134,12 @@ class Regrets:
         usual = gains.resampled.of(~gains.rare)
         return within, share > 0 and largest_exceeds(usual, margin, share)
 
-    def needed(self, angle: float, margin: float, error: float) -> int | None:
-        """Return the number of episodes that would decide, if the estimate is true."""
-        gains = self._at(angle, np.array([self.best(angle)]))
-        distance = margin - self.estimate(angle)
+    def needed(self, angle: float, best: int, distance: float, error: float) -> int | None:
+        """Return the number of episodes that would decide, if the estimate is true.
+
+        The distance is that of the margin from it; the best reference is the one that it is of.
+        """
+        gains = self._at(angle, np.array([best]))
         if gains.rare[0]:
             common = float(np.median(gains.values[0]))
             count = rare.deviating(gains.values[0], gains.reach)

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
+from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, events_of
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict import bounds
 from socialiq.social.angle import Arc, arcs_of_grid, complement
@@ -22,13 +22,6 @@ class Decision(enum.Enum):
     PASS = "pass"
     FAIL = "fail"
     INCONCLUSIVE = "inconclusive"
-
-
-def decide(low: float, high: float, limit: float) -> Decision:
-    """Compare an interval of one-sided bounds with the largest value that passes."""
-    if high <= limit:
-        return Decision.PASS
-    return Decision.FAIL if low > limit else Decision.INCONCLUSIVE
 
 
 def joint_decision(decisions: Iterable[Decision]) -> Decision:
@@ -85,7 +78,6 @@ class RegretTest:
 
 def regret_test(
     regrets: bounds.Regrets,
-    evidence: Evidence,
     angle: float,
     margin: float,
     pass_error: float = 0.05,
@@ -97,8 +89,7 @@ def regret_test(
     assumed. An episode that lost more shows that the declaration is false: that fails.
 
     Args:
-        regrets: Regrets of the evidence.
-        evidence: Policy and references.
+        regrets: Regrets of the policy and its references.
         angle: Declared angle in degrees.
         margin: Margin, reward per episode.
         pass_error: One-sided error of a pass.
@@ -106,21 +97,24 @@ def regret_test(
     """
     compared, largest_loss = regrets.compared(angle), regrets.largest_loss
     usual = bounds.LossBounds(regrets.low(angle, fail_error), regrets.highs(angle, pass_error))
-    estimate, losses = regrets.estimate(angle), regrets.losses(angle)
+    means, losses = regrets.means(angle), regrets.losses(angle)
+    best = int(np.where(compared, means, -np.inf).argmax())
+    estimate = float(means[best])
     error = pass_error if estimate <= margin else fail_error
     if largest_loss is None:
-        used, needed = usual, regrets.needed(angle, margin, error)
+        used, needed = usual, regrets.needed(angle, best, margin - estimate, error)
     else:
         used = bounds.loss_bounds(losses, compared, margin, largest_loss, pass_error, fail_error)
         needed = bounds.needed_with(losses, compared, margin, largest_loss, error)
     high = float(used.highs[compared].max())
     most = np.where(compared, losses.max(axis=1), -np.inf)
     broken = largest_loss is not None and bounds.exceeds(float(most.max()), largest_loss)
-    names = [reference.name for reference in evidence.references]
-    means, highs = regrets.means(angle).tolist(), used.highs.tolist()
-    rows = zip(names, means, highs, compared.tolist(), strict=True)
+    names = [reference.name for reference in regrets.evidence.references]
+    columns = (means.tolist(), used.highs.tolist(), compared.tolist())
+    decision = Decision.FAIL if used.low > margin else Decision.INCONCLUSIVE
+    decision = Decision.PASS if high <= margin else decision
     return RegretTest(
-        decision=Decision.FAIL if broken else decide(used.low, high, margin),
+        decision=Decision.FAIL if broken else decision,
         angle=angle,
         margin=margin,
         regret=estimate,
@@ -134,9 +128,9 @@ def regret_test(
         largest_loss=largest_loss,
         seen_loss=float(most.max()),
         seen_against=names[int(most.argmax())],
-        best=names[regrets.best(angle)],
-        references=tuple(AgainstReference(*row) for row in rows),
-        episodes=evidence.episodes,
+        best=names[best],
+        references=tuple(map(AgainstReference, names, *columns)),
+        episodes=regrets.evidence.episodes,
         needed=needed,
     )
 

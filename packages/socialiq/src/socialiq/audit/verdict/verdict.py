@@ -77,7 +77,7 @@ def decide(
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    regret = tests.regret_test(regrets, evidence, angle, margin.regret, error, error / 2)
+    regret = tests.regret_test(regrets, angle, margin.regret, error, error / 2)
     regret = replace(regret, angle=profile.angle)
     return join_tests(regret, evidence.policy, profile.competence, error)
 

@@ -191,7 +191,7 @@ DIAL = "intersection-dial/dial.safetensors"
 
 
 @dataclass(frozen=True)
-class Config:
+class Comparison:
     """Choice of episodes, drivers and files.
 
     Attributes:
@@ -216,7 +216,7 @@ class Config:
     core: Path = CORE
 
 
-def main(config: Config) -> None:
+def main(config: Comparison) -> None:
     """Compare and write the counts, or in turn both comparisons in processes of their own."""
     config.out.mkdir(exist_ok=True)
     if config.functions != "both":
@@ -237,7 +237,7 @@ def main(config: Config) -> None:
             subprocess.run(call, env=os.environ | preloaded, check=True)
 
 
-def counted(config: Config) -> dict[str, Any]:
+def counted(config: Comparison) -> dict[str, Any]:
     """Return the counts of each driver, and of all."""
     dial = DialPolicy.load(packaged_results() / DIAL)
     drivers: dict[str, Any] = {f"dial {angle:g}": dial.at(angle) for angle in config.angles}
@@ -270,4 +270,4 @@ def together(chunks: list[Equality]) -> Equality:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(tyro.cli(Comparison))

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.audit.profile.profile import Floor, other_traffic
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.shift import Shift, changes, sentence_of, shift_of
+from socialiq.audit.verdict.results import Shift, changes, sentence_of, shift_of
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.intersection.world import Intersection

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.exact import Optimum
-from socialiq.page.crossing import ANGLES, crossing
+from socialiq.page.data import ANGLES, crossing
 from socialiq.social.angle import exact_weights
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
