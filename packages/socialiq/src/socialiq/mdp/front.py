@@ -147,12 +147,12 @@ def attainable_set(
     """
     # About fifty optima are computed; in the 7x7 world only 276 of 12,096 states are reachable.
     mdp, states = mdp.reachable_part()
-    part = None if allowed is None else allowed[..., states, :]
+    choices = None if allowed is None else allowed[..., states, :]
 
     def best(weights: np.ndarray) -> np.ndarray:
         """Return the pair of an optimal policy for weights of r_env and r_social."""
         scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
-        policy = horizon_optimum(mdp, scored, horizon, allowed=part).probabilities(mdp.n_actions)
+        policy = horizon_optimum(mdp, scored, horizon, allowed=choices).probabilities(mdp.n_actions)
         return np.array(horizon_evaluation(mdp, policy, horizon).totals)
 
     corners = [best(np.array(d)) for d in ((1.0, 0), (0, 1.0), (-1.0, 0), (0, -1.0))]

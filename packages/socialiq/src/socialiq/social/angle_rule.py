@@ -218,14 +218,14 @@ def _case(content: Any, number: int) -> Case:
             f"{what} needs 1 to {MOST_CONDITIONS} conditions, as waiting = {{at_least = 1}}"
         )
     conditions = []
-    for name, given in limits.items():
+    for name, fields in limits.items():
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             raise UserError(f"{_shown(name)} in {what} is not the name of a feature")
         bounds = ("at_least", "at_most")
-        if not isinstance(given, Mapping) or not given or not set(given) <= set(bounds):
+        if not isinstance(fields, Mapping) or not fields or not set(fields) <= set(bounds):
             raise UserError(f"{name} in {what} must be a table with at_least, at_most or both")
         ends = {"at_least": -math.inf, "at_most": math.inf}
-        for side, limit in given.items():
+        for side, limit in fields.items():
             ends[side] = _number(limit, f"{side} of {name} in {what}")
         if ends["at_least"] > ends["at_most"]:
             raise UserError(f"{name} in {what} never holds: at_least is above at_most")

@@ -52,8 +52,8 @@ def cluster_mean(
     sums, sizes = np.bincount(number, values), np.bincount(number).astype(np.float64)
     low = high = math.nan
     if len(sums) > 1:
-        drawn = resample_rows(len(sums), resamples, seed)
-        means = [sums[rows].sum(axis=1) / sizes[rows].sum(axis=1) for rows in drawn]
+        sample = resample_rows(len(sums), resamples, seed)
+        means = [sums[rows].sum(axis=1) / sizes[rows].sum(axis=1) for rows in sample]
         low, high = np.quantile(
             np.concatenate(means), [(1 - confidence) / 2, (1 + confidence) / 2]
         ).tolist()

@@ -124,7 +124,7 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
     low, q = 0.0, q_at(0.0, None)
     lead = q.argmax(axis=1)
     waiting = [int(s) for s in np.flatnonzero(problem.support.sum(axis=1) > 1)]
-    found: list[Flip] = []
+    flips: list[Flip] = []
     for high in map(float, strengths):
         if not waiting:
             break
@@ -136,10 +136,10 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
                 return bool(table[state].argmax() == lead[state])
 
             strength, table = _halved(q_at, before, (low, q), (high, after))
-            found.append(Flip(state, int(lead[state]), int(table[state].argmax()), strength))
+            flips.append(Flip(state, int(lead[state]), int(table[state].argmax()), strength))
         low, q = high, after
-    found += [Flip(state, int(lead[state]), int(lead[state]), np.inf) for state in waiting]
-    return sorted(found, key=lambda flip: flip.strength)
+    flips += [Flip(state, int(lead[state]), int(lead[state]), np.inf) for state in waiting]
+    return sorted(flips, key=lambda flip: flip.strength)
 
 
 def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:

@@ -68,26 +68,26 @@ def _compare_episode(
         is_same, deviation = _compared(core, real)
         is_same = is_same and ends_alike
         if is_same:
-            seen = np.abs(decisions.observation[0] - observation).max()
-            worst = np.maximum(worst, [deviation, seen, paid])
+            gap = np.abs(decisions.observation[0] - observation).max()
+            worst = np.maximum(worst, [deviation, gap, paid])
         running = is_same and int(decisions.ending[0]) == Ending.NONE
     return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
 
 
 def _compared(core: RoadBatch, real: RealScene | _RealIntersection) -> tuple[bool, float]:
     """Whether all discrete fields are equal, and the greatest difference of the others."""
-    ours, theirs = core.buffers.vehicles[0], real.records()
+    ours, vehicles = core.buffers.vehicles[0], real.records()
     moving = slice(None)  # obstacles have neither drivers nor commands
     if "obstacle" in ours.dtype.names:
         moving = ~ours["obstacle"]
     else:
         ours = ours[: int(core.buffers.episodes[0]["vehicles"])]
-    if len(ours) != len(theirs):
+    if len(ours) != len(vehicles):
         return False, 0.0
     worst = 0.0
     for name in set(ours.dtype.names) - real.uncompared:
         rows = slice(None) if name in ("identity", "crashed") else moving
-        values, expected = ours[name][rows], theirs[name][rows]
+        values, expected = ours[name][rows], vehicles[name][rows]
         if not np.issubdtype(values.dtype, np.floating):
             if not np.array_equal(values, expected):
                 return False, 0.0
@@ -227,10 +227,10 @@ class _RealIntersection:
         return self._batch.reset([seed])[0]
 
     def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
-        found = self._batch.step(np.asarray([action]), auto_reset=False)
-        alike = found.ending[0] == decisions.ending[0] and found.contact[0] == decisions.contact[0]
-        paid = np.abs(np.subtract(found.rewards, decisions.rewards)).max()
-        return found.observation[0], bool(alike), float(paid)
+        real = self._batch.step(np.asarray([action]), auto_reset=False)
+        alike = real.ending[0] == decisions.ending[0] and real.contact[0] == decisions.contact[0]
+        paid = np.abs(np.subtract(real.rewards, decisions.rewards)).max()
+        return real.observation[0], bool(alike), float(paid)
 
     def records(self) -> np.ndarray:
         buffers = self._batch.buffers

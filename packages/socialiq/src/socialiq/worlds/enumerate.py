@@ -45,8 +45,8 @@ class Table:
     ) -> Float32[np.ndarray, "row feature"]:
         """Return the observations of the states with these indices at these times."""
         features = self.states[state]
-        seen = np.column_stack([features, time]) if self.world.clock else features
-        return seen.astype(np.float32)
+        observed = np.column_stack([features, time]) if self.world.clock else features
+        return observed.astype(np.float32)
 
     def reachable_part(self) -> Table:
         """Return the table restricted to the states that some policy can reach."""

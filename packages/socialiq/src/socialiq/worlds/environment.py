@@ -107,14 +107,14 @@ def environment_maker(
 
     def make() -> gymnasium.Env[Any, Any]:
         env = make_environment(name, allow_code=allow_code, continuous=continuous)
-        found = (sizes(env)[0], action_size(env)) if continuous else sizes(env)
-        if continuous and not found[1]:
+        actual = (sizes(env)[0], action_size(env)) if continuous else sizes(env)
+        if continuous and not actual[1]:
             raise UserError(f"{one_line(name)} has discrete actions: use a learner of these")
-        if demonstrated is not None and found != demonstrated:
+        if demonstrated is not None and actual != demonstrated:
             actions = "actions of {} numbers" if continuous else "{} actions"
             raise UserError(
                 f"the demonstrations have {demonstrated[0]} features and "
-                f"{actions.format(demonstrated[1])}, the world has {found[0]} and {found[1]}: "
+                f"{actions.format(demonstrated[1])}, the world has {actual[0]} and {actual[1]}: "
                 "they belong to another world"
             )
         return env

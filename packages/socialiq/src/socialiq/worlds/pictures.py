@@ -64,9 +64,9 @@ def _draw(axes: Any, world: GridWorld, state: State) -> None:
     for line in range(1, size):
         axes.axhline(line - 0.5, color="white", linewidth=1, zorder=1)
         axes.axvline(line - 0.5, color="white", linewidth=1, zorder=1)
-    ego, *others = world.places(state)
-    for place in (*others, ego):
-        _draw_vehicle(axes, place, EGO if place is ego else OTHER)
+    ego, *vehicles = world.places(state)
+    for user in (*vehicles, ego):
+        _draw_vehicle(axes, user, EGO if user is ego else OTHER)
 
 
 def _draw_vehicle(axes: Any, place: Place, color: str) -> None:

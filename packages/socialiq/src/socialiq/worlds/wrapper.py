@@ -73,7 +73,7 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step and add its reward pair."""
-        after, raw, terminated, truncated, given = self.env.step(action)
+        after, raw, terminated, truncated, reported = self.env.step(action)
         reward: Any = raw  # a number, or a vector
         transition = Transition(
             self._observed,
@@ -82,21 +82,21 @@ class RewardPairWrapper(gymnasium.Wrapper):
             reward if np.ndim(reward) else float(reward),
             bool(terminated),
             bool(truncated),
-            given,
+            reported,
             self.env,
         )
         self._observed = after
         if self.pair is not None:
             pair = called("the function of the reward pair", self.pair, transition)
             pair = RewardPair.of(pair, "the reward pair")
-        elif "reward_pair" in given or np.ndim(reward):
-            pair = RewardPair.of_step(transition.reward, given)
+        elif "reward_pair" in reported or np.ndim(reward):
+            pair = RewardPair.of_step(transition.reward, reported)
         else:
             raise UserError(
                 "the environment gives no reward pair: put (r_env, r_social) into "
                 'info["reward_pair"], or wrap it in a RewardPairWrapper with a function'
             )
-        info = {**given, "reward_pair": np.array(pair)}
+        info = {**reported, "reward_pair": np.array(pair)}
         if self.ending is not None and transition.terminated:
             kind = called("the function of endings", self.ending, transition)
             info["ending"] = kind.name.lower() if isinstance(kind, Ending) else str(kind)

@@ -61,7 +61,7 @@ def _checked(read: Callable[[Path], Any], name: str, studies: tuple[str, ...]) -
 def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
     """Return the path of a policy's file; refuse unknown names."""
     one_of("policy of the atlas", name, names(studies))
-    folder, policies = next(part for part in _parts(studies) if name in part[1])
+    folder, policies = next(entry for entry in _parts(studies) if name in entry[1])
     return folder / policies[name]["file"]
 
 

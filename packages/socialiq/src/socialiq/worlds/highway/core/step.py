@@ -84,9 +84,9 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
         if command != RESET:
             ending = annotate(buffers, row, road, settings)
             # Assigning whole arrays compiles NumPy's broadcasting and its messages, for seconds.
-            for seen in range(buffers.reached.shape[1]):
+            for slot in range(buffers.reached.shape[1]):
                 for feature in range(buffers.reached.shape[2]):
-                    buffers.observation[row, seen, feature] = buffers.reached[row, seen, feature]
+                    buffers.observation[row, slot, feature] = buffers.reached[row, slot, feature]
         if deciding:
             renew(episode, vehicles, road, settings)
         if command == RESET or (command == DECIDE_AND_RESET and ending != _NO_ENDING):

@@ -64,8 +64,7 @@ def steering(vehicle, lane):
 @kernel
 def speed_index(speed, settings):
     """Return the index of the target speed nearest to a speed."""
-    last = settings.n_speeds - 1
-    lowest = settings.target_speeds[0]
+    last, lowest = settings.n_speeds - 1, settings.target_speeds[0]
     share = (speed - lowest) / (settings.target_speeds[last] - lowest)
     return np.int64(clip(np.rint(share * last), 0, last))
 
@@ -100,16 +99,15 @@ def desired_gap(vehicle, other):
     closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y
     # highway-env negates the product of the maximum and the (negative) comfortable value.
     product = vehicle.max_acceleration * vehicle.comfort_deceleration
-    kept = vehicle.jam_distance + vehicle.speed * vehicle.time_headway
-    return kept + vehicle.speed * closing / (2 * math.sqrt(product))
+    steady = vehicle.jam_distance + vehicle.speed * vehicle.time_headway
+    return steady + vehicle.speed * closing / (2 * math.sqrt(product))
 
 
 @kernel
 def advance(vehicle, dt):
     """Advance the kinematic bicycle model; a pending push moves the vehicle and marks a crash."""
     if vehicle.crashed:
-        vehicle.steering = 0.0
-        vehicle.acceleration = -1.0 * vehicle.speed
+        vehicle.steering, vehicle.acceleration = 0.0, -1.0 * vehicle.speed
     if vehicle.speed > MAX_SPEED:
         vehicle.acceleration = min(vehicle.acceleration, MAX_SPEED - vehicle.speed)
     elif vehicle.speed < -MAX_SPEED:
@@ -264,8 +262,7 @@ def _project(corners, normal_x, normal_y):
     low, high = math.inf, -math.inf
     for corner in range(4):
         along = corners[corner, 0] * normal_x + corners[corner, 1] * normal_y
-        low = min(low, along)
-        high = max(high, along)
+        low, high = min(low, along), max(high, along)
     return low, high
 
 

@@ -88,7 +88,7 @@ def _connected() -> tuple[np.ndarray, np.ndarray]:
             following.append([int(ROUTES[corner, (corner + _TURNS[kind]) % 4, 2])])
     lanes, offsets = np.full((N_LANES, 5), -1, np.int64), np.zeros((N_LANES, 5))
     for number, ahead in enumerate(following):
-        behind = [other for other, after in enumerate(following) if number in after]
+        behind = [lane for lane, after in enumerate(following) if number in after]
         numbers = [number, *ahead, *behind]
         shift = [0.0] + [LANES[number]["length"]] * len(ahead)
         shift += [-LANES[lane_before]["length"] for lane_before in behind]

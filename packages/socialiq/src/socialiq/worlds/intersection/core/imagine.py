@@ -89,8 +89,7 @@ def _route(episode, vehicle, destination):
     if kind == EXIT:
         vehicle.origin, vehicle.destination, vehicle.leg = (corner + 1) % 4, (corner + 3) % 4, 2
         return
-    vehicle.origin = corner
-    vehicle.leg = 0 if kind == APPROACH else 1
+    vehicle.origin, vehicle.leg = corner, 0 if kind == APPROACH else 1
     if destination == 0:
         weights = np.ones(3)  # of left, straight on and right, in the order of the arms
         if kind != APPROACH:

@@ -149,10 +149,9 @@ def _reset(episode, vehicles, road, settings):
     destination = settings.destination
     if destination == 0:
         destination = 1 + stream.up_to(episode, 2)
-    lane = LANES[0]
-    x, y = position(lane, 60.0 + 5.0 * (1.0 + stream.normal(episode)))
+    x, y = position(LANES[0], 60.0 + 5.0 * (1.0 + stream.normal(episode)))
     episode.ego = episode.vehicles
-    heading = heading_at(lane, 60.0)
+    heading = heading_at(LANES[0], 60.0)
     ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
     if not settings.continuous:
         ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
