@@ -97,7 +97,7 @@ class Task:
         """Train one of `LEARNERS` with further settings, write, print; return the exit status."""
         command, data = self.command, self.data
         settings = command.size.given() | dict(given or {})
-        configs = learner.StaticConfig(), learner.Hyperparameters()
+        configs = LEARNERS[name].StaticConfig(), LEARNERS[name].Hyperparameters()
         if self.preset:
             presets = config.PRESETS.get(self.preset, {})
             names = ", ".join(CONTINUOUS if presets else config.PRESETS)
