@@ -282,7 +282,7 @@ def budget_tables(
             {"budget": epsilon, "seed": seed, "angle": angle}
             | {"multiplier": float(trained.kept[run])}
             | {"log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean())}
-            | {f"regret_{way}": ground.regret(dial, angle, way) for way in READOUTS}
+            | {f"regret_{way}": ground.regret(dial.at(angle), angle, way) for way in READOUTS}
         )
     path: list[Row] = [
         {
