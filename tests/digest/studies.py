@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from safetensors.numpy import load_file
-from tests.digest.digest import Hashes, Item, of_arrays, of_plain
+from tests.digest.digest import Hashes, Item, differences, of_arrays, of_plain
 
 from socialiq_lab.registry import STUDIES, declaration
 
@@ -29,6 +29,11 @@ def tables_of(name: str, folder: Path) -> Hashes:
     study, content = study_and_declaration(name)
     config = changed(study.Config(), content["tiny"])
     results = run(study, config, work=folder / "work", engine=Engine(processes=1))
+    return hashes_of(results, folder / "work")
+
+
+def hashes_of(results: Any, work: Path) -> Hashes:
+    """Hash tables, summary and names of other files of a study, and the networks of its jobs."""
     hashes = {
         table: of_plain([without_times(row) for row in rows])
         for table, rows in results.tables.items()
@@ -37,10 +42,17 @@ def tables_of(name: str, folder: Path) -> Hashes:
     hashes["summary"] = of_plain(without_times(results.summary))
     if results.files:
         hashes["files"] = of_plain(sorted(results.files))
-    networks = sorted((folder / "work").rglob("*.safetensors"))
+    networks = sorted(work.rglob("*.safetensors"))
     if networks:
         hashes["networks"] = of_plain(sorted(of_arrays(load_file(path)) for path in networks))
     return hashes
+
+
+def differs(name: str, results: Any, work: Path) -> list[str]:
+    """Return a line for each hash of a study's tiny run that is not that of `digest.json`."""
+    item = next(item for item in ITEMS if item.name == f"study/{name}")
+    hashes = {f"{item.name}/{table}": value for table, value in hashes_of(results, work).items()}
+    return list(differences([item], hashes, [], []))
 
 
 def without_times(value: Any) -> Any:
@@ -63,3 +75,27 @@ ITEMS = [
     for name in STUDIES
     if "tiny" in declaration(name)
 ]
+
+COMPARED_BESIDE_THEIR_TESTS = {
+    f"study/{name}"
+    for name in (
+        "alternatives",
+        "audit-power",
+        "audits",
+        "classic-control",
+        "compare-methods",
+        "dial",
+        "grid",
+        "intersection",
+        "intersection-continuous",
+        "intersection-dial",
+        "intersection-offline",
+        "lambda-sweep",
+        "off-policy",
+        "penalties",
+        "poc",
+        "theory",
+        "worlds",
+    )
+}
+"""Studies whose tests in tests/unit/studies run the tiny preset; `differs` is called there."""

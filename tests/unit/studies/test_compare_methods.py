@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -125,9 +126,18 @@ def test_the_setting_with_the_greatest_mean_value_is_chosen() -> None:
     assert study.choose(rows) == {("w", "m"): "b"}
 
 
+@pytest.fixture(name="work", scope="module")
+def work_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "work"
+
+
 @pytest.fixture(name="results", scope="module")
-def tiny_results(tmp_path_factory):
-    return run(STUDY, TINY, work=tmp_path_factory.mktemp("methods") / "work")
+def tiny_results(work):
+    return run(STUDY, TINY, work=work)
+
+
+def test_no_table_of_the_digest_differs(results, work) -> None:
+    assert differs("compare-methods", results, work) == []
 
 
 def test_results_are_over_seeds_and_angles(results, tmp_path: Path) -> None:

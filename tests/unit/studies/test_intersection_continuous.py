@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 import pytest
+from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -67,9 +68,18 @@ def test_the_main_table_has_means_over_seeds_in_percent() -> None:
     assert len(found) == 3 * len(METRICS)
 
 
-@pytest.fixture(scope="module")
-def results():
-    return run(STUDY, TINY)
+@pytest.fixture(name="work", scope="module")
+def work_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "work"
+
+
+@pytest.fixture(name="results", scope="module")
+def tiny_results(work):
+    return run(STUDY, TINY, work=work)
+
+
+def test_no_table_of_the_digest_differs(results, work) -> None:
+    assert differs("intersection-continuous", results, work) == []
 
 
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -65,6 +66,10 @@ def work_folder(tmp_path_factory):
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
     return run(STUDY, TINY, work=work)
+
+
+def test_no_table_of_the_digest_differs(results, work) -> None:
+    assert differs("intersection-offline", results, work) == []
 
 
 def test_every_policy_is_valued_at_its_angles(results) -> None:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.cli.main import main
@@ -39,9 +40,20 @@ PARAMS = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) fo
 
 
 @pytest.fixture(scope="module", params=PARAMS)
-def study(request):
-    found, content = study_and_declaration(request.param)
-    return found, run(found, changed(found.Config(), content["tiny"]))
+def tiny_run(request, tmp_path_factory):
+    study, content = study_and_declaration(request.param)
+    work = tmp_path_factory.mktemp("tiny") / "work"
+    return study, run(study, changed(study.Config(), content["tiny"]), work=work), work
+
+
+@pytest.fixture
+def study(tiny_run):
+    return tiny_run[:2]
+
+
+def test_no_table_of_the_digest_differs(tiny_run):
+    study, results, work = tiny_run
+    assert differs(study.name, results, work) == []
 
 
 def test_the_first_dial_lies_beside_its_results(study, tmp_path):
