@@ -167,7 +167,7 @@ def test_names_and_sizes_agree():
     assert isinstance(world, Intersection)
     assert world.n_actions == 3
     assert world.n_features == 42 == world.batch(2).reset(0).shape[1]
-    assert len(set(world.signal_names)) == len(world.signal_names) == 9
+    assert len(set(SIGNALS)) == len(SIGNALS) == 9
     assert "observed_vehicles=6" in world.description
     assert world.description != registry.make("intersection").description
 

@@ -158,15 +158,15 @@ def _narrowed(
     With `again` the grids are narrowed until first halves leave nothing of them out.
     """
     first, drivers = ~sample.second, len(sample.chain)
-    for number in range(_NARROWER + 1):
+    narrower = 0
+    while True:
         of_decision = evaluated.log_likelihood[first]
         log_likelihood = driver_log_likelihood(of_decision, sample.driver[first], drivers)
         inferred = infer(log_likelihood, sample.chain, trait)
-        finer = trait.narrowed(*inferred.left(_LEFT)) if number < _NARROWER else None
+        finer = trait.narrowed(*inferred.left(_LEFT)) if narrower < _NARROWER else None
         if finer is None or again is None:
-            break
-        trait, evaluated = finer, again(finer)
-    return inferred, evaluated.rows(sample.second)
+            return inferred, evaluated.rows(sample.second)
+        trait, evaluated, narrower = finer, again(finer), narrower + 1
 
 
 def predict(

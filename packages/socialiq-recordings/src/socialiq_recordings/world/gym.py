@@ -98,15 +98,15 @@ class JunctionBatch(RoadBatch):
         junction = self.world.road, self.traffic, self._levels, self.world.config.slack
         return core.run, junction, np.zeros(0)
 
-    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        again = commands == DECIDE_AND_RESET
-        commands = np.where(again, DECIDE, commands).astype(np.int8)
-        super()._run(commands, seeds, seeded, actions)
+    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        again = command == DECIDE_AND_RESET
+        command = np.where(again, DECIDE, command).astype(np.int8)
+        super()._run(command, seeds, seeded, actions)
         self.buffers.reached[:] = self.buffers.observation
         again &= self.buffers.ending != int(Ending.NONE)
         if again.any():
-            commands = np.where(again, RESET, SKIP).astype(np.int8)
-            super()._run(commands, seeds, seeded, actions)
+            command = np.where(again, RESET, SKIP).astype(np.int8)
+            super()._run(command, seeds, seeded, actions)
 
     def _decisions(self) -> Decisions:
         results = self.buffers

@@ -60,8 +60,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         inputs, shape, operators = _checked(onnx, model)
     except GraphFault as fault:
         raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
-    # The libraries' exceptions have no common class.
-    except Exception as error:
+    except Exception as error:  # the libraries' exceptions have no common class
         raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
     n_features, output = math.prod(inputs), model.graph.output[0]
     session = _session(onnxruntime, model, source)
