@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,9 +20,7 @@ from socialiq.learners import settings
 from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as presets
-from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import train
-from socialiq.learners.kernel import Trained
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import write_json
 from socialiq.types import Row
@@ -41,38 +40,30 @@ ROWS = "rows.json"
 
 @dataclass(frozen=True)
 class Method(Recipe):
-    """A learner with its settings, a table `[method.NAME]` of STUDY.toml.
-
-    Attributes:
-        mirrored: Whether the mirror images of the demonstrations are given.
-        scaled: Whether the features are multiplied by the task's common factor.
-    """
+    """A learner with its settings, a table `[method.NAME]` of STUDY.toml."""
 
     mirrored: bool = False
+    """Whether the mirror images of the demonstrations are given."""
     scaled: bool = True
+    """Whether the features are multiplied by the task's common factor."""
 
 
-def _declared() -> tuple[dict[str, Method], dict[str, Method], dict[str, Method], set[str]]:
-    """Return methods, published ones and variants by name, and the names of what varies."""
-    content = declaration("classic-control")
-    static, numbers = presets.PRESETS["few-offline"]
-    names = [field.name for field in dataclasses.fields(settings.LearnerConfig)]
-    cloning = bc.CloningConfig(**{name: getattr(static, name) for name in names})
-    rate = bc.CloningHyperparameters(learning_rate=numbers.learning_rate)
-    bases = {
-        "few-offline": Method(static, numbers),
-        "few-online": Method(*presets.PRESETS["few-online"]),
-        "cloning": Method(cloning, rate),
-        "defaults": Method(IQLearnConfig(), IQLearnHyperparameters()),
-    }
-    methods = declared_recipes(content["method"], bases)
-    published = declared_recipes(content["published"], bases)
-    varied = {variant["of"] for variant in content["variant"].values()}
-    return methods, published, declared_recipes(content["variant"], methods), varied
-
-
-METHODS, PUBLISHED, VARIANTS, VARIED = _declared()
+_FEW, _FEW_NUMBERS = presets.PRESETS["few-offline"]
+_CLONING = {f.name: getattr(_FEW, f.name) for f in dataclasses.fields(settings.LearnerConfig)}
+_RATE = bc.CloningHyperparameters(learning_rate=_FEW_NUMBERS.learning_rate)
+_BASES = {
+    "few-offline": Method(_FEW, _FEW_NUMBERS),
+    "few-online": Method(*presets.PRESETS["few-online"]),
+    "cloning": Method(bc.CloningConfig(**_CLONING), _RATE),
+    "defaults": Method(presets.IQLearnConfig(), presets.IQLearnHyperparameters()),
+}
+_DECLARED = declaration("classic-control")
+METHODS = declared_recipes(_DECLARED["method"], _BASES)
+PUBLISHED = declared_recipes(_DECLARED["published"], _BASES)
+VARIANTS = declared_recipes(_DECLARED["variant"], METHODS)
 RECIPES = METHODS | PUBLISHED | VARIANTS
+VARIED = {variant["of"] for variant in _DECLARED["variant"].values()}
+"""Methods of which there are variants."""
 
 
 def learn(
@@ -82,11 +73,8 @@ def learn(
     seeds: Sequence[int],
     updates: int,
     callbacks: Callbacks,
-) -> Trained:
-    """Train one run for each set and seed, the seeds of a set side by side.
-
-    `updates` are the gradient steps of each run; 0 for those of the method.
-    """
+) -> Any:
+    """Train one run for each set and seed, the seeds of a set side by side."""
     scale = task.input_scale if method.scaled else 1.0
     updates = updates or method.static.updates
     static = dataclasses.replace(method.static, updates=updates, input_scale=scale)
@@ -153,10 +141,7 @@ def trajectories(task: Task, count: int, seed: int) -> Demonstrations:
 def thinned(
     episodes: Demonstrations, protocol: str, task: Task, seed: int, mirrored: bool
 ) -> Demonstrations:
-    """Return what a learner is given of whole trajectories, by one of `PROTOCOLS`.
-
-    The seed is that of random rows; mirrored, every row's mirror image is given too.
-    """
+    """Return what a learner is given of whole trajectories, by one of `PROTOCOLS`."""
     rows = episodes
     if protocol == "rows":
         rows = episodes.one_of_each_block(task.every, seed)
@@ -237,12 +222,9 @@ def inspect(
 
 
 def cycle(episodes: Demonstrations) -> tuple[int, float]:
-    """Return the shift of 2 to 12 steps under which most actions stay equal, and their share.
-
-    It is counted over the second half of the first trajectory, after the transient.
-    """
+    """Return the shift of 2 to 12 steps under which most actions stay equal, and their share."""
     action = episodes.action[episodes.episode == 0]
-    action = action[len(action) // 2 :]
+    action = action[len(action) // 2 :]  # after the transient
     shifts = range(2, min(13, len(action)))
     shares = {shift: float(np.mean(action[shift:] == action[:-shift])) for shift in shifts}
     shift = max(shares, key=lambda entry: shares[entry])
@@ -250,21 +232,13 @@ def cycle(episodes: Demonstrations) -> tuple[int, float]:
 
 
 def spread_kept(data: Demonstrations, episodes: Demonstrations) -> float:
-    """Return the least share of a feature's standard deviation that a thinned set has.
-
-    Near 0 the rows show one phase of the demonstrator's oscillation, and its reaction to that
-    feature can hardly be identified. Rows of the first 100 steps, the transient, are left out.
-    """
+    """Return the least share of a feature's deviation that a thinned set has after 100 steps."""
     deviations = [rows.observation[rows.step >= 100].std(axis=0) for rows in (data, episodes)]
     return float(np.min(deviations[0] / deviations[1]))
 
 
 def linear_fit(data: Demonstrations, shrinkage: float) -> Float[np.ndarray, " feature"]:
-    """Fit w of P(right) = logistic(w s) with penalty `shrinkage` |w|², for two actions.
-
-    It is the class of CartPole's experts, without a constant: what is not identified here can't
-    be identified in a larger class. The features are in units of 0.1.
-    """
+    """Fit w of P(right) = logistic(w s), the class of CartPole's experts, by `shrinkage` |w|²."""
     features = data.observation.astype(float) / 0.1
     side = 2.0 * data.action - 1.0
 

@@ -38,26 +38,21 @@ class Controller:
 
 @dataclass(frozen=True)
 class Task:
-    """An environment, its expert, and what is declared about it.
-
-    Attributes:
-        env: Gymnasium's id.
-        expert: The demonstrator.
-        every: Length of the blocks, and the stride, by which its trajectories are thinned.
-        symmetry: The world's mirror symmetry.
-        input_scale: One over the typical size of a feature.
-    """
+    """An environment, its expert, and what is declared about it."""
 
     env: str
     expert: Controller
     every: int
+    """Length of the blocks, and the stride, by which its trajectories are thinned."""
     symmetry: Symmetry
     input_scale: float = 1.0
+    """One over the typical size of a feature."""
 
 
-def _feedback(*gains: float) -> Controller:
-    """Return a controller that pushes right if the weighted state (x, x', θ, θ') is positive."""
-    return Controller(lambda observations: (observations @ np.array(gains) > 0).astype(int))
+def _balance(*gains: float) -> Task:
+    """Return CartPole of an expert that pushes right if the weighted (x, x', θ, θ') is positive."""
+    expert = Controller(lambda observations: (observations @ np.array(gains) > 0).astype(int))
+    return Task("CartPole-v1", expert, 20, Symmetry((-1, -1, -1, -1), (1, 0)), 10.0)
 
 
 def _pump(observations: np.ndarray) -> np.ndarray:
@@ -71,22 +66,17 @@ def _land(observations: np.ndarray) -> np.ndarray:
     lean = np.clip(0.5 * x + x_speed, -0.4, 0.4)
     turn = 0.5 * (lean - angle) - 0.8 * turning
     too_fast = np.maximum(-y_speed - (0.5 * y + 0.1), 0.0)
-    touches = (left_leg + right_leg) > 0
-    turn = np.where(touches, 0.0, turn)
+    turn = np.where((left_leg + right_leg) > 0, 0.0, turn)
     sideways = np.where(turn > 0.05, 1, np.where(turn < -0.05, 3, 0))
     flying = np.where((too_fast > 0.03) & (too_fast > 0.5 * np.abs(turn)), 2, sideways)
     standing = np.where(y_speed < -0.1, 2, 0)
     return np.where((left_leg * right_leg) > 0, standing, flying)
 
 
-_CARTPOLE = Symmetry((-1, -1, -1, -1), (1, 0))
-
 TASKS = {
-    "CartPole": Task("CartPole-v1", _feedback(0.05, 0.1, 1.0, 0.3), 20, _CARTPOLE, 10.0),
+    "CartPole": _balance(0.05, 0.1, 1.0, 0.3),
     # This expert never corrects its position, so it drifts along the track and errors add up.
-    "CartPole, drifting expert": Task(
-        "CartPole-v1", _feedback(0.0, 0.1, 1.0, 0.3), 20, _CARTPOLE, 10.0
-    ),
+    "CartPole, drifting expert": _balance(0.0, 0.1, 1.0, 0.3),
     "Acrobot": Task(
         "Acrobot-v1", Controller(_pump), 5, Symmetry((1, -1, 1, -1, -1, -1), (2, 1, 0))
     ),
@@ -118,10 +108,7 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
 def returns(
     task: Task, act: Callable[[np.ndarray], np.ndarray], episodes: int, seed: int
 ) -> np.ndarray:
-    """Return the undiscounted returns of episodes side by side, from the first states of a seed.
-
-    `act` goes from observations, (episodes, features), to actions, (episodes,).
-    """
+    """Return the undiscounted returns of episodes side by side, from the first states of a seed."""
     if gymnasium.spec(task.env).vector_entry_point is not None:  # in one array
         envs = gymnasium.make_vec(task.env, episodes, vectorization_mode="vector_entry_point")
     else:

@@ -25,16 +25,7 @@ from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
-from socialiq_lab import comparison_runs
-from socialiq_lab.comparison import (
-    DEVELOPMENT,
-    FRESH,
-    Method,
-    Setting,
-    declared_methods,
-    setting_name,
-)
-from socialiq_lab.comparison_runs import Arena
+from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import demonstration_sets as recorded
 from socialiq_lab.intersection.driving import BATCH, FIRST_EPISODE, EpisodesRun
@@ -44,7 +35,7 @@ from studies.compare_methods.learners import LEARNERS
 
 WORLD = "intersection"
 
-METHODS = declared_methods(declaration("compare-methods"))
+METHODS = comparison.declared_methods(declaration("compare-methods"))
 """The comparison's rows by name."""
 
 FIRST_DEVELOPMENT = 50_000_000
@@ -73,7 +64,7 @@ class Driving(EpisodesRun):
     """Episodes of a method's greedy policies of one setting and seed, at every angle."""
 
     method: str
-    setting: Setting
+    setting: comparison.Setting
     seed: int
     angles: tuple[float, ...]
 
@@ -89,19 +80,16 @@ class DemonstratorsRun(EpisodesRun):
 def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
     """Yield the job that records the demonstrations, and the one that drives the demonstrators."""
     yield recorded.atlas_demonstrations(recorded.RECORDED_EPISODES)
-    if phase == FRESH:
+    if phase == comparison.FRESH:
         sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
         run = DemonstratorsRun(angles=config.angles, sha256=sha256, episodes=config.episodes)
         yield Job(DEMONSTRATORS, drive_demonstrators, run, cost=5.0)
 
 
 def jobs_of(
-    config: Any, phase: str, method: Method, updates: int, settings: tuple[Setting, ...]
+    config: Any, phase: str, method: Any, updates: int, settings: tuple[comparison.Setting, ...]
 ) -> Iterator[Job]:
-    """Yield the job that trains a method, and one that drives for each setting and seed.
-
-    `updates` are the gradient steps of each network.
-    """
+    """Yield the job that trains a method, and one that drives for each setting and seed."""
     shape = {"hidden": config.intersection_hidden, "batch_size": config.intersection_batch}
     runs = IntersectionRuns.of(config, phase, WORLD, method, settings, updates, **shape)
     steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
@@ -114,7 +102,7 @@ def jobs_of(
             seed=seed,
             angles=runs.angles,
             episodes=config.episodes,
-            first_seed=FIRST_DEVELOPMENT if phase == DEVELOPMENT else FIRST_EPISODE,
+            first_seed=FIRST_DEVELOPMENT if phase == comparison.DEVELOPMENT else FIRST_EPISODE,
         )
         number = method.settings.index(setting)
         name = f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
@@ -131,7 +119,7 @@ def train_method(
     method, (recordings,) = METHODS[config.method], inputs.values()
     static = presets.INTERSECTION_CALIBRATED
     steps = config.updates * static.env_steps_per_update
-    arena = Arena(
+    arena = comparison_runs.Arena(
         dataclasses.replace(
             static,
             view="set",  # a network that sees vehicles as a set
@@ -146,7 +134,7 @@ def train_method(
             for seed in config.seeds
         ],
         None,
-        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
+        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // comparison_runs.Arena.chunk)),
         lambda report: on_progress(0.9 * report.done / report.total),
         advantage="advantage_fitted",
     )
@@ -161,7 +149,7 @@ def train_method(
             if id(turned_policy) not in files:  # one policy may serve several angles
                 files[id(turned_policy)] = f"{number}_{len(files)}.safetensors"
                 turned_policy.save(folder / files[id(turned_policy)])
-            label = {"setting": setting_name(run.setting), "seed": run.seed}
+            label = {"setting": comparison.setting_name(run.setting), "seed": run.seed}
             rows.append(label | {"target_angle": angle, "file": files[id(turned_policy)]})
     write_atomically(folder / POLICIES, as_csv(rows))
     write_atomically(folder / SPEED, as_csv([arena.speed_row(WORLD, method, len(runs))]))
@@ -173,7 +161,11 @@ def drive(
 ) -> None:
     """Drive each policy once, and write a row for each angle."""
     (training,) = inputs.values()
-    label = {"world": WORLD, "method": config.method, "setting": setting_name(config.setting)}
+    label = {
+        "world": WORLD,
+        "method": config.method,
+        "setting": comparison.setting_name(config.setting),
+    }
     driven: dict[str, Metrics] = {}
     rows: list[Row] = []
     for row in from_csv(training / POLICIES):

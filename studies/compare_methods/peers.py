@@ -60,10 +60,7 @@ def environment_job(library: str) -> Job:
 
 
 def make_environment(
-    config: Environment,
-    folder: Path,
-    _inputs: Mapping[str, Path],
-    on_progress: ProgressCallback,
+    config: Environment, folder: Path, _inputs: Any, on_progress: ProgressCallback
 ) -> None:
     """Make a virtual environment, and install the pins with pip."""
     pins = folder / "pins.txt"
@@ -83,11 +80,7 @@ def train_tabular(
     environment: Path,
     folder: Path,
 ) -> list[dict[float, np.ndarray]]:
-    """Train every run with a script; return its action probabilities by angle.
-
-    `served` has the angles that the network of each trained angle serves; `environment` is the
-    folder of the library's, and `folder` holds the exchanged files.
-    """
+    """Train every run with a script; return its action probabilities by angle."""
     if method.of_mode:
         arena, runs = arena.of_each_mode(runs)
     exchanged = world_arrays(ground)

@@ -22,17 +22,9 @@ from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq_lab import comparison_runs, comparison_tables
-from socialiq_lab.comparison import (
-    DEVELOPMENT,
-    FRESH,
-    GRIDWORLDS,
-    Method,
-    Setting,
-    check_choices,
-    setting_name,
-)
-from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows, quantity
+from socialiq_lab import comparison, comparison_runs, comparison_tables
+from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
+from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
@@ -96,7 +88,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown worlds and methods, empty options, seeds used twice, and bad sizes."""
-        check_choices(self, METHODS)
+        comparison.check_choices(self, METHODS)
         check_counts(self, ("updates", "episodes", "intersection_updates", "intersection_batch"))
         check_widths(self.intersection_hidden)
         if not 1 <= self.intersection_settings <= SETTINGS_EACH:
@@ -105,16 +97,11 @@ class Config:
                 f"got {self.intersection_settings}"
             )
 
-    def settings_of(self, world: str, method: Method) -> tuple[Setting, ...]:
+    def settings_of(self, world: str, method: Method) -> tuple[comparison.Setting, ...]:
         """Return the settings of a method that are tried in a world."""
         count = SETTINGS_EACH if world in GRIDWORLDS else self.intersection_settings
         first = (len(method.settings) - count) // 2
         return method.settings[first : first + count]
-
-    @property
-    def peers(self) -> tuple[str, ...]:
-        """Libraries whose environments the methods need in these worlds."""
-        return tuple(dict.fromkeys(method.peer for _, method in self.rows if method.peer))
 
     @property
     def rows(self) -> list[tuple[str, Method]]:
@@ -124,11 +111,7 @@ class Config:
 
 
 def updates_of(method: Method, updates: int) -> int:
-    """Return the gradient steps of one network, if an angle has `updates` of them.
-
-    Seven angles have as many for every method that trains a network for each, one for each of
-    the three modes, or one for all.
-    """
+    """Return the gradient steps of one network: all networks of a method have as many together."""
     shares = {"angle": len(ANGLES), "mode": len(MODES), "all": 1}
     return updates * len(ANGLES) // shares[method.serves]
 
@@ -146,11 +129,9 @@ def more_jobs(config: Config, work: Path) -> list[Job]:
 def phase_jobs(
     config: Config, phase: str, chosen: Mapping[tuple[str, str], str] | None
 ) -> list[Job]:
-    """Return every method's jobs after those that they read.
-
-    `chosen` names the setting of each world and method; without it all are tried.
-    """
-    planned = [peers.environment_job(library) for library in config.peers]
+    """Return every method's jobs, at all settings or the chosen ones, each after its inputs."""
+    libraries = dict.fromkeys(method.peer for _, method in config.rows if method.peer)
+    planned = [peers.environment_job(library) for library in libraries]
     if intersection.WORLD in config.worlds:
         planned += intersection.shared_jobs(config, phase)
     for world, method in config.rows:
@@ -187,12 +168,11 @@ def run_method(
     rows: list[Row] = []
     for run, policy in zip(runs, policies, strict=True):
         label = {"world": config.world, "method": method.name}
-        label |= {"setting": setting_name(run.setting)}
+        label |= {"setting": comparison.setting_name(run.setting)}
         evaluated = ground, method, label, run.seed, policy, served[run.angle]
         rows += comparison_tables.rows_of(*evaluated)
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
-    speed = arena.speed_row(config.world, method, len(runs))
-    write_atomically(folder / SPEED, as_csv([speed]))
+    write_atomically(folder / SPEED, as_csv([arena.speed_row(config.world, method, len(runs))]))
     on_progress(1.0)
 
 
@@ -203,11 +183,10 @@ def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which settings were chosen."""
-    work = context.work
-    developed = job_rows(context.jobs, work, DEVELOPMENT)
-    fresh = job_rows(context.jobs, work, FRESH)
+    planned, work = context.jobs, context.work
+    fresh = job_rows(planned, work, FRESH)
     pooled = comparison_tables.means(fresh, KEYS)
-    by_method = overall(pooled, job_rows(context.jobs, work, FRESH, SPEED))
+    by_method = overall(pooled, job_rows(planned, work, FRESH, SPEED))
     gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
     references = [comparison_tables.references(world, config.angles) for world in gridworlds]
     on_road = intersection.WORLD in config.worlds
@@ -219,7 +198,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "paired": paired(fresh),
         "references": [row for rows in references for row in rows],
         "demonstrators": demonstrators,
-        "development": comparison_tables.means(developed, KEYS),
+        "development": comparison_tables.means(job_rows(planned, work, DEVELOPMENT), KEYS),
     }
     names = ("setting", "value", "regret", "worst_regret", "steering", "collision", "arrival")
     summary = nested(matching(by_method, readout=READOUT), "world", "method", keep=names)
@@ -230,8 +209,7 @@ def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
     """Return a row for each method: regret over all angles, steering, endings, what it is told.
 
     `steering` is α̂ at the largest target angle less α̂ at the smallest, in degrees; `r_social_gain`
-    is that difference of r_social. Collisions and arrivals are means over the angles. `speeds` has
-    updates per second of each world and method, and the device.
+    is that difference of r_social.
     """
     keys = ("world", "method", "setting", "readout")
     measured = {(row["world"], row["method"]): row for row in speeds}
@@ -253,11 +231,7 @@ def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
 
 
 def paired(policies: Sequence[Row]) -> list[Row]:
-    """Return paired tests of each method's mean J(α) over angles against the best method's.
-
-    Pairs are training seeds, which share their data sets; Holm's adjustment is over all rows of a
-    world. The best method is that of the greatest mean.
-    """
+    """Test each mean J(α) over angles against the greatest: paired by seed, Holm in a world."""
     rows: list[Row] = []
     for (world,), group in groups(matching(policies, readout=READOUT), "world").items():
         scores = {
@@ -288,19 +262,16 @@ def draw_figures(results: Results) -> dict[str, Figure]:
 def view(results: Results) -> Sequence[View]:
     """Return a table of methods by target angle for each world, the best by the mean first."""
     views = []
-    for (world,), by_row in groups(
-        matching(results.tables["overall"], readout=READOUT), "world"
-    ).items():
-        measured = quantity(results, world)
+    greedy = matching(results.tables["overall"], readout=READOUT)
+    for (world,), by_row in groups(greedy, "world").items():
+        measured = comparison_tables.quantity(results, world)
         sign = 1.0 if measured == "regret" else -1.0
         pooled = matching(results.tables["pooled"], world=world, readout=READOUT)
         by_method = groups(pooled, "method")
         rows = []
         for row in sorted(by_row, key=lambda row: sign * row[measured]):
-            at_angles = {
-                f"{of_angle['target_angle']:g}°": of_angle[measured]
-                for of_angle in by_method[row["method"],]
-            }
+            of_method = by_method[row["method"],]
+            at_angles = {f"{each['target_angle']:g}°": each[measured] for each in of_method}
             told = ", ".join(name for name in TOLD if row[name]) or "nothing"
             rows.append(
                 {"method": METHODS[row["method"]].label, "mean": row[measured]}

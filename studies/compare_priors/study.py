@@ -26,18 +26,8 @@ from socialiq.social.angle import angle_difference, score, weights
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq_lab import comparison_runs, comparison_tables
-from socialiq_lab.comparison import (
-    DEVELOPMENT,
-    FRESH,
-    GRIDWORLDS,
-    Method,
-    check_choices,
-    declared_methods,
-    nearest_mode,
-    of_modes,
-    product,
-)
+from socialiq_lab import comparison, comparison_runs, comparison_tables
+from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
 from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
 from socialiq_lab.jobs import Job, ProgressCallback
@@ -45,7 +35,7 @@ from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, with_holm
 
-METHODS = declared_methods(declaration("compare-priors"))
+METHODS = comparison.declared_methods(declaration("compare-priors"))
 """The comparison's rows by name."""
 
 THESIS_STRENGTHS = {"crossing5": presets.POC_STRENGTH, "crossing7": presets.GRID_STRENGTH}
@@ -67,8 +57,10 @@ def prior(name: str, target_kind: str = "instantaneous", **fixed: Any) -> Learne
 
 LEARNERS: Mapping[str, Learner] = {
     "none": prior("none"),
-    **{name: prior("reward", name) for name in ("running", "to_go", "trajectory")},
-    **{name: prior("reward", name) for name in ("instantaneous", "advantage")},
+    **{
+        name: prior("reward", name)
+        for name in ("running", "to_go", "trajectory", "instantaneous", "advantage")
+    },
     "shifted_chi2": prior("shifted_chi2"),
     "bellman_shift": prior("bellman_shift", "running"),
     "bellman_shift_1_3": prior("bellman_shift", "running", shift_term_3=True),
@@ -129,7 +121,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown worlds and methods, empty options, and seeds used twice."""
-        check_choices(self, METHODS, GRIDWORLDS)
+        comparison.check_choices(self, METHODS, GRIDWORLDS)
 
     @property
     def rows(self) -> list[tuple[str, Method]]:
@@ -160,7 +152,7 @@ def more_jobs(config: Config, work: Path) -> list[Job]:
 def _job(
     config: Config, phase: str, world: str, method: Method, strengths: tuple[float, ...]
 ) -> Job:
-    settings = product(strength=strengths)
+    settings = comparison.product(strength=strengths)
     run = GridRuns.of(config, phase, world, method, settings, config.updates, chunk=500)
     count = len(run.seeds) * len(strengths) * len(method.served(run.angles))
     return Job(f"priors/{world}/{phase}/{method.name}", run_method, run, cost=count + 10.0)
@@ -197,7 +189,8 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
         case "rl":
             return 0.0
         case "clone_of_mode":
-            return of_modes(data, (nearest_mode(run.angle),)).n_transitions / data.n_transitions
+            of_mode = comparison.of_modes(data, (comparison.nearest_mode(run.angle),))
+            return of_mode.n_transitions / data.n_transitions
         case "clone_weighted":
             numbers = bc.CloningHyperparameters(angle=run.angle, reweight_temperature=temperature)
             return bc.effective_size(data, numbers) / data.n_transitions
@@ -211,8 +204,7 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which λ was chosen."""
-    developed = job_rows(context.jobs, context.work, DEVELOPMENT)
-    fresh = job_rows(context.jobs, context.work, FRESH)
+    developed, fresh = (job_rows(context.jobs, context.work, p) for p in (DEVELOPMENT, FRESH))
     also = ("effective_share",)
     pooled, aligned = comparison_tables.means(fresh, KEYS, also), alignment(fresh)
     references = [comparison_tables.references(world, config.angles) for world in config.worlds]
@@ -241,11 +233,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def alignment(policies: Sequence[Row]) -> list[Row]:
-    """Return the rank correlation of |α̂ - α| and regret by world, action selection and angle.
+    """Return Spearman's ρ of |α̂ - α| and regret by world, action selection and angle.
 
-    Each policy of each method and seed is a point. The p-value of Spearman's ρ is two-sided,
-    adjusted by Holm over all rows. Each row also has the angle error of the policy of least
-    regret, and the regret of the policy of least angle error.
+    Each policy of each method and seed is a point; p is two-sided, with Holm over all rows.
     """
     from scipy.stats import spearmanr
 
@@ -259,11 +249,14 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
         test: Any = spearmanr(error, regret)
         rows.append(
             dict(zip(keys, values, strict=True))
-            | {"policies": len(group), "spearman": float(test.statistic)}
-            | {"p": float(test.pvalue)}
-            | {"error_at_least_regret": float(error[regret.argmin()])}
-            | {"regret_at_least_error": float(regret[error.argmin()])}
-            | {"least_regret": float(regret.min())}
+            | {
+                "policies": len(group),
+                "spearman": float(test.statistic),
+                "p": float(test.pvalue),
+                "error_at_least_regret": float(error[regret.argmin()]),
+                "regret_at_least_error": float(regret[error.argmin()]),
+                "least_regret": float(regret.min()),
+            }
         )
     return with_holm(rows)
 

@@ -24,15 +24,9 @@ from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, nested, spread, with_holm
-from studies.mo_gymnasium import tasks
+from studies.mo_gymnasium import tasks, training
 from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece
-from studies.mo_gymnasium.training import (
-    DIAL,
-    METHODS,
-    STANDARDISED,
-    Training,
-    train_and_evaluate,
-)
+from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 
 @dataclass(frozen=True)
@@ -74,11 +68,7 @@ class Config:
         return self.steps or TASKS[task].steps
 
     def kept(self) -> list[Piece]:
-        """Return the finished pieces of the tasks, with their steps; peers' of every seed.
-
-        Raises:
-            UserError: If a file of the folder is no piece.
-        """
+        """Return the finished pieces of the tasks, with their steps; peers' of every seed."""
         folder = Path(self.pieces or packaged_results() / "mo-gymnasium" / FOLDER)
         pieces = tasks.within(tasks.read(folder), {task: self.budget(task) for task in self.tasks})
         ours = () if self.again else self.methods
@@ -113,9 +103,9 @@ def jobs(config: Config) -> list[Job]:
         for method in config.methods_of(task):
             seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
             if seeds:
-                run = Training(task, method, seeds, config.budget(task))
+                run = training.Training(task, method, seeds, config.budget(task))
                 name = f"{task}/{as_file_name(method)}"
-                planned.append(Job(name, train_and_evaluate, run, cost=float(len(seeds))))
+                planned.append(Job(name, training.train_and_evaluate, run, cost=float(len(seeds))))
     return planned
 
 
@@ -167,8 +157,8 @@ def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
 def measured(piece: Piece) -> Row:
     """Return the measures of one piece; losses only where the front is known.
 
-    `asked_utility` and `asked_loss` are those of the policy of the asked angle, without a choice
-    among the others; `second_rises` is the second reward at 90 degrees less that at 0.
+    `asked_utility` and `asked_loss` are those of the policy of the asked angle alone;
+    `second_rises` is the second reward at 90 degrees less that at 0.
     """
     row: Row = {name: getattr(piece, name) for name in ("task", "method", "seed", "steps")}
     row |= dict.fromkeys((*MEASURES, "second_rises"), "") | _measures(piece.task, piece.points)
@@ -225,18 +215,14 @@ def pooled(rows: Sequence[Row]) -> list[Row]:
 def comparison_rows(rows: Sequence[Row]) -> list[Row]:
     """Test both dials against every peer on a task, on the two measures that need no known front.
 
-    The standardised one is tested against the other, too.
-
-    Differences of means have Welch's interval and the p-value of the permutation test; Holm over
-    the tests of a task (`p_holm_task`) and over all (`p_holm`).
+    Welch's interval and the permutation test; Holm over a task (`p_holm_task`) and all (`p_holm`).
     """
     compared: list[Row] = []
     for (task,), group in groups(rows, "task").items():
         by_method = {method: runs for (method,), runs in groups(group, "method").items()}
         peers, tests = [entry for entry in by_method if entry not in METHODS], list[Row]()
         pairs = [(DIAL, peer) for peer in peers]
-        pairs += [(STANDARDISED, rival) for rival in (*peers, DIAL)]
-        for first, second in pairs:
+        for first, second in pairs + [(STANDARDISED, rival) for rival in (*peers, DIAL)]:
             first_runs, second_runs = by_method.get(first, []), by_method.get(second, [])
             if min(len(first_runs), len(second_runs)) < 2:
                 continue

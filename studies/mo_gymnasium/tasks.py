@@ -29,50 +29,31 @@ ANGLES = tuple(float(angle) for angle in range(0, 91, 5))
 
 @dataclass(frozen=True)
 class Task:
-    """A two-objective task, and what all methods have in common there.
-
-    Attributes:
-        env: Id that `mo_gymnasium` registers.
-        steps: Steps in the environment that a method may take, those of its experts included.
-        reference: Reference point of the hypervolume.
-        discount: γ of the learners; totals are not discounted.
-        hidden: Widths of the hidden layers of networks.
-        batch_size: Transitions of an update.
-        episodes: Evaluation episodes of each policy.
-        first_episode: Seed of the first one.
-        peers: Methods of morl-baselines that are run on it.
-        exact: Whether it is finite and deterministic, so that its exact front is computed.
-        continuous: Whether its actions are arrays of numbers.
-        options: Keyword arguments of the environment.
-    """
+    """A two-objective task, and what all methods have in common there."""
 
     env: str
     steps: int
+    """Steps in the environment that a method may take, those of its experts included."""
     reference: tuple[float, float]
+    """Reference point of the hypervolume."""
     discount: float
     hidden: tuple[int, ...]
     batch_size: int
     episodes: int
     first_episode: int
+    """Seed of the first evaluation episode."""
     peers: tuple[str, ...]
+    """Methods of morl-baselines that are run on it."""
     exact: bool = False
+    """Whether it is finite and deterministic, so that its exact front is computed."""
     continuous: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self) -> gymnasium.Env[Any, Any]:
-        """Make the environment, whose vector reward is the pair.
-
-        Raises:
-            UserError: If MO-Gymnasium, or MuJoCo for a task that needs it, isn't installed.
-        """
+        """Make the environment, whose vector reward is the pair."""
         try:
-            return make_environment(
-                f"mo_gymnasium:{self.env}",
-                self.options,
-                allow_code=True,
-                needs_pair=True,
-                continuous=True,
-            )
+            kind = {"allow_code": True, "needs_pair": True, "continuous": True}
+            return make_environment(f"mo_gymnasium:{self.env}", self.options, **kind)
         except UserError as error:
             raise UserError(
                 f"{self.env} needs pip install 'socialiq-lab[mo]', and of the tasks of MuJoCo "
@@ -81,10 +62,9 @@ class Task:
 
     def time_limit(self) -> int:
         """Return after how many steps an episode is cut off."""
-        spec = self.make().spec
-        if spec is None or spec.max_episode_steps is None:
-            raise UserError(f"{self.env} has no time limit: episodes may not end")
-        return spec.max_episode_steps
+        limit = getattr(self.make().spec, "max_episode_steps", None)
+        assert limit is not None  # of every task
+        return limit
 
 
 TASKS: dict[str, Task] = {}
@@ -96,11 +76,7 @@ for _name, _row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_tex
 
 
 def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
-    """Return the finite MDP of deep-sea-treasure: its states are `current_state`.
-
-    From the first state on, every action is tried in every state that is found, breadth first. The
-    environment has a reward pair, discrete actions and deterministic steps.
-    """
+    """Return the finite MDP of deep-sea-treasure: its states are `current_state`."""
     inner: Any = env.unwrapped
     env.reset(seed=0)
     numbers = {tuple(inner.current_state.tolist()): 0}
@@ -148,29 +124,21 @@ FOLDER = "pieces"
 
 @dataclass(frozen=True)
 class Piece:
-    """Outcome of one training.
-
-    Attributes:
-        task: Name in `TASKS`.
-        method: Its name in the tables.
-        seed: Training seed.
-        steps: Steps taken in the environment to learn, those of its experts included.
-        evaluation_steps_while_training: Steps of evaluations that decide what is trained next.
-        angles: Angle of each policy that can be turned, in degrees; None for a set of policies.
-        totals: Mean totals (first, second reward) of each angle, or of each policy of the set.
-        settings: Settings that are not the method's own defaults.
-        seconds: Time of the training.
-        versions: Versions of the libraries.
-    """
+    """Outcome of one training."""
 
     task: str
     method: str
     seed: int
     steps: int
+    """Steps taken in the environment to learn, those of its experts included."""
     evaluation_steps_while_training: int
+    """Steps of evaluations that decide what is trained next."""
     angles: list[float] | None
+    """Angle of each policy that can be turned, in degrees; None for a set of policies."""
     totals: list[list[float]]
+    """Mean totals (first, second reward) of each angle, or of each policy of the set."""
     settings: dict[str, Any]
+    """Settings that are not the method's own defaults."""
     seconds: float
     versions: dict[str, str]
 
@@ -190,11 +158,7 @@ class Piece:
 
 
 def read(folder: Path) -> list[Piece]:
-    """Return every piece of a folder, by name; none if the folder doesn't exist.
-
-    Raises:
-        UserError: If a file is no piece.
-    """
+    """Return every piece of a folder, by name; none if the folder doesn't exist."""
     pieces = []
     for path in sorted(folder.glob("*.json")):
         refused = f"{path} is no piece of mo-gymnasium: restore or remove it"
@@ -220,9 +184,8 @@ def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
     """
     chosen = []
     for piece in pieces:
-        if piece.task not in steps:
-            continue
-        budget, told = steps[piece.task], piece.settings.get("allowed_steps")
+        budget = steps.get(piece.task, -1)  # below all of another task
+        told = piece.settings.get("allowed_steps")
         allowed = told == budget if told is not None else 0.9 * budget <= piece.steps
         if allowed and piece.steps <= budget:
             chosen.append(piece)

@@ -29,7 +29,6 @@ from socialiq.learners.dial import train as dials
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import train as iq_learn
-from socialiq.learners.kernel import Trained
 from socialiq.provenance import versions
 from socialiq.storage import write_atomically
 from socialiq.types import Act
@@ -70,11 +69,7 @@ def value_dials(
     datasets: Sequence[Demonstrations] = (),
     only: float | None = None,
 ) -> list[Any]:
-    """Train a dial for each seed, online, with a gradient step for each step in the environment.
-
-    Without demonstrations it learns from its rewards alone. `only` is the one angle to train for,
-    in degrees; by default all from 0 to 90.
-    """
+    """Train a dial for each seed, online, for all angles from 0 to 90 degrees or `only` one."""
     env, demonstrated = task.make(), bool(datasets)
     space = env.observation_space
     assert isinstance(space, spaces.Box)  # of others no environment is made
@@ -105,9 +100,8 @@ def value_dials(
 
     sources = [from_env(task.make(), ROUND, goes_on=True) for _ in seeds]
     collect = Collector(sources, list(seeds), exploring)
-    data, shape = list(datasets), sizes(env)
     options: dict[str, Any] = {"chunk": ROUND, "before_chunk": collect}
-    return _policies(dials.train(static, numbers, data, None, shape, **options))
+    return _policies(dials.train(static, numbers, list(datasets), None, sizes(env), **options))
 
 
 def one_hot(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, int], ...]:
@@ -115,7 +109,7 @@ def one_hot(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, int], ...]:
     return tuple((int(least), int(most - least) + 1) for least, most in zip(low, high, strict=True))
 
 
-def _policies(trained: Trained) -> list[Any]:
+def _policies(trained: Any) -> list[Any]:
     return [trained.policy(run) for run in range(len(trained.hyperparameters))]
 
 
@@ -149,10 +143,7 @@ def soft_actors(
     dial: bool = False,
     changes: Sequence[Standardisation] = (),
 ) -> list[Any]:
-    """Train soft actor-critic, or its dial, for each run: a seed, and an angle in degrees.
-
-    `changes` standardise each run's observations; without them they are as they are.
-    """
+    """Train soft actor-critic, or its dial, for each run: a seed, and an angle in degrees."""
     static = config.SACConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
     base = dataclasses.replace(ACTOR_NUMBERS, discount=task.discount)
     numbers = [dataclasses.replace(base, seed=seed, angle=angle) for seed, angle in runs]
@@ -234,15 +225,10 @@ def totals(task: Task, policy: Any) -> list[float]:
 
 
 def trained(task: Task, method: str, seeds: Sequence[int]) -> tuple[list[Any], int, dict[str, Any]]:
-    """Train a method within the task's steps.
-
-    Returns:
-        For each seed a dial with `at` or a list of policies; the steps taken in the environment;
-        the settings.
+    """Return for each seed a dial or a list of policies, the steps taken, and the settings.
 
     Raises:
-        UserError: If the steps don't suffice for experts, their episodes and the dial, or for
-            steps at random.
+        UserError: If the task's steps don't suffice for the method.
     """
     train_dials = actor_dials if task.continuous else value_dials
     size, count = ACTOR_ROUND if task.continuous else ROUND, len(EXPERT_ANGLES)

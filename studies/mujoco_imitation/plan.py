@@ -95,11 +95,7 @@ def expert_of(pieces: Pieces, task: str) -> Pieces:
 
 
 def committed(folder: str) -> Pieces:
-    """Read the pieces of a results folder; none if no folder is named.
-
-    Raises:
-        UserError: If it is not there, a file is damaged, or of an unknown task or method.
-    """
+    """Read the pieces of a results folder; none if no folder is named."""
     if not folder:
         return {}
     source = shipped(Path(folder)) / FOLDER
@@ -134,10 +130,7 @@ ABLATED = ("Hopper", 5)
 
 @dataclass(frozen=True)
 class Showing:
-    """Trajectories of an expert from a seed on: the set of one imitation seed.
-
-    Of an expert that is there already, `pieces` is its results folder, `sha256` that of its files.
-    """
+    """Trajectories of an expert, a new one or one of a results folder: a set of one seed."""
 
     task: str
     trajectories: int
@@ -149,11 +142,7 @@ class Showing:
 def show(
     showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Write whole trajectories of the expert's mean actions.
-
-    Raises:
-        UserError: If the expert has changed since the plan was made.
-    """
+    """Write whole trajectories of the expert's mean actions."""
     if showing.pieces:
         if _sha256(committed(showing.pieces), showing.task) != showing.sha256:
             raise UserError(
@@ -187,13 +176,8 @@ def cells(config: Config) -> Iterator[tuple[str, str, int]]:
 
 
 def jobs(config: Config) -> list[Job]:
-    """Return `plan`, once MuJoCo is known to be there.
-
-    Raises:
-        UserError: If it isn't.
-    """
-    planned = plan(config)
-    if planned:
+    """Return `plan`, once MuJoCo is known to be there."""
+    if planned := plan(config):
         make_env(TASKS[config.tasks[0]]).close()
     return planned
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from socialiq.demonstrations import files
@@ -16,7 +15,6 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.acting import acting_in, drawing
-from socialiq.learners.behaviour_cloning import GaussianCloning
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config
@@ -26,6 +24,7 @@ from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json, write_json
+from socialiq.worlds.environment import action_size, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.jobs import ProgressCallback
@@ -41,21 +40,17 @@ episode."""
 
 @dataclass(frozen=True)
 class Method(Recipe):
-    """A learner with its settings, a table `[method.NAME]` of STUDY.toml.
-
-    Attributes:
-        clone: Cloning that it is tested against.
-        absorbing: Whether terminal states are absorbing ones that the observation shows.
-        standardised: Whether the networks see standardised observations.
-        updates: Of online imitation; 0 for those of the task.
-        forces: Whether the networks see contact forces, of tasks that have them.
-    """
+    """A learner with its settings, a table `[method.NAME]` of STUDY.toml."""
 
     clone: str = ""
+    """Cloning that it is tested against."""
     absorbing: bool = False
+    """Whether terminal states are absorbing ones that the observation shows."""
     standardised: bool = False
     updates: int = 0
+    """Of online imitation; 0 for those of the task."""
     forces: bool = True
+    """Whether the networks see contact forces, of tasks that have them."""
 
 
 _SHAPE: dict[str, Any] = {"hidden": (64, 64), "batch_size": 128}
@@ -91,12 +86,7 @@ RECIPES = METHODS | VARIANTS
 
 @dataclass(frozen=True)
 class Expert:
-    """Recipe of an expert.
-
-    There is a checkpoint `every` so many updates. The best is chosen by the mean return of `judged`
-    episodes, the first of seed `judging_seed`; the next checkpoint has others. The reported return
-    is that of `episodes` from `evaluation_seed` on.
-    """
+    """Recipe of an expert: the best of its checkpoints, by `judged` episodes for each."""
 
     task: str
     seed: int
@@ -111,10 +101,7 @@ class Expert:
 def train_expert(
     recipe: Expert, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Train; write the best checkpoint, and the returns of all.
-
-    An interrupted training goes on from its last saved state.
-    """
+    """Train, or go on; write the best checkpoint, and the returns of all."""
     task, settings = TASKS[recipe.task], recipe.settings
     checkpoint = folder / "training.safetensors"
 
@@ -133,11 +120,9 @@ def train_expert(
         write_json(folder / RECORD, {"checkpoints": past})
         return {}
 
+    shape = {k: v for k, v in vars(settings).items() if k != "learning_rate"}
     static = config.SACConfig(
-        hidden=settings.hidden,
-        batch_size=settings.batch_size,
-        updates=settings.updates,
-        schedule=settings.schedule,
+        **shape,
         updates_per_round=min(ROUND, settings.updates),
         random_steps=5 * ROUND,
         replay_capacity=min(settings.updates, 300_000),
@@ -145,11 +130,10 @@ def train_expert(
     )
     runs = [config.SACHyperparameters(seed=recipe.seed, learning_rate=settings.learning_rate)]
     env = make_env(task)
-    assert env.observation_space.shape and env.action_space.shape
     train(
         static,
         runs,
-        sizes=(env.observation_space.shape[0], env.action_space.shape[0]),
+        sizes=(sizes(env)[0], action_size(env)),
         callbacks=_resumable(checkpoint, progress, judge),
         chunk=static.updates_per_round,
         before_chunk=acting_in(lambda: make_env(task), static, runs, static.updates_per_round),
@@ -174,11 +158,7 @@ def _resumable(checkpoint: Path, progress: ProgressCallback, monitor: Any = None
 
 @dataclass(frozen=True)
 class Imitation:
-    """Training of one method on sets of so many trajectories, with some seeds in one program.
-
-    Each seed has a set of its own, the inputs in this order. `updates` are 0 for the method's own;
-    each policy is evaluated in `episodes` from `evaluation_seed` on.
-    """
+    """Training of one method in one program; each seed has a set of its own, an input."""
 
     task: str
     method: str
@@ -241,7 +221,7 @@ def learn(
 ) -> list[ActorPolicy]:
     """Train a run for each seed, each on its own set, all in one program; return the policies."""
 
-    def environment() -> gymnasium.Env[Any, Any]:
+    def environment() -> Any:
         env = make_env(task)
         return AbsorbingStates(env) if method.absorbing else env
 
@@ -259,14 +239,14 @@ def learn(
         for number, seed in enumerate(seeds)
     ]
     if isinstance(method.static, bc.CloningConfig):
-        trained = GaussianCloning.train_on(method.static, runs, datasets, callbacks)
+        trained = bc.GaussianCloning.train_on(method.static, runs, datasets, callbacks)
     else:
         options: dict[str, Any] = {"callbacks": callbacks}
         if method.online:
             chunk = method.static.updates_per_round
             sources = [from_env(make(), chunk, continuous=True) for make in makers]
-            options |= {"chunk": chunk}
-            options["before_chunk"] = Collector(sources, seeds, drawing(method.static, 1))
+            collect = Collector(sources, seeds, drawing(method.static, 1))
+            options |= {"chunk": chunk, "before_chunk": collect}
         trained = train(method.static, runs, datasets, **options)
     policies = [trained.policy(run) for run in range(len(runs))]
     if not changes:

@@ -10,17 +10,8 @@ import numpy as np
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, matching, nested, paired_row, with_holm
-from studies.mujoco_imitation.plan import (
-    ABLATED,
-    FOLDER,
-    Config,
-    Pieces,
-    cells,
-    committed,
-    expert_of,
-    jobs,
-    name_of,
-)
+from studies.mujoco_imitation import plan
+from studies.mujoco_imitation.plan import ABLATED, Config, Pieces, jobs
 from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
 from studies.mujoco_imitation.tasks import TASKS
 
@@ -29,7 +20,7 @@ __all__ = ["Config", "compute_tables", "jobs"]
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the pieces: those that were there, and the new ones."""
-    pieces = committed(config.pieces)
+    pieces = plan.committed(config.pieces)
     for job in context.jobs:
         folder = context.work / job.name
         if job.stage == "expert":
@@ -38,7 +29,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         if job.stage == "runs":
             for seed in job.config.seeds:
                 run = job.config
-                name = name_of(run.task, run.method, run.trajectories, seed)
+                name = plan.name_of(run.task, run.method, run.trajectories, seed)
                 pieces[name] = (folder / f"{seed}.json").read_bytes()
     experts = expert_rows(pieces)
     runs = run_rows(pieces, experts)
@@ -52,7 +43,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     }
     summary = nested(tables["cells"], "task", "trajectories", "method")
     summary |= {"experts": nested(experts, "task")}
-    return Findings(tables, summary, {f"{FOLDER}/{name}": pieces[name] for name in pieces})
+    return Findings(tables, summary, {f"{plan.FOLDER}/{name}": pieces[name] for name in pieces})
 
 
 def _of_returns(returns: Sequence[float]) -> Row:
@@ -66,7 +57,7 @@ def expert_rows(pieces: Pieces) -> list[Row]:
     """Return each expert's return, in the order of `TASKS`."""
     rows = []
     for task in TASKS:
-        if expert := expert_of(pieces, task):
+        if expert := plan.expert_of(pieces, task):
             record = json.loads(expert[RECORD])
             best = max(record["checkpoints"], key=lambda checkpoint: checkpoint["mean_return"])
             label = {"task": task} | {key: record["recipe"][key] for key in ("seed", "updates")}
@@ -94,7 +85,7 @@ def run_rows(pieces: Pieces, experts: Sequence[Row]) -> list[Row]:
 def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
     """Return each cell of the plan, with the number of its runs and, if there are any, means."""
     rows = []
-    for task, method, count in cells(config):
+    for task, method, count in plan.cells(config):
         if method in METHODS:
             cell = matching(runs, task=task, method=method, trajectories=count)
             row = {"task": task, "trajectories": count, "method": method, "runs": len(cell)}
@@ -114,10 +105,7 @@ def _pooled(runs: Sequence[Row]) -> Row:
 
 
 def difference_rows(runs: Sequence[Row]) -> list[Row]:
-    """Test IQ-Learn's share against that of cloning that sees the same, paired over seeds.
-
-    Holm over all tests.
-    """
+    """Test IQ-Learn's share against that of cloning, paired over seeds, Holm over all."""
     tests = []
     for task, count in dict.fromkeys((row["task"], row["trajectories"]) for row in runs):
         cell = matching(runs, task=task, trajectories=count)

@@ -28,22 +28,15 @@ class ExpertSettings:
 
 @dataclass(frozen=True)
 class Task:
-    """An environment, and what its policies take.
-
-    Attributes:
-        env: Gymnasium's id.
-        expert: Settings of the expert.
-        online_updates: Of online imitation, with a step in the environment for each.
-        published: Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of
-            another expert and an earlier version of the environment.
-        forces: Features that are contact forces.
-    """
+    """An environment, and what its policies take."""
 
     env: str
     expert: ExpertSettings
     online_updates: int
     published: float
+    """Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of another expert."""
     forces: range = range(0)
+    """Features that are contact forces."""
 
 
 def _wide(updates: int) -> ExpertSettings:

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
@@ -34,24 +34,14 @@ from scipy.linalg import block_diag
 
 from socialiq.learners import settings
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.state import TrainState
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair, Transitions
-from studies.compare_methods.baselines.shared import (
-    Baseline,
-    Carry,
-    EpisodeLearner,
-    Loss,
-    log_likelihood,
-    of_taken,
-    totals_of,
-)
+from studies.compare_methods.baselines import shared
 
 
-class ConditionedClone(Baseline):
+class ConditionedClone(shared.Baseline):
     """A clone with two further inputs; `draw` returns rows and their conditions."""
 
     has_target: ClassVar[bool] = False
@@ -60,11 +50,11 @@ class ConditionedClone(Baseline):
         """Draw a network whose two further inputs are the condition."""
         return self.conditioned_network(key)
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):  # noqa: ARG002
         """Negative log-likelihood of the demonstrated actions under the conditions."""
         rows, condition = batch
         logits = jax.vmap(network)(rows.observation, condition)
-        loss = -jnp.mean(log_likelihood(logits, rows.action))
+        loss = -jnp.mean(shared.log_likelihood(logits, rows.action))
         return loss, {"loss": loss}
 
 
@@ -78,19 +68,12 @@ class OutcomeHyperparameters(settings.LearnerHyperparameters):
 
 @dataclass(frozen=True)
 class OutcomePolicy:
-    """Clone that is asked for an outcome; `at` returns the policy of one angle.
-
-    Attributes:
-        network: Its two further inputs are the outcome, scaled.
-        totals: Outcome of every demonstrated episode, (episode, 2).
-        quantile: Quantile of R(α) that is asked for.
-        record: JSON-compatible record.
-    """
+    """Clone that is asked for an outcome, one of the `totals` of the demonstrated episodes."""
 
     network: DialNetwork
     totals: Float[np.ndarray, "episode 2"]
     quantile: float
-    record: Mapping[str, Any] = field(default_factory=dict)
+    record: Mapping[str, Any]
 
     def at(self, angle: float) -> QPolicy:
         """Return the policy that is asked for the best outcome at an angle in degrees."""
@@ -111,14 +94,10 @@ def scaling(
 
 
 class OutcomeConditioned(ConditionedClone):
-    """Clone of demonstrations given their episodes' outcomes.
-
-    Attributes:
-        scales: Mean and spread of the outcomes of each set, (set, 2, 2).
-    """
+    """Clone of demonstrations given their episodes' outcomes."""
 
     scales: Any = None
-
+    """Mean and spread of the outcomes of each set, (set, 2, 2)."""
     Hyperparameters: ClassVar[type] = OutcomeHyperparameters
     name: ClassVar[str] = "outcome_conditioned"
     target_kind: ClassVar[str] = "trajectory"
@@ -126,18 +105,15 @@ class OutcomeConditioned(ConditionedClone):
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> OutcomeConditioned:
         """Make the learner of sets of demonstrations, each row with its episode's totals."""
-        scales = jnp.asarray([scaling(totals_of(data)) for data in datasets], jnp.float32)
+        scales = jnp.asarray([scaling(shared.totals_of(data)) for data in datasets], jnp.float32)
         return dataclasses.replace(super().of(static, datasets), scales=scales)
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Draw demonstrations with their outcomes, scaled."""
         rows, key = super().draw(hyperparameters, state, carry)
-        mean, scale = self.scales[hyperparameters.dataset]
-        pairs = zip(rows.target, mean, scale, strict=True)
-        return (
-            rows,
-            RewardPair(*((total - middle) / spread for total, middle, spread in pairs)),
-        ), key
+        columns = zip(rows.target, *self.scales[hyperparameters.dataset], strict=True)
+        outcome = RewardPair(*((total - mean) / spread for total, mean, spread in columns))
+        return (rows, outcome), key
 
     def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> OutcomePolicy:  # noqa: ARG002
         """Return the clone with the outcomes of its demonstrations."""
@@ -194,10 +170,8 @@ class GuidedCloning(ConditionedClone):
     def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
         """Return the guided policy; its logits are those of π_w."""
         record = self.record(hyperparameters)
-        plain, optimal = (
-            QPolicy.of(state.network.at(RewardPair(value, value)), 1.0, record)
-            for value in (jnp.zeros(()), jnp.ones(()))
-        )
+        conditions = [RewardPair(value, value) for value in (jnp.zeros(()), jnp.ones(()))]
+        plain, optimal = (QPolicy.of(state.network.at(c), 1.0, record) for c in conditions)
         return guided(plain, optimal, hyperparameters.guidance)
 
 
@@ -242,11 +216,11 @@ class DWBCHyperparameters(settings.LearnerHyperparameters):
 class DWBCNetworks(NamedTuple):
     """The clone's logits, and the discriminator's, whose further inputs are log π(a|s) and 0."""
 
-    policy: QNetwork
+    policy: Any
     discriminator: DialNetwork
 
 
-class DiscriminatorWeighted(EpisodeLearner):
+class DiscriminatorWeighted(shared.EpisodeLearner):
     """A clone whose rows are weighted by a discriminator; carries the weights of E's rows."""
 
     StaticConfig: ClassVar[type] = DWBCConfig
@@ -259,14 +233,14 @@ class DiscriminatorWeighted(EpisodeLearner):
         discriminator = self.conditioned_network(jax.random.fold_in(key, 1))
         return DWBCNetworks(super().network(key), discriminator)
 
-    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: Any):
         """Draw the networks, and select the expert's rows: those of the best level."""
         state, key = super().initialise(hyperparameters)
         count = self.static.parts
         run = hyperparameters.weights, hyperparameters.dataset
         levels = jnp.append(self.episodes.levels(*run, count), count)
         best = levels[self.episodes.of_row] == 0
-        return state, Carry(key, jnp.cumsum(best / jnp.sum(best)))
+        return state, shared.Carry(key, jnp.cumsum(best / jnp.sum(best)))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
         """Draw as many rows of E and of O."""
@@ -275,17 +249,19 @@ class DiscriminatorWeighted(EpisodeLearner):
         expert = self.table.sample_weighted(for_expert, carry.known, self.static.batch_size)
         return (expert, of_all), carry._replace(key=key)
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:  # noqa: ARG002
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):  # noqa: ARG002
         """Loss of the discriminator, and the weighted one of the clone (their Eq 17).
 
         α E_E[-log π] - E_E[-log π η / (d (1 - d))] + E_O[-log π / (1 - d)]
         """
         run, logits, likelihoods, chances = hyperparameters, [], [], []
         for rows in batch:
-            likelihood = log_likelihood(jax.vmap(network.policy)(rows.observation), rows.action)
+            likelihood = shared.log_likelihood(
+                jax.vmap(network.policy)(rows.observation), rows.action
+            )
             told = jax.lax.stop_gradient(likelihood)  # the clone learns nothing from d
             inputs = rows.observation, RewardPair(told, jnp.zeros_like(told))
-            logit = of_taken(jax.vmap(network.discriminator)(*inputs), rows.action)
+            logit = shared.of_taken(jax.vmap(network.discriminator)(*inputs), rows.action)
             likelihoods.append(likelihood)
             logits.append(logit)
             chances.append(jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(logit)), *CLIPPED))

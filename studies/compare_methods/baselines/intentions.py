@@ -21,20 +21,12 @@ from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.kernel import Trained
-from socialiq.learners.state import HyperparameterArrays, Runs, TrainState, stack
-from socialiq.nn.q_network import QNetwork
+from socialiq.learners.state import Runs, stack
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
 from socialiq.types import RewardPair
+from studies.compare_methods.baselines import shared
 from studies.compare_methods.baselines.offline import ValueConfig
-from studies.compare_methods.baselines.shared import (
-    Carry,
-    EpisodeLearner,
-    Loss,
-    log_likelihood,
-    of_taken,
-    soft_continuation,
-)
 
 
 @dataclass(frozen=True)
@@ -55,12 +47,7 @@ class IntentionHyperparameters(settings.LearnerHyperparameters):
 
 @dataclass(frozen=True)
 class IntentionPolicy:
-    """Policies of the intentions; `at` returns the one that is taken at an angle.
-
-    Attributes:
-        policies: Of each intention.
-        totals: Mean totals of each intention's episodes, (intention, 2).
-    """
+    """A policy of each intention, and the mean totals of its episodes."""
 
     policies: tuple[QPolicy, ...]
     totals: Float[np.ndarray, "intention 2"]
@@ -70,24 +57,23 @@ class IntentionPolicy:
         return self.policies[int(score(weights(angle), RewardPair(*self.totals.T)).argmax())]
 
 
-class MultiIntention(EpisodeLearner):
+class MultiIntention(shared.EpisodeLearner):
     """IQ-Learn of K intentions, found by EM; carries responsibilities, (episode, intention)."""
 
     StaticConfig: ClassVar[type] = IntentionConfig
     Hyperparameters: ClassVar[type] = IntentionHyperparameters
     name: ClassVar[str] = "multi_intention_irl"
 
-    def network(self, key: PRNGKeyArray) -> tuple[QNetwork, ...]:
+    def network(self, key: PRNGKeyArray) -> tuple[Any, ...]:
         """Draw a network for each intention."""
-        keys = jax.random.split(key, self.static.intentions)
-        return tuple(super(MultiIntention, self).network(of_intention) for of_intention in keys)
+        return tuple(map(super().network, jax.random.split(key, self.static.intentions)))
 
-    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: Any):
         """Draw networks, and the first responsibilities: random ones break the symmetry."""
         state, key = super().initialise(hyperparameters)
         key, for_first = jax.random.split(key)
         count, concentration = self.episodes.inside.shape[0], jnp.ones(self.static.intentions)
-        return state, Carry(key, jax.random.dirichlet(for_first, concentration, (count,)))
+        return state, shared.Carry(key, jax.random.dirichlet(for_first, concentration, (count,)))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
         """Draw demonstrations with their episodes' responsibilities."""
@@ -96,17 +82,13 @@ class MultiIntention(EpisodeLearner):
         share = carry.known[self.episodes.of_row[rows]]
         return (self.table.rows(rows), share), carry._replace(key=key)
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
-        """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ), summed over the intentions.
-
-        It is L_IQ (Eq 2.7, value_expert) of each, weighted by its responsibilities z.
-        """
-        rows, responsibility = batch
-        run, total = hyperparameters, jnp.zeros(())
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
+        """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ): L_IQ (Eq 2.7), summed over z."""
+        (rows, responsibility), run, total = batch, hyperparameters, jnp.zeros(())
         for number, (learned, steady) in enumerate(zip(network, target_network, strict=True)):
             q = jax.vmap(learned)(rows.observation)
-            follows = soft_continuation(steady, rows, run, self.static.endings)
-            reward = losses.implicit_reward(of_taken(q, rows.action), follows, run.discount)
+            follows = shared.soft_continuation(steady, rows, run, self.static.endings)
+            reward = losses.implicit_reward(shared.of_taken(q, rows.action), follows, run.discount)
             flow = losses.soft_value(q, run.temperature) - run.discount * follows
             square = jnp.square(reward) / (4.0 * run.chi2_alpha)
             total += jnp.mean(responsibility[:, number] * (flow - reward + square))
@@ -114,16 +96,12 @@ class MultiIntention(EpisodeLearner):
 
     def expectation(
         self,
-        hyperparameters: HyperparameterArrays,
-        network: Sequence[QNetwork],
+        hyperparameters: Any,
+        network: Sequence[Any],
         responsibility: Float[Array, "episode intention"],
         longest: int,
     ) -> Float[Array, "episode intention"]:
-        """Return P(intention | episode), with the priors that the last responsibilities give.
-
-        Only rows of the run's own set, of at most `longest` rows, are evaluated; its episodes alone
-        have meaning.
-        """
+        """Return P(intention | episode) of the run's set, by the last ones' priors."""
         table, episodes, count = self.table, self.episodes, self.episodes.inside.shape[0]
         of_set = hyperparameters.dataset + jnp.arange(2)
         bounds, (first, end) = table.row_bounds[of_set], episodes.bounds[of_set]
@@ -133,7 +111,7 @@ class MultiIntention(EpisodeLearner):
         sums = []
         for intention in network:
             logits = jax.vmap(intention)(columns.observation) / hyperparameters.temperature
-            likelihood = log_likelihood(logits, columns.action)
+            likelihood = shared.log_likelihood(logits, columns.action)
             sums.append(jax.ops.segment_sum(likelihood, episode, count))
         in_set = (jnp.arange(count) >= first) & (jnp.arange(count) < end)
         prior = jnp.sum(jnp.where(in_set[:, None], responsibility, 0.0), axis=0) / jnp.sum(in_set)
@@ -152,9 +130,7 @@ class MultiIntention(EpisodeLearner):
 
         @jax.jit
         def step(learner: MultiIntention, *runs: Any) -> Array:  # one by one: it takes much memory
-            return jax.lax.map(
-                lambda run: learner.expectation(run[0], run[1], run[2], longest), runs
-            )
+            return jax.lax.map(lambda run: learner.expectation(*run, longest), runs)
 
         def e_step(runs: Runs, done: int) -> Runs:
             if done == 0:  # the networks know nothing yet
@@ -164,7 +140,7 @@ class MultiIntention(EpisodeLearner):
 
         return super().train(hyperparameters, callbacks, chunk, e_step, world)
 
-    def kept(self, carry: Carry) -> Array:
+    def kept(self, carry: shared.Carry) -> Array:
         """Return the responsibilities."""
         return carry.known
 

@@ -25,20 +25,9 @@ from socialiq.learners import settings
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.state import TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
-from studies.compare_methods.baselines.shared import (
-    Baseline,
-    Carry,
-    EpisodeLearner,
-    Loss,
-    Pairs,
-    log_likelihood,
-    of_taken,
-    preference_loss,
-    soft_continuation,
-)
+from studies.compare_methods.baselines import shared
 
 LARGEST_WEIGHT = 100.0
 """Bound of IQL's exp(β (Q - V)), as in the paper."""
@@ -70,7 +59,7 @@ class IQLNetworks(NamedTuple):
     policy: QNetwork
 
 
-class ImplicitQLearning(Baseline):
+class ImplicitQLearning(shared.Baseline):
     """Implicit Q-learning of demonstrations; the policy is a network of its own."""
 
     StaticConfig: ClassVar[type] = ValueConfig
@@ -86,26 +75,22 @@ class ImplicitQLearning(Baseline):
             networks.append(QNetwork.initialise(keys[number], *shape, scale=static.input_scale))
         return IQLNetworks(*networks)
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
-        """Losses of V, Q and the policy (Eq 5 to 7); none has another's gradient.
-
-        That of V is ``E[|τ - 1(u < 0)| u²]`` of the differences u = Q - V.
-        """
-        observation, action = batch.observation, batch.action
-        steady = of_taken(jax.vmap(target_network.values)(observation), action)
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
+        """Losses of V, Q and the policy (Eq 5 to 7); none has another's gradient."""
+        observation, action, run = batch.observation, batch.action, hyperparameters
+        steady = shared.of_taken(jax.vmap(target_network.values)(observation), action)
         value = jax.vmap(network.state_value)(observation)[:, 0]
         next_value = jax.vmap(network.state_value)(batch.next_observation)[:, 0]
         endings = self.static.endings.by_kind()
         follows = losses.continuation(next_value, batch.ending, endings, 0.0)
-        reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
-        target = jax.lax.stop_gradient(reward + hyperparameters.discount * follows)
-        q = of_taken(jax.vmap(network.values)(observation), action)
-        advantage = jax.lax.stop_gradient(steady - value)
-        sharpness = hyperparameters.inverse_temperature
-        weight = jnp.minimum(jnp.exp(sharpness * advantage), LARGEST_WEIGHT)
-        cloned = log_likelihood(jax.vmap(network.policy)(observation), action)
+        reward = run.strength * score(run.weights, batch.target)
+        target = jax.lax.stop_gradient(reward + run.discount * follows)
+        q = shared.of_taken(jax.vmap(network.values)(observation), action)
+        advantage = run.inverse_temperature * jax.lax.stop_gradient(steady - value)
+        weight = jnp.minimum(jnp.exp(advantage), LARGEST_WEIGHT)
+        cloned = shared.log_likelihood(jax.vmap(network.policy)(observation), action)
         difference = jax.lax.stop_gradient(steady) - value
-        asymmetry = jnp.abs(hyperparameters.expectile - (difference < 0))
+        asymmetry = jnp.abs(run.expectile - (difference < 0))
         terms = {
             "state_value": jnp.mean(asymmetry * jnp.square(difference)),
             "values": jnp.mean(jnp.square(target - q)),
@@ -147,10 +132,10 @@ class Graded(NamedTuple):
 
     batch: Batch
     level: Array
-    pairs: Pairs
+    pairs: shared.Pairs
 
 
-class SPRINQL(EpisodeLearner):
+class SPRINQL(shared.EpisodeLearner):
     """IQ-Learn of graded demonstrations with a learned reference reward; carries the levels."""
 
     StaticConfig: ClassVar[type] = SPRINQLConfig
@@ -162,11 +147,11 @@ class SPRINQL(EpisodeLearner):
         """Draw both networks."""
         return SPRINQLNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
-    def initialise(self, hyperparameters: Any) -> tuple[TrainState, Carry]:
+    def initialise(self, hyperparameters: Any):
         """Draw the networks, and grade the episodes."""
         state, key = super().initialise(hyperparameters)
         run = hyperparameters.weights, hyperparameters.dataset
-        return state, Carry(key, self.episodes.levels(*run, self.static.levels))
+        return state, shared.Carry(key, self.episodes.levels(*run, self.static.levels))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
         """Draw demonstrations with their levels, and pairs of episodes."""
@@ -178,22 +163,18 @@ class SPRINQL(EpisodeLearner):
         graded = Graded(self.table.rows(rows), level, self.episodes.pairs(*options))
         return graded, carry._replace(key=key)
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
-        """Loss of Q, and that of the reference reward: alike within a level, ranked between.
-
-        The term `reference` is the reference reward's, the others are Q's.
-        """
-        rows, level, pairs = batch
-        run = hyperparameters
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
+        """Loss of Q, and `reference` of the reference reward: alike in a level, ranked between."""
+        (rows, level, pairs), run = batch, hyperparameters
 
         def reference_reward(observation: Array) -> Array:
             return jax.nn.sigmoid(network.reference(observation))
 
-        reference = of_taken(jax.vmap(reference_reward)(rows.observation), rows.action)
+        reference = shared.of_taken(jax.vmap(reference_reward)(rows.observation), rows.action)
         row = jax.lax.stop_gradient(row_weights(reference, level, self.static.levels))
         q = jax.vmap(network.values)(rows.observation)
-        value, taken = losses.soft_value(q, run.temperature), of_taken(q, rows.action)
-        follows = soft_continuation(target_network.values, rows, run, self.static.endings)
+        value, taken = losses.soft_value(q, run.temperature), shared.of_taken(q, rows.action)
+        follows = shared.soft_continuation(target_network.values, rows, run, self.static.endings)
         reward = losses.implicit_reward(taken, follows, run.discount)
         centre = run.strength * jax.lax.stop_gradient(reference)
         alike = level == jnp.roll(level, 1)
@@ -204,7 +185,7 @@ class SPRINQL(EpisodeLearner):
             "distance": run.reference_weight * jnp.sum(row * jnp.square(reward - centre)),
             "conservative": run.conservatism * jnp.sum(row * (value - taken)),
             "reference": jnp.mean(jnp.where(alike, gap, 0.0))
-            + preference_loss(reference_reward, pairs),
+            + shared.preference_loss(reference_reward, pairs),
         }
         total = jnp.sum(jnp.stack(list(terms.values())))
         return total, terms | {"loss": total}
@@ -213,11 +194,7 @@ class SPRINQL(EpisodeLearner):
 def row_weights(
     reference: Float[Array, " batch"], level: Array, levels: int
 ) -> Float[Array, " batch"]:
-    """Return the weight of each row, w_i over the rows of its level; they sum to 1.
-
-    w_i is the mean reference reward of level i over the sum of all levels' means. A level without
-    a row in the batch has none of the weight.
-    """
+    """Return the weight of each row, w_i over the rows of its level; they sum to 1."""
     member = level[:, None] == jnp.arange(levels)
     count = jnp.maximum(jnp.sum(member, axis=0), 1)
     means = jnp.sum(jnp.where(member, reference[:, None], 0.0), axis=0) / count

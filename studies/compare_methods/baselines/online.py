@@ -37,14 +37,7 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from socialiq.types import Act, Ending, RewardPair, Transitions
-from studies.compare_methods.baselines.shared import (
-    Episodes,
-    Loss,
-    Pairs,
-    of_taken,
-    preference_loss,
-    soft_continuation,
-)
+from studies.compare_methods.baselines import shared
 
 
 @dataclass(frozen=True)
@@ -70,21 +63,16 @@ class LSIQ(IQLearn):
     Hyperparameters: ClassVar[type] = LSIQHyperparameters
     name: ClassVar[str] = "ls_iq"
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
-        """Half the squared distances of demonstrations and of own transitions to their targets.
-
-        V(s') lies within ±1/(c (1 - γ)). After the end it is that of the absorbing state, whose
-        reward is 1/c and -1/c by their shares of those that end.
-        """
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
+        """Half the squared distances of demonstrations and of own transitions to their targets."""
         largest, discount = 1.0 / hyperparameters.regularisation, hyperparameters.discount
         bound = largest / (1.0 - discount)
         sides = (batch.expert.ending, batch.replay.ending)
         ends = [jnp.sum(ending != int(Ending.NONE)) for ending in sides]
         absorbing = largest * (ends[0] - ends[1]) / jnp.maximum(ends[0] + ends[1], 1)
         terms = {}
-        for name, rows, reward in (
-            ("expert", batch.expert, largest),
-            ("own", batch.replay, -largest),
+        for name, rows, reward in zip(
+            ("expert", "own"), batch[:2], (largest, -largest), strict=True
         ):
             q_next = jax.vmap(target_network)(rows.next_observation)
             value = losses.soft_value(q_next, hyperparameters.temperature)
@@ -93,7 +81,7 @@ class LSIQ(IQLearn):
             target = reward + discount * follows
             if name == "expert" and self.static.fixed_target:
                 target = jnp.full_like(target, largest / (1.0 - discount))
-            q = of_taken(jax.vmap(network)(rows.observation), rows.action)
+            q = shared.of_taken(jax.vmap(network)(rows.observation), rows.action)
             terms[name] = jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2
         total = terms["expert"] + terms["own"]
         return total, terms | {"loss": total}
@@ -122,18 +110,13 @@ class TREXRows(NamedTuple):
     """The learner's own transitions, and pairs of demonstrated episodes."""
 
     replay: Batch
-    pairs: Pairs
+    pairs: shared.Pairs
 
 
 class TREX(IQLearn):
-    """Reward from ranks, and soft Q-learning on it.
-
-    Attributes:
-        episodes: `Episodes` of the table.
-    """
+    """Reward from ranks of pairs of `episodes`, and soft Q-learning on it."""
 
     episodes: Any = None
-
     StaticConfig: ClassVar[type] = TREXConfig
     name: ClassVar[str] = "trex"
     Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
@@ -142,7 +125,7 @@ class TREX(IQLearn):
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> TREX:
         """Make the learner of sets of demonstrations and their episodes."""
         learner: Any = super().of(static, datasets)
-        episodes = Episodes.of(datasets, learner.table)
+        episodes = shared.Episodes.of(datasets, learner.table)
         return cls(static, learner.sizes, learner.table, episodes=episodes)
 
     def network(self, key: Any) -> TREXNetworks:
@@ -158,15 +141,15 @@ class TREX(IQLearn):
         options = self.table, for_pairs, hyperparameters.dataset, self.static.pairs, scores
         return TREXRows(batches.replay, self.episodes.pairs(*options)), carry._replace(key=key)
 
-    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any) -> Loss:
+    def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
         """Ranks of pairs, and half the squared Bellman error of Q on the learned reward."""
         rows, run = batch.replay, hyperparameters
-        follows = soft_continuation(target_network.values, rows, run, self.static.endings)
-        reward = of_taken(jax.vmap(network.reward)(rows.observation), rows.action)
+        follows = shared.soft_continuation(target_network.values, rows, run, self.static.endings)
+        reward = shared.of_taken(jax.vmap(network.reward)(rows.observation), rows.action)
         target = run.strength * reward + run.discount * follows
-        q = of_taken(jax.vmap(network.values)(rows.observation), rows.action)
+        q = shared.of_taken(jax.vmap(network.values)(rows.observation), rows.action)
         terms = {
-            "ranks": preference_loss(network.reward, batch.pairs),
+            "ranks": shared.preference_loss(network.reward, batch.pairs),
             "bellman": jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2,
         }
         total = terms["ranks"] + terms["bellman"]
@@ -193,7 +176,7 @@ def inferred_reward(
     """Return r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6) of rows; nothing follows any ending."""
     value = losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
     follows = jnp.where(batch.ending == int(Ending.NONE), value, 0.0)
-    return of_taken(jax.vmap(network)(batch.observation), batch.action) - discount * follows
+    return shared.of_taken(jax.vmap(network)(batch.observation), batch.action) - discount * follows
 
 
 def inferring(source: Source, rewards: Sequence[Inferred]) -> Source:

@@ -17,15 +17,11 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Learner, Terms
-from socialiq.learners.state import HyperparameterArrays
+from socialiq.learners.kernel import Learner
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
 from socialiq.types import RewardPair, Transitions
-
-Loss = tuple[Float[Array, ""], Terms]
-"""A loss and its terms by name."""
 
 
 def of_taken(
@@ -43,7 +39,7 @@ def log_likelihood(
 
 
 def soft_continuation(
-    network: Any, batch: Batch, hyperparameters: HyperparameterArrays, endings: Endings
+    network: Any, batch: Batch, hyperparameters: Any, endings: Endings
 ) -> Float[Array, " batch"]:
     """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
     q_next = jax.vmap(network)(batch.next_observation)
@@ -63,25 +59,17 @@ def totals_of(data: Transitions) -> Float[np.ndarray, "episode 2"]:
 
 
 class Pairs(NamedTuple):
-    """Pairs of episodes whose ranks are known.
-
-    Attributes:
-        rows: Rows of both episodes of each pair, (2, pair, step) leading.
-        inside: Whether an element is a row of the episode.
-        better: By how much the first episode is better than the second; 0 leaves the pair out.
-    """
+    """Pairs of episodes whose ranks are known; both episodes' rows are (2, pair, step) leading."""
 
     rows: Batch
     inside: Array
+    """Whether an element is a row of the episode."""
     better: Array
+    """By how much the first episode is better than the second; 0 leaves the pair out."""
 
 
 def preference_loss(reward: Callable[[Array], Array], pairs: Pairs) -> Float[Array, ""]:
-    """-log P of the ranks under Bradley and Terry (T-REX, Brown et al. 2019, their Eq 1).
-
-    P(first) = σ(Σ r of the first episode - Σ r of the second). `reward` goes from one observation
-    to the learned reward r of each action.
-    """
+    """-log P(ranks), P(first) = σ(Σ r of the first - Σ r of the second) (T-REX, their Eq 1)."""
     over_rows = jax.vmap(jax.vmap(jax.vmap(reward)))(pairs.rows.observation)
     taken = jnp.take_along_axis(over_rows, pairs.rows.action[..., None], axis=-1)
     first, second = jnp.sum(jnp.where(pairs.inside, taken[..., 0], 0.0), axis=-1)
@@ -128,14 +116,13 @@ class Episodes(NamedTuple):
     def levels(
         self, weights: RewardPair, dataset: Int[Array, ""], count: int
     ) -> Int[Array, " episode"]:
-        """Return each episode's level by R(α) in its set: 0 is the best, `count` of another set.
-
-        Episodes of equal scores share the better level, so that the best level is never empty.
-        """
+        """Return each episode's level by R(α) in its set: 0 is the best, `count` of another set."""
         numbers = jnp.arange(self.inside.shape[0])
         in_set = (numbers >= self.bounds[dataset]) & (numbers < self.bounds[dataset + 1])
         scores = jnp.where(in_set, score(weights, self.totals), -jnp.inf)
-        above = len(scores) - jnp.searchsorted(jnp.sort(scores), scores, side="right")
+        above = len(scores) - jnp.searchsorted(
+            jnp.sort(scores), scores, side="right"
+        )  # ties: the better level
         return jnp.where(in_set, count * above // jnp.sum(in_set), count)
 
     def pairs(
@@ -162,18 +149,11 @@ class Carry(NamedTuple):
 
 
 class Baseline(Learner):
-    """Base class of learners whose network has several parts, of which one is the policy.
-
-    Attributes:
-        table: An `ExpertTable`.
-        episodes: `Episodes` of the table, where a subclass has them.
-    """
+    """Base class of learners whose network has several parts, of which one is the policy."""
 
     table: Any = None
     episodes: Any = None
-
-    acting: ClassVar[str] = "policy"
-    """Part of the network that acts: logits "policy", or "values" by softmax(Q/τ)."""
+    acting: ClassVar[str] = "policy"  # or "values", by softmax(Q/τ)
 
     def conditioned_network(self, key: PRNGKeyArray) -> DialNetwork:
         """Draw a network with two inputs beside the observation."""
