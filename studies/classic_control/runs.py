@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from scipy.optimize import minimize
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_images
 from socialiq.evaluation.rollout import rollout_env
+from socialiq.learners import acting, settings
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import settings
-from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import train
-from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import write_json
 from socialiq.types import Row
 from socialiq_lab.comparison import Recipe, declared_recipes
@@ -38,7 +34,7 @@ CHUNK = 250
 ROWS = "rows.json"
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Method(Recipe):
     """A learner with its settings, a table `[method.NAME]` of STUDY.toml."""
 
@@ -90,11 +86,11 @@ def learn(
     if task.env == "CartPole-v1":
         return train(static, runs, datasets, CartPole(), callbacks)
     static = dataclasses.replace(static, env_steps_per_update=1)  # they cost more than an update
-    collect = acting_in(lambda: make_env(task), static, runs, CHUNK)
+    collect = acting.acting_in(lambda: make_env(task), static, runs, CHUNK)
     return train(static, runs, datasets, None, callbacks, CHUNK, collect)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Source:
     """Sets of demonstrations, each of so many trajectories of its own.
 
@@ -150,7 +146,7 @@ def thinned(
     return with_images(rows, task.symmetry) if mirrored else rows
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Training:
     """Training of one method on every set, with every training seed."""
 
@@ -170,7 +166,7 @@ def train_and_score(
     trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, callbacks)
     rows: list[Row] = []
 
-    def score(policies: Sequence[QPolicy]) -> float:  # greedy by the mean of Q - mean Q
+    def score(policies: Sequence[Any]) -> float:  # greedy by the mean of Q - mean Q
         def act(observations: np.ndarray) -> np.ndarray:
             values = [policy.q_values(observations) for policy in policies]
             advantages = [q - q.mean(axis=1, keepdims=True) for q in values]
@@ -189,7 +185,7 @@ def train_and_score(
     write_json(folder / ROWS, rows)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Inspection:
     """A look at the sets themselves, without a learner."""
 
@@ -237,7 +233,7 @@ def spread_kept(data: Demonstrations, episodes: Demonstrations) -> float:
     return float(np.min(deviations[0] / deviations[1]))
 
 
-def linear_fit(data: Demonstrations, shrinkage: float) -> Float[np.ndarray, " feature"]:
+def linear_fit(data: Demonstrations, shrinkage: float) -> np.ndarray:
     """Fit w of P(right) = logistic(w s), the class of CartPole's experts, by `shrinkage` |w|²."""
     features = data.observation.astype(float) / 0.1
     side = 2.0 * data.action - 1.0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +50,7 @@ ENVIRONMENTS = 12
 """Intersections side by side in which a learner acts."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class IntersectionRuns(GridRuns):
     """Runs with networks of `hidden` layers, at the rates of the world in place of the others."""
 
@@ -59,7 +58,7 @@ class IntersectionRuns(GridRuns):
     batch_size: int = 64
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Driving(EpisodesRun):
     """Episodes of a method's greedy policies of one setting and seed, at every angle."""
 
@@ -69,7 +68,7 @@ class Driving(EpisodesRun):
     angles: tuple[float, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class DemonstratorsRun(EpisodesRun):
     """Episodes of the demonstrators of these SHA-256, scored at every angle."""
 

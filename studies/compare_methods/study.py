@@ -28,9 +28,8 @@ from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
-from studies.compare_methods import intersection, peers
+from studies.compare_methods import intersection, learners
 from studies.compare_methods.intersection import METHODS, SPEED
-from studies.compare_methods.learners import LEARNERS
 
 TOLD = ("labels", "ranks", "rewards", "environment")
 """Inputs beside observations and actions; STUDY.toml explains them."""
@@ -131,7 +130,7 @@ def phase_jobs(
 ) -> list[Job]:
     """Return every method's jobs, at all settings or the chosen ones, each after its inputs."""
     libraries = dict.fromkeys(method.peer for _, method in config.rows if method.peer)
-    planned = [peers.environment_job(library) for library in libraries]
+    planned = [learners.environment_job(library) for library in libraries]
     if intersection.WORLD in config.worlds:
         planned += intersection.shared_jobs(config, phase)
     for world, method in config.rows:
@@ -144,7 +143,7 @@ def phase_jobs(
             continue
         updates = updates_of(method, config.updates)
         runs = GridRuns.of(config, phase, world, method, settings, updates)
-        inputs = (peers.environment_job(method.peer).name,) if method.peer else ()
+        inputs = (learners.environment_job(method.peer).name,) if method.peer else ()
         count = len(runs.seeds) * len(settings) * len(method.served(runs.angles))
         cost = count * (8.0 if method.peer else 1.0) + 10.0
         name = f"methods/{world}/{phase}/{method.name}"
@@ -162,9 +161,9 @@ def run_method(
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)
     if method.peer:
         (environment,) = inputs.values()
-        policies = peers.train_tabular(arena, ground, method, runs, served, environment, folder)
+        policies = learners.train_tabular(arena, ground, method, runs, served, environment, folder)
     else:
-        policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
+        policies = comparison_runs.trained(learners.LEARNERS[method.learner], arena, method, runs)
     rows: list[Row] = []
     for run, policy in zip(runs, policies, strict=True):
         label = {"world": config.world, "method": method.name}
@@ -271,7 +270,7 @@ def view(results: Results) -> Sequence[View]:
         rows = []
         for row in sorted(by_row, key=lambda row: sign * row[measured]):
             of_method = by_method[row["method"],]
-            at_angles = {f"{each['target_angle']:g}°": each[measured] for each in of_method}
+            at_angles = {f"{at['target_angle']:g}°": at[measured] for at in of_method}
             told = ", ".join(name for name in TOLD if row[name]) or "nothing"
             rows.append(
                 {"method": METHODS[row["method"]].label, "mean": row[measured]}

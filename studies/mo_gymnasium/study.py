@@ -82,15 +82,8 @@ class Config:
 LINEAR, FRONT = "exact, linear", "known front"
 """Rows of reference: the optimum of each angle, and all totals that no other dominates."""
 
-MEASURES = (
-    "hypervolume",
-    "expected_utility",
-    "asked_utility",
-    "mean_loss",
-    "largest_loss",
-    "asked_loss",
-)
-COMPARED = MEASURES[:2]
+COMPARED = ("hypervolume", "expected_utility")
+MEASURES = (*COMPARED, "asked_utility", "mean_loss", "largest_loss", "asked_loss")
 
 
 def jobs(config: Config) -> list[Job]:
@@ -119,7 +112,13 @@ def compute_tables(config: Config, context: Context) -> Findings:
     pieces.sort(key=lambda p: (p.task, order.get(p.method, ours), p.method, p.seed))
     rows = [measured(piece) for piece in pieces]
     exact = [task for task in config.tasks if TASKS[task].exact]
-    references = [row for task in exact for row in reference_rows(task)]
+    references: list[Row] = []
+    for task in exact:
+        best = tasks.exact_set(task)
+        linear = np.array([best.optimum(angle).point for angle in ANGLES])
+        for method, points in ((LINEAR, linear), (FRONT, tasks.known_front(task))):
+            label = {"task": task, "method": method, "runs": 0, "steps": 0}
+            references.append(_row(label, _measures(task, points)))
     tables = {
         "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
         "comparisons": comparison_rows(rows),
@@ -182,17 +181,6 @@ def _measures(name: str, points: np.ndarray) -> Row:
         losses = utility_losses(points, tasks.exact_set(name).vertices, ANGLES)
         measures |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
     return measures
-
-
-def reference_rows(name: str) -> list[Row]:
-    """Return the measures of the exact optimum of each angle, and of the known front."""
-    best = tasks.exact_set(name)
-    linear = np.array([best.optimum(angle).point for angle in ANGLES])
-    label = {"task": name, "runs": 0, "steps": 0}
-    return [
-        _row(label | {"method": method}, _measures(name, points))
-        for method, points in ((LINEAR, linear), (FRONT, tasks.known_front(name)))
-    ]
 
 
 def pooled(rows: Sequence[Row]) -> list[Row]:

@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from jaxtyping import Float
 
@@ -49,7 +48,7 @@ class Task:
     continuous: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def make(self) -> gymnasium.Env[Any, Any]:
+    def make(self) -> Any:
         """Make the environment, whose vector reward is the pair."""
         try:
             kind = {"allow_code": True, "needs_pair": True, "continuous": True}
@@ -75,7 +74,7 @@ for _name, _row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_tex
     TASKS[_name] = Task(**_fields)
 
 
-def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
+def enumerated(env: Any) -> TabularMDP:
     """Return the finite MDP of deep-sea-treasure: its states are `current_state`."""
     inner: Any = env.unwrapped
     env.reset(seed=0)

@@ -7,14 +7,13 @@ discrete, else with actor and critics.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
@@ -31,7 +30,6 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import train as iq_learn
 from socialiq.provenance import versions
 from socialiq.storage import write_atomically
-from socialiq.types import Act
 from socialiq.worlds.environment import action_size, sizes
 from socialiq_lab.jobs import ProgressCallback
 from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task
@@ -71,8 +69,7 @@ def value_dials(
 ) -> list[Any]:
     """Train a dial for each seed, online, for all angles from 0 to 90 degrees or `only` one."""
     env, demonstrated = task.make(), bool(datasets)
-    space = env.observation_space
-    assert isinstance(space, spaces.Box)  # of others no environment is made
+    space: Any = env.observation_space
     static = DialConfig(
         demonstrations=demonstrated,
         backup="double",
@@ -93,7 +90,7 @@ def value_dials(
         for number, seed in enumerate(seeds)
     ]
 
-    def exploring(networks: Any, run: int, done: int, rng: np.random.Generator) -> Act:
+    def exploring(networks: Any, run: int, done: int, rng: Any) -> Driver:
         share = max(LAST_EXPLORATION, 1.0 - 2.0 * done / steps)
         explores = dataclasses.replace(numbers[run], exploration=share)
         return Driver(static, explores, networks.values, rng)
@@ -128,12 +125,9 @@ def actor_dials(
     """Train a dial for each seed, online; the arguments are those of `value_dials`."""
     if not datasets:
         return soft_actors(task, steps, [(seed, 0.0) for seed in seeds], dial=True)
-    static = _demonstrated(task, steps, dial=True)
     base = dataclasses.replace(DEMONSTRATED, discount=task.discount)
-    numbers = [
-        dataclasses.replace(base, seed=seed, dataset=number) for number, seed in enumerate(seeds)
-    ]
-    return _collected(task, static, numbers, datasets)
+    numbers = [dataclasses.replace(base, seed=s, dataset=i) for i, s in enumerate(seeds)]
+    return _collected(task, _demonstrated(task, steps, dial=True), numbers, datasets)
 
 
 def soft_actors(
@@ -151,9 +145,8 @@ def soft_actors(
 
 
 def _shared(task: Task, updates: int) -> dict[str, Any]:
-    names = ("updates", "replay_capacity")
-    shared: dict[str, Any] = dict.fromkeys(names, updates)
-    return shared | {"hidden": task.hidden, "updates_per_round": ACTOR_ROUND}
+    shared = {"hidden": task.hidden, "updates_per_round": ACTOR_ROUND}
+    return shared | {"updates": updates, "replay_capacity": updates}
 
 
 def _demonstrated(task: Task, updates: int, **changes: Any) -> config.ActorIQLearnConfig:
@@ -180,7 +173,7 @@ def _collected(
     return _policies(actors.train(static, numbers, datasets, None, shape, **options))
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Training:
     """Training of one method on a task with several seeds, in one program."""
 
@@ -203,6 +196,11 @@ def train_and_evaluate(
     for seed, outcome in zip(run.seeds, outcomes, strict=True):
         turned = not isinstance(outcome, list)
         policies = [outcome.at(angle) for angle in ANGLES] if turned else outcome
+        totals = []
+        for policy in policies:
+            rolled = rollout_env(task.make(), policy, task.episodes, task.first_episode)
+            sums = rolled.transitions.totals()
+            totals.append([round(float(total.mean()), 6) for total in sums])
         piece = Piece(
             task=run.task,
             method=run.method,
@@ -210,18 +208,12 @@ def train_and_evaluate(
             steps=steps,
             evaluation_steps_while_training=0,
             angles=list(ANGLES) if turned else None,
-            totals=[totals(task, policy) for policy in policies],
+            totals=totals,
             settings=settings | {"allowed_steps": run.steps},
             seconds=round(seconds, 1),
             versions=versions(LIBRARIES),
         )
         write_atomically(folder / FOLDER / piece.file, piece.content())
-
-
-def totals(task: Task, policy: Any) -> list[float]:
-    """Return the mean totals of both rewards over the evaluation's episodes."""
-    rolled = rollout_env(task.make(), policy, task.episodes, task.first_episode)
-    return [round(float(total.mean()), 6) for total in rolled.transitions.totals()]
 
 
 def trained(task: Task, method: str, seeds: Sequence[int]) -> tuple[list[Any], int, dict[str, Any]]:
@@ -290,13 +282,11 @@ def train_trio(
     task: Task, datasets: Sequence[Demonstrations], seeds: Sequence[int]
 ) -> list[list[Any]]:
     """Return for each seed a policy of each expert's angle: IQ-Learn offline on its data set."""
-    base = dataclasses.replace(
-        DEMONSTRATED if task.continuous else TRIO_NUMBERS, discount=task.discount
-    )
+    base = DEMONSTRATED if task.continuous else TRIO_NUMBERS
+    runs = itertools.product(enumerate(seeds), EXPERT_ANGLES)
     numbers = [
-        dataclasses.replace(base, seed=seed, angle=angle, dataset=number)
-        for number, seed in enumerate(seeds)
-        for angle in EXPERT_ANGLES
+        dataclasses.replace(base, discount=task.discount, seed=seed, angle=angle, dataset=number)
+        for (number, seed), angle in runs
     ]
     if task.continuous:
         offline = {"online": False, "value_term": "value_expert", "chi2_on": "expert"}

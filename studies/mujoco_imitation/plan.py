@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 from socialiq.demonstrations import files
@@ -16,8 +17,7 @@ from socialiq.storage import read_json, shipped
 from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job, ProgressCallback
 from studies.mujoco_imitation import runs
-from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
-from studies.mujoco_imitation.tasks import TASKS, make_env, played
+from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, TASKS, VARIANTS
 
 COUNTS = (1, 5, 25)
 """Trajectories of a set of demonstrations, as in the tables."""
@@ -152,7 +152,7 @@ def show(
     else:
         expert = next(iter(inputs.values())) / POLICY
     policy = ActorPolicy.load(expert)
-    episodes = played(TASKS[showing.task], policy, showing.trajectories, showing.seed)
+    episodes = runs.played(TASKS[showing.task], policy, showing.trajectories, showing.seed)
     files.save(folder / runs.SHOWN, episodes)
     progress(1.0)
 
@@ -164,11 +164,9 @@ def _sha256(pieces: Pieces, task: str) -> str:
 
 def cells(config: Config) -> Iterator[tuple[str, str, int]]:
     """Yield task, method and number of trajectories of each cell of the plan."""
-    for task in config.tasks:
-        for count in config.trajectories:
-            for method in config.methods:
-                if METHODS[method].forces or TASKS[task].forces:
-                    yield task, method, count
+    for task, count, method in product(config.tasks, config.trajectories, config.methods):
+        if METHODS[method].forces or TASKS[task].forces:
+            yield task, method, count
     task, count = ABLATED
     if config.ablate and task in config.tasks and count in config.trajectories:
         for variant in config.variants:
@@ -178,7 +176,7 @@ def cells(config: Config) -> Iterator[tuple[str, str, int]]:
 def jobs(config: Config) -> list[Job]:
     """Return `plan`, once MuJoCo is known to be there."""
     if planned := plan(config):
-        make_env(TASKS[config.tasks[0]]).close()
+        runs.make_env(TASKS[config.tasks[0]]).close()
     return planned
 
 
@@ -209,16 +207,12 @@ def plan(config: Config) -> list[Job]:
         for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
             first = config.data_seed + max(COUNTS) * seed
             showing = Showing(task, max(config.trajectories), first, *source)
-            planned.append(Job(_shown(task, seed), show, showing, inputs, cost=5.0))
+            planned.append(Job(f"shown/{task}-{seed}", show, showing, inputs, cost=5.0))
         for (method, count), seeds in missing.items():
             evaluation = config.updates, config.episodes, config.evaluation_seed
             run = runs.Imitation(task, method, count, seeds, *evaluation)
-            sets = tuple(_shown(task, seed) for seed in seeds)
+            sets = tuple(f"shown/{task}-{seed}" for seed in seeds)
             cost = len(seeds) * (90.0 if runs.RECIPES[method].online else 15.0)
             name = "runs/" + name_of(task, method, count, seeds[0]).removesuffix(".json")
             planned.append(Job(name, runs.imitate, run, sets, cost=cost))
     return planned
-
-
-def _shown(task: str, seed: int) -> str:
-    return f"shown/{task}-{seed}"

@@ -1,18 +1,20 @@
-"""Methods of the study, and its jobs: experts, their demonstrations, and what learns from them."""
+"""Tasks, methods, and the jobs: experts, their demonstrations, and what learns from them."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import gymnasium
 import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_absorbing_states
+from socialiq.errors import UserError
+from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.acting import acting_in, drawing
 from socialiq.learners.callbacks import Callbacks
@@ -24,12 +26,76 @@ from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json, write_json
-from socialiq.worlds.environment import action_size, sizes
+from socialiq.types import Policy
+from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.jobs import ProgressCallback
 from socialiq_lab.registry import declaration
-from studies.mujoco_imitation.tasks import TASKS, ExpertSettings, Task, make_env, returns
+
+
+@dataclasses.dataclass(frozen=True)
+class ExpertSettings:
+    """Settings of an expert's training, with a step in the environment for each update."""
+
+    updates: int
+    hidden: tuple[int, ...] = (64, 64)
+    batch_size: int = 128
+    learning_rate: float = 1e-3
+    schedule: Literal["constant", "linear"] = "constant"
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """An environment, and what its policies take."""
+
+    env: str
+    expert: ExpertSettings
+    online_updates: int
+    published: float
+    """Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of another expert."""
+    forces: range = range(0)
+    """Features that are contact forces."""
+
+
+def _wide(updates: int) -> ExpertSettings:
+    return ExpertSettings(updates, (128, 128), 256, 3e-4, "linear")
+
+
+TASKS = {
+    "Hopper": Task("Hopper-v5", ExpertSettings(300_000), 60_000, 3546.4),
+    "HalfCheetah": Task("HalfCheetah-v5", ExpertSettings(300_000), 60_000, 5076.6),
+    "Walker2d": Task("Walker2d-v5", _wide(600_000), 100_000, 5134.0),
+    "Ant": Task("Ant-v5", _wide(1_000_000), 100_000, 4362.9, forces=range(27, 105)),
+}
+"""Tasks by name in the tables."""
+
+
+def make_env(task: Task) -> gymnasium.Env[Any, Any]:
+    """Make a task's environment, with actions in [-1, 1].
+
+    Raises:
+        UserError: If MuJoCo is not installed.
+    """
+    try:
+        return make_environment(task.env, continuous=True)
+    except UserError as error:
+        if isinstance(error.__cause__, gymnasium.error.DependencyNotInstalled):
+            raise UserError(
+                f"{task.env} needs an extra: pip install 'socialiq-lab[mujoco]'"
+            ) from error
+        raise
+
+
+def played(task: Task, policy: Policy, episodes: int, seed: int) -> Demonstrations:
+    """Return episodes of a policy's mean actions; episode i is reset with seed + i."""
+    return rollout_env(make_env(task), policy, episodes, seed).transitions
+
+
+def returns(task: Task, policy: Policy, episodes: int, seed: int) -> np.ndarray:
+    """Return the undiscounted return of each of some episodes of a policy's mean actions."""
+    return np.asarray(played(task, policy, episodes, seed).totals().env, np.float64)
+
 
 POLICY, RECORD, SHOWN = "expert.safetensors", "expert.json", "shown.safetensors"
 
@@ -38,7 +104,7 @@ ROUND = 1000
 episode."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Method(Recipe):
     """A learner with its settings, a table `[method.NAME]` of STUDY.toml."""
 
@@ -84,7 +150,7 @@ VARIANTS: dict[str, Method] = declared_recipes(_DECLARED["variant"], METHODS)
 RECIPES = METHODS | VARIANTS
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Expert:
     """Recipe of an expert: the best of its checkpoints, by `judged` episodes for each."""
 
@@ -156,7 +222,7 @@ def _resumable(checkpoint: Path, progress: ProgressCallback, monitor: Any = None
     )
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Imitation:
     """Training of one method in one program; each seed has a set of its own, an input."""
 

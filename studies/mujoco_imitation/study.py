@@ -12,8 +12,7 @@ from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, matching, nested, paired_row, with_holm
 from studies.mujoco_imitation import plan
 from studies.mujoco_imitation.plan import ABLATED, Config, Pieces, jobs
-from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, VARIANTS
-from studies.mujoco_imitation.tasks import TASKS
+from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, TASKS, VARIANTS
 
 __all__ = ["Config", "compute_tables", "jobs"]
 
@@ -27,17 +26,31 @@ def compute_tables(config: Config, context: Context) -> Findings:
             for name in (POLICY, RECORD):
                 pieces[f"{job.config.task}_{name}"] = (folder / name).read_bytes()
         if job.stage == "runs":
-            for seed in job.config.seeds:
-                run = job.config
+            run = job.config
+            for seed in run.seeds:
                 name = plan.name_of(run.task, run.method, run.trajectories, seed)
                 pieces[name] = (folder / f"{seed}.json").read_bytes()
     experts = expert_rows(pieces)
     runs = run_rows(pieces, experts)
+    tests = []  # IQ-Learn's share against that of cloning, paired over seeds
+    for task, count in dict.fromkeys((row["task"], row["trajectories"]) for row in runs):
+        label = {"task": task, "trajectories": count}
+        for name, method in METHODS.items():
+            if method.clone:
+                tests += _paired(label, matching(runs, **label), name, method.clone)
+    cells = []
+    for task, method, count in plan.cells(config):
+        if method in METHODS:
+            label = {"task": task, "trajectories": count, "method": method}
+            cell = matching(runs, **label)
+            online = count == 1 and METHODS[method].online
+            published = {"published": TASKS[task].published if online else ""}
+            cells.append(label | {"runs": len(cell)} | _pooled(cell) | published)
     tables = {
-        "cells": cell_rows(config, runs),
+        "cells": cells,
         "experts": experts,
         "runs": runs,
-        "differences": difference_rows(runs),
+        "differences": with_holm(tests),
         "ablations": ablation_rows(runs),
         "ablation_differences": ablation_difference_rows(runs),
     }
@@ -82,19 +95,6 @@ def run_rows(pieces: Pieces, experts: Sequence[Row]) -> list[Row]:
     return rows
 
 
-def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
-    """Return each cell of the plan, with the number of its runs and, if there are any, means."""
-    rows = []
-    for task, method, count in plan.cells(config):
-        if method in METHODS:
-            cell = matching(runs, task=task, method=method, trajectories=count)
-            row = {"task": task, "trajectories": count, "method": method, "runs": len(cell)}
-            online = count == 1 and METHODS[method].online
-            published = TASKS[task].published if online else ""
-            rows.append(row | _pooled(cell) | {"published": published})
-    return rows
-
-
 def _pooled(runs: Sequence[Row]) -> Row:
     names = ("mean_return", "least_run", "share", "least_share")
     if not runs:
@@ -102,18 +102,6 @@ def _pooled(runs: Sequence[Row]) -> Row:
     returned, share = column(runs, "mean_return"), column(runs, "share")
     values = (np.mean(returned), min(returned), np.mean(share), min(share))
     return dict(zip(names, map(float, values), strict=True))
-
-
-def difference_rows(runs: Sequence[Row]) -> list[Row]:
-    """Test IQ-Learn's share against that of cloning, paired over seeds, Holm over all."""
-    tests = []
-    for task, count in dict.fromkeys((row["task"], row["trajectories"]) for row in runs):
-        cell = matching(runs, task=task, trajectories=count)
-        for name, method in METHODS.items():
-            if method.clone:
-                label = {"task": task, "trajectories": count}
-                tests += _paired(label, cell, name, method.clone)
-    return with_holm(tests)
 
 
 def ablation_difference_rows(runs: Sequence[Row]) -> list[Row]:
@@ -125,14 +113,12 @@ def ablation_difference_rows(runs: Sequence[Row]) -> list[Row]:
 
 def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Row]:
     """Return the test of a method's share against another's; none below two seeds with both."""
-    first_shares, second_shares = (
-        {row["seed"]: row["share"] for row in matching(cell, method=method)}
-        for method in (first, second)
-    )
-    seeds = sorted(set(first_shares) & set(second_shares))
+    cells = [matching(cell, method=method) for method in (first, second)]
+    shares = [{row["seed"]: row["share"] for row in rows} for rows in cells]
+    seeds = sorted(shares[0].keys() & shares[1].keys())
     if len(seeds) < 2:
         return []
-    sides = ([of[seed] for seed in seeds] for of in (first_shares, second_shares))
+    sides = ([of_seed[seed] for seed in seeds] for of_seed in shares)
     return [paired_row(label | {"first": first, "second": second}, *sides)]
 
 
@@ -140,10 +126,8 @@ def ablation_rows(runs: Sequence[Row]) -> list[Row]:
     """Return the means of online imitation and of its variants, in the ablations' cell."""
     task, count = ABLATED
     cell = matching(runs, task=task, trajectories=count)
-    changed = any(row["method"] in VARIANTS for row in cell)
-    cells_of = {name: matching(cell, method=name) for name in ("online", *VARIANTS) if changed}
-    return [
-        {"method": name, "runs": len(runs_of_method)} | _pooled(runs_of_method)
-        for name, runs_of_method in cells_of.items()
-        if runs_of_method
-    ]
+    if not any(row["method"] in VARIANTS for row in cell):
+        return []
+    names = [name for name in ("online", *VARIANTS) if matching(cell, method=name)]
+    of_methods = {name: matching(cell, method=name) for name in names}
+    return [{"method": n, "runs": len(rows)} | _pooled(rows) for n, rows in of_methods.items()]

@@ -8,9 +8,8 @@ from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run, save
 from studies.mujoco_imitation import plan
 from studies.mujoco_imitation.plan import Config
-from studies.mujoco_imitation.runs import METHODS
+from studies.mujoco_imitation.runs import METHODS, TASKS, returns
 from studies.mujoco_imitation.study import compute_tables
-from studies.mujoco_imitation.tasks import TASKS, returns
 
 pytest.importorskip("mujoco")
 

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
@@ -58,7 +57,7 @@ class ConditionedClone(shared.Baseline):
         return loss, {"loss": loss}
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class OutcomeHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
 
@@ -66,7 +65,7 @@ class OutcomeHyperparameters(settings.LearnerHyperparameters):
     """Quantile of R(α) among the demonstrated episodes of the one whose outcome is asked for."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class OutcomePolicy:
     """Clone that is asked for an outcome, one of the `totals` of the demonstrated episodes."""
 
@@ -124,7 +123,7 @@ class OutcomeConditioned(ConditionedClone):
         return OutcomePolicy(state.network, totals, hyperparameters.quantile, record)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class GuidanceConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
@@ -132,7 +131,7 @@ class GuidanceConfig(settings.LearnerConfig):
     """V of the advantage: by states that are seen again, or by a fitted network."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class GuidanceHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
@@ -195,7 +194,7 @@ CLIPPED = 0.1, 0.9
 """Bounds of DWBC's d in the weights, as in the paper."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class DWBCConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
@@ -203,7 +202,7 @@ class DWBCConfig(settings.LearnerConfig):
     """One part in so many of the episodes are the expert's."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class DWBCHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 

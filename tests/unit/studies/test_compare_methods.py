@@ -29,7 +29,7 @@ from socialiq_lab.intersection.driving import EpisodesRun
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
-from studies.compare_methods import intersection, peers, study
+from studies.compare_methods import intersection, learners, study
 from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.learners import LEARNERS
 from studies.compare_methods.study import ANGLES, SETTINGS_EACH, TOLD, Config, updates_of
@@ -252,18 +252,18 @@ np.savez(folder / "policies.npz", updates_per_second=7.0, **made)
 def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypatch) -> None:
     """A script that takes action 0 for the first data set and 1 for the second."""
     (tmp_path / "imitation_peer.py").write_text(SCRIPT)
-    monkeypatch.setattr(peers, "scripts", lambda: tmp_path)
-    monkeypatch.setattr(peers, "PYTHON", Path(sys.executable))
+    monkeypatch.setattr(learners, "scripts", lambda: tmp_path)
+    monkeypatch.setattr(learners, "PYTHON", Path(sys.executable))
     ground, method = Ground.of("crossing5"), METHODS["gail"]
     runs = [Run(0.0, 5, 0, method.settings[0]), Run(0.0, 6, 1, method.settings[0])]
     served = {0.0: (0.0, 15.0)}
-    policies = peers.train_tabular(
+    policies = learners.train_tabular(
         arena, ground, method, runs, served, tmp_path / "imitation", tmp_path
     )
     assert [policy[15.0].argmax(axis=1)[0] for policy in policies] == [0, 1]
     assert arena.rates[-1] == 7.0
     assert [path.name for path in tmp_path.iterdir()] == ["imitation_peer.py"]
-    found = peers.request(arena, method, runs[0], (90.0,))
+    found = learners.request(arena, method, runs[0], (90.0,))
     assert json.loads(json.dumps(found))["weights"] == [[0.0, 1.0]]
     assert found["learning_rate"] == dict(method.settings[0])["learning_rate"]
     rows = rows_of(ground, method, {"world": "crossing5"}, 5, policies[0], (0.0, 15.0))
@@ -272,25 +272,25 @@ def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypat
 
 def test_a_peer_that_fails_is_told_in_one_line(arena, tmp_path, monkeypatch) -> None:
     (tmp_path / "imitation_peer.py").write_text("raise ValueError('no such thing')")
-    monkeypatch.setattr(peers, "scripts", lambda: tmp_path)
-    monkeypatch.setattr(peers, "PYTHON", Path(sys.executable))
+    monkeypatch.setattr(learners, "scripts", lambda: tmp_path)
+    monkeypatch.setattr(learners, "PYTHON", Path(sys.executable))
     method = METHODS["gail"]
     given = (arena, Ground.of("crossing5"), method, [Run(0.0, 5, 0, method.settings[0])])
     with pytest.raises(UserError, match="no such thing") as caught:
-        peers.train_tabular(*given, {0.0: (0.0,)}, tmp_path, tmp_path)
+        learners.train_tabular(*given, {0.0: (0.0,)}, tmp_path, tmp_path)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("wrong", [np.ones((3, 2)), -np.ones((15, 2)), np.full((15, 2), np.nan)])
 def test_a_table_of_a_peer_that_is_no_policy_is_refused(wrong) -> None:
     with pytest.raises(UserError, match="must be"):
-        peers.checked(wrong, Ground.of("crossing5"))
+        learners.checked(wrong, Ground.of("crossing5"))
 
 
 def test_the_world_of_a_peer_is_ours() -> None:
     """Its environment draws the same outcomes: probabilities, endings and rewards are the MDP's."""
     ground = Ground.of("crossing7")
-    given = peers.world_arrays(ground)
+    given = learners.world_arrays(ground)
     np.testing.assert_allclose(given["probability"].sum(axis=2), 1.0)
     assert given["observation"].shape == (ground.part.mdp.n_states, ground.table.world.n_features)
     assert int(given["horizon"]) == ground.table.world.horizon
@@ -299,12 +299,12 @@ def test_the_world_of_a_peer_is_ours() -> None:
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0])
 def test_the_environment_of_a_peer_gives_the_exact_totals(angle: float, monkeypatch) -> None:
     """In the 5x5 world nothing is left to chance."""
-    monkeypatch.syspath_prepend(str(peers.scripts()))
+    monkeypatch.syspath_prepend(str(learners.scripts()))
     tabular_env = importlib.import_module("tabular_env")
     ground = Ground.of("crossing5")
     policy = expert_policy(ground.table, angle)[ground.table.mdp.reachable()]
     exact = evaluate_exactly(ground.part, policy)
-    env = tabular_env.TabularEnv(peers.world_arrays(ground), vector=True)
+    env = tabular_env.TabularEnv(learners.world_arrays(ground), vector=True)
     env.reset(seed=0)
     total, over = np.zeros(2), False
     while not over:
@@ -316,10 +316,11 @@ def test_the_environment_of_a_peer_gives_the_exact_totals(angle: float, monkeypa
 
 def test_environments_have_pins() -> None:
     for library in {method.peer for method in METHODS.values() if method.peer}:
-        job = peers.environment_job(library)
+        job = learners.environment_job(library)
         pins = job.config.pins.splitlines()
         assert (
-            all("==" in pin for pin in pins) and (peers.scripts() / f"{library}_peer.py").is_file()
+            all("==" in pin for pin in pins)
+            and (learners.scripts() / f"{library}_peer.py").is_file()
         )
 
 

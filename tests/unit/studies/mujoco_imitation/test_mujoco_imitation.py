@@ -9,8 +9,7 @@ from socialiq.errors import UserError
 from socialiq_lab.study import Context
 from studies.mujoco_imitation import plan, study
 from studies.mujoco_imitation.plan import Config
-from studies.mujoco_imitation.runs import METHODS, RECIPES, VARIANTS, Imitation, settled
-from studies.mujoco_imitation.tasks import TASKS
+from studies.mujoco_imitation.runs import METHODS, RECIPES, TASKS, VARIANTS, Imitation, settled
 
 CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
 LONGER = "online, standardised, 300,000 updates"
@@ -98,7 +97,7 @@ def test_an_expert_shows_episodes_only_if_it_is_the_planned_one(
     job = next(job for job in plan.plan(Config(**SMALL, pieces=folder)) if job.stage == "shown")
     read = []
     monkeypatch.setattr(plan.ActorPolicy, "load", read.append)
-    monkeypatch.setattr(plan, "played", lambda *_inputs: None)
+    monkeypatch.setattr(plan.runs, "played", lambda *_inputs: None)
     monkeypatch.setattr(plan.files, "save", lambda *_inputs: None)
     plan.show(job.config, tmp_path, {}, lambda _share: None)
     expert = tmp_path / "results" / "pieces" / "Hopper_expert.safetensors"

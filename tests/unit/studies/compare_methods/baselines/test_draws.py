@@ -18,17 +18,15 @@ from studies.compare_methods.baselines.clones import (
     OutcomeConditioned,
     OutcomeHyperparameters,
 )
-from studies.compare_methods.baselines.intentions import (
-    IntentionConfig,
-    IntentionHyperparameters,
-    MultiIntention,
-)
 from studies.compare_methods.baselines.offline import (
     LARGEST_WEIGHT,
     SPRINQL,
     ImplicitQLearning,
+    IntentionConfig,
+    IntentionHyperparameters,
     IQLHyperparameters,
     IQLNetworks,
+    MultiIntention,
     SPRINQLConfig,
     SPRINQLHyperparameters,
     ValueConfig,

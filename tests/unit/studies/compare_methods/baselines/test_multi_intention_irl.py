@@ -5,7 +5,7 @@ import pytest
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
-from studies.compare_methods.baselines.intentions import (
+from studies.compare_methods.baselines.offline import (
     IntentionConfig,
     IntentionHyperparameters,
     MultiIntention,
