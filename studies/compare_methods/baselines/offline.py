@@ -11,10 +11,11 @@ drawn to. With U the mixture of the levels by their weights, and β the conserva
 
     - Σ_i w_i E_i[r̂] + E_U[V(s) - γ (1 - d) V(s')] + a E_U[(r̂ - λ r_ref)²] + β E_U[V(s) - Q(s, a)].
 
-Multi-intention inverse reinforcement learning by EM (Babes et al. 2011): K intentions, each with a Q
-of its own. The M step is IQ-Learn of every episode, weighted by how likely it is of the intention;
-the E step takes these weights, the responsibilities, from the likelihoods of the episodes' actions
-under softmax(Q_k/τ). No label is seen. At an angle the intention is taken whose episodes score best.
+Multi-intention inverse reinforcement learning by EM (Babes et al. 2011): K intentions, each with
+a Q of its own. The M step is IQ-Learn of every episode, weighted by how likely it is of the
+intention; the E step takes these weights, the responsibilities, from the likelihoods of the
+episodes' actions under softmax(Q_k/τ). No label is seen. At an angle the intention is taken whose
+episodes score best.
 """
 
 from __future__ import annotations
