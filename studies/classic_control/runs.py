@@ -92,11 +92,7 @@ def learn(
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """Sets of demonstrations, each of so many trajectories of its own.
-
-    A protocol of `PROTOCOLS` says what is kept of a trajectory. Set i begins with the episode of
-    seed + i * trajectories. Policies are evaluated in `episodes` from `evaluation_seed` on.
-    """
+    """Sets of demonstrations; set i begins with the episode of seed + i * trajectories."""
 
     task: str
     protocol: str

@@ -1,9 +1,8 @@
 """IQ-Learn on classic control from few transitions, an outside check of the learner.
 
-This is not a claim of the thesis. The IQ-Learn paper (Garg et al. 2021, Fig 2) learns CartPole
-offline from every 20th transition of one expert trajectory. The paper's expert files are no longer
-public, so the experts here are hand-written controllers (`tasks`). What is learned depends on the
-trajectory, so that everything is repeated over several.
+The IQ-Learn paper (Garg et al. 2021, Fig 2) learns CartPole offline from every 20th transition of
+one expert trajectory. Its expert files are no longer public, so the experts here are hand-written
+controllers (`tasks`), and everything is repeated over several trajectories.
 """
 
 from __future__ import annotations

@@ -112,26 +112,31 @@ def compute_tables(config: Config, context: Context) -> Findings:
     pieces.sort(key=lambda p: (p.task, order.get(p.method, ours), p.method, p.seed))
     rows = [measured(piece) for piece in pieces]
     exact = [task for task in config.tasks if TASKS[task].exact]
+    coverage: list[Row] = []  # runs that are there, of how many that belong to the study
+    for task in config.tasks:
+        for method in (*config.methods_of(task), *TASKS[task].peers):
+            there = sum((piece.task, piece.method) == (task, method) for piece in pieces)
+            row = {"task": task, "method": method, "runs": there, "of": len(config.seeds)}
+            coverage.append(row)
     references: list[Row] = []
     for task in exact:
         best = tasks.exact_set(task)
         linear = np.array([best.optimum(angle).point for angle in ANGLES])
-        for method, points in ((LINEAR, linear), (FRONT, tasks.known_front(task))):
+        for method, totals in ((LINEAR, linear), (FRONT, tasks.known_front(task))):
             label = {"task": task, "method": method, "runs": 0, "steps": 0}
-            references.append(_row(label, _measures(task, points)))
+            references.append(_row(label, _measures(task, totals)))
+    points: list[Row] = []
+    for piece in pieces:
+        label = {"task": piece.task, "method": piece.method, "seed": piece.seed}
+        angles = piece.angles or [""] * len(piece.totals)
+        for angle, (first, second) in zip(angles, piece.totals, strict=True):
+            points.append(label | {"angle": angle, "first": first, "second": second})
     tables = {
         "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
         "comparisons": comparison_rows(rows),
-        "coverage": coverage(config, pieces),
+        "coverage": coverage,
         "runs": rows,
-        "points": [
-            {"task": piece.task, "method": piece.method, "seed": piece.seed}
-            | {"angle": angle, "first": first, "second": second}
-            for piece in pieces
-            for angle, (first, second) in zip(
-                piece.angles or [""] * len(piece.totals), piece.totals, strict=True
-            )
-        ],
+        "points": points,
         "fronts": [
             {"task": task, "first": first, "second": second}
             for task in exact
@@ -141,16 +146,6 @@ def compute_tables(config: Config, context: Context) -> Findings:
     summary = nested(tables["pooled"], "task", "method", keep=MEASURES)
     files = {f"{FOLDER}/{piece.file}": piece.content() for piece in pieces}
     return Findings(tables, summary, files)
-
-
-def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
-    """Return how many runs of each method are there, of how many that belong to the study."""
-    rows: list[Row] = []
-    for task in config.tasks:
-        for method in (*config.methods_of(task), *TASKS[task].peers):
-            there = sum((piece.task, piece.method) == (task, method) for piece in pieces)
-            rows.append({"task": task, "method": method, "runs": there, "of": len(config.seeds)})
-    return rows
 
 
 def measured(piece: Piece) -> Row:

@@ -1,17 +1,14 @@
 """Clones, offline: of outcomes (RvS, PEDA), of optimal actions (CFGRL), of the best rows (DWBC).
 
 RvS (Emmons et al. 2022; PEDA, Zhu et al. 2023): one network clones every demonstration given the
-pair of totals (G_env, G_social) of its episode. At an angle it is asked for the best pair that was
-demonstrated there. As in RvS the outcome is constant over an episode; returns that are counted
-down, as PEDA has them, would need a policy with memory.
+pair of totals (G_env, G_social) of its episode, as in RvS constant over the episode. At an angle
+it is asked for the best pair that was demonstrated there.
 
 CFGRL (Frans et al. 2025): one network clones the demonstrations twice, without a condition,
 π̂(a|s), and given that the advantage A(s, a) of R(α) is 0 or more, π̂(a|s, o = 1). With the
 guidance weight w the policy is
 
-    π_w(a|s) ∝ π̂(a|s) (π̂(a|s, o = 1) / π̂(a|s))^w ∝ π̂(a|s) p(o = 1|s, a)^w,
-
-which is better the larger w is, as long as both clones are right.
+    π_w(a|s) ∝ π̂(a|s) (π̂(a|s, o = 1) / π̂(a|s))^w ∝ π̂(a|s) p(o = 1|s, a)^w.
 
 DWBC (Xu et al. 2022): the best share of the episodes by R(α) are the expert's, E; all of them are
 the other set, O, which holds more of what the expert would do. A discriminator d(s, a, log π(a|s))

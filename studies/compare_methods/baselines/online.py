@@ -12,9 +12,7 @@ alone: in these worlds a state doesn't show what was done.
 
 ParIRL (Kim et al. 2024): a reward is inferred for the egoists and one for the altruists. A policy
 in between is one of their mean, weighted by its preference. One network conditioned on the
-preference learns all of them by acting. The paper distils the front into a diffusion model and
-measures distances of rewards by EPIC; here both are linear, so the network can learn the
-interpolated rewards themselves.
+preference learns all of them by acting; the paper distils the front into a diffusion model.
 """
 
 from __future__ import annotations
