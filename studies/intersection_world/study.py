@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.errors import one_of
 from socialiq.evaluation.episodes import Episodes, episodes_of, outcome_row, reward_row
 from socialiq.results_folder import Results
 from socialiq.types import Row
@@ -49,6 +50,7 @@ EPISODE_SEED = 3
 
 def compute_tables(config: Any, context: Context) -> Findings:
     """Drive all drivers, and compute outcomes and rewards."""
+    one_of("back_end", config.back_end, tuple(BATCH))
     first, how = config.seeds[0], (config.threads, config.back_end)
 
     def driven(stage: str, cells: Any, episodes: int) -> Iterator[tuple[str, str, Episodes]]:

@@ -94,7 +94,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
         "beyond the 1 given": (ONLINE, (DialHyperparameters(dataset=1),), [data], WORLD),
         "needs a world": (ONLINE, RUNS, [data], None),
         "takes no world": (OFFLINE, RUNS, [data], WORLD),
-        "or lack its clock": (ONLINE, RUNS, [demonstrations(n_features=6)], WORLD),
+        "with a clock if it has one": (ONLINE, RUNS, [demonstrations(n_features=6)], WORLD),
     }
     for line, arguments in refused.items():
         with pytest.raises(UserError, match=line):
