@@ -107,24 +107,25 @@ def of_tree(tree: Any, exact: bool = False) -> str:
     return of_arrays(arrays, exact)
 
 
-def plain(value: Any) -> Any:
-    """Return data for canonical JSON: floats as text of `DIGITS` digits, mappings sorted."""
+def plain(value: Any, digits: int = DIGITS) -> Any:
+    """Return data for canonical JSON: floats as text of so many digits, mappings sorted."""
     if value is None or isinstance(value, bool | str | int):
         return value
     if isinstance(value, float):
-        return f"{value + 0.0:.{DIGITS}g}" if math.isfinite(value) and value else f"{value + 0.0}"
+        return f"{value + 0.0:.{digits}g}" if math.isfinite(value) and value else f"{value + 0.0}"
     if isinstance(value, Mapping):
-        return {str(name): plain(one) for name, one in value.items()}
+        return {str(name): plain(entry, digits) for name, entry in value.items()}
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        return plain(value.tolist(), digits)
     if isinstance(value, tuple | list):
-        return [plain(one) for one in value]
+        return [plain(entry, digits) for entry in value]
     raise TypeError(f"{type(value).__name__} has no plain form")
 
 
-def of_plain(value: Any) -> str:
+def of_plain(value: Any, digits: int = DIGITS) -> str:
     """Return the SHA-256 of plain values as canonical JSON, floats rounded."""
-    return of_bytes(json.dumps(plain(value), sort_keys=True, separators=(",", ":")).encode())
+    text = json.dumps(plain(value, digits), sort_keys=True, separators=(",", ":"))
+    return of_bytes(text.encode())
 
 
 def computed(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from safetensors.numpy import load_file
-from tests.digest.digest import Hashes, Item, differences, of_arrays, of_plain
+from tests.digest.digest import DIGITS, Hashes, Item, differences, of_arrays, of_plain
 
 from socialiq_lab.registry import STUDIES, declaration
 
@@ -17,6 +17,14 @@ VOLATILE_TABLES = ("times", "speed", "speeds")
 
 NEEDS = {"mujoco-imitation": ("mujoco",), "mo-gymnasium": ("mo_gymnasium",)}
 QUICK = ("audit-power", "off-policy", "mo-gymnasium")
+
+
+FEWER_DIGITS = {"mujoco-imitation": 5}
+"""Digits of studies whose returns amplify the last bits of a network.
+
+The order in which XLA adds float32 numbers changes a return of MuJoCo by 3e-7 of itself, and one of
+these returns is 6.237315, on the border of two numbers of six digits.
+"""
 
 
 def tables_of(name: str, folder: Path) -> Hashes:
@@ -29,17 +37,17 @@ def tables_of(name: str, folder: Path) -> Hashes:
     study, content = study_and_declaration(name)
     config = changed(study.Config(), content["tiny"])
     results = run(study, config, work=folder / "work", engine=Engine(processes=1))
-    return hashes_of(results, folder / "work")
+    return hashes_of(results, folder / "work", FEWER_DIGITS.get(name, DIGITS))
 
 
-def hashes_of(results: Any, work: Path) -> Hashes:
+def hashes_of(results: Any, work: Path, digits: int = DIGITS) -> Hashes:
     """Hash tables, summary and names of other files of a study, and the networks of its jobs."""
     hashes = {
-        table: of_plain([without_times(row) for row in rows])
+        table: of_plain([without_times(row) for row in rows], digits)
         for table, rows in results.tables.items()
         if table not in VOLATILE_TABLES
     }
-    hashes["summary"] = of_plain(without_times(results.summary))
+    hashes["summary"] = of_plain(without_times(results.summary), digits)
     if results.files:
         hashes["files"] = of_plain(sorted(results.files))
     networks = sorted(work.rglob("*.safetensors"))
