@@ -32,6 +32,7 @@ from socialiq.learners import fit
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies import process
+from socialiq.policies.interface import Interface
 from socialiq.policies.load import load_policy
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.storage import load_arrays, read_json
@@ -217,11 +218,11 @@ def _answers(path: Path) -> None:
     """Let a policy in a process answer with the file's lines."""
     lines = path.read_bytes().split(b"\n")
 
-    class Child:
-        def __init__(self, *_: object) -> None:
+    class Child(process.Child):
+        def __init__(self, *_: object) -> None:  # starts no process
             pass
 
-        def exchange(self, _line: bytes, _seconds: float, most: int) -> bytes:
+        def exchange(self, line: bytes, seconds: float, most: int) -> bytes:
             return lines.pop(0)[:most] if lines else b""
 
         def failure(self, fault: str) -> UserError:
@@ -231,9 +232,9 @@ def _answers(path: Path) -> None:
             pass
 
     before = process.Child
-    process.Child = Child  # type: ignore[assignment,misc]
+    process.Child = Child
     try:
-        world = process.Interface(GRID.n_features, GRID.n_actions)
+        world = Interface(GRID.n_features, GRID.n_actions)
         policy, details, _ = process.start_process("true", "a process", world, process.Limits())
         json.dumps(details)
         policy.predict(np.zeros((2, GRID.n_features), np.float32), deterministic=True)

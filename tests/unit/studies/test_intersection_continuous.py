@@ -4,7 +4,6 @@ import dataclasses
 from typing import Any
 
 import pytest
-from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -76,10 +75,6 @@ def work_folder(tmp_path_factory):
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
     return run(STUDY, TINY, work=work)
-
-
-def test_no_table_of_the_digest_differs(results, work) -> None:
-    assert differs("intersection-continuous", results, work) == []
 
 
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:

@@ -4,7 +4,6 @@ import dataclasses
 import json
 
 import pytest
-from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -30,10 +29,6 @@ def work_folder(tmp_path_factory):
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
     return run(STUDY, TINY, work=work)
-
-
-def test_no_table_of_the_digest_differs(results, work) -> None:
-    assert differs("intersection", results, work) == []
 
 
 def test_every_policy_has_all_its_episodes(results):
