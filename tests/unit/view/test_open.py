@@ -1,4 +1,4 @@
-"""What is named as a view: audits, policies and their decisions."""
+"""Views by name: audits, policies and their decisions."""
 
 import contextlib
 import json

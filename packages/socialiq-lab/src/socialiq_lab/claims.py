@@ -37,7 +37,7 @@ _COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "none": "",
 }
 STUDIES = tuple(_COMMANDS)
-"""What tests a claim: a study, the identities of the theory, or nothing."""
+"""Tests of claims: studies, the identities of the theory, or nothing."""
 
 _PLACE = re.compile(r"\{([a-z-]+):([^:}]+)(?::([^}]*))?\}")
 

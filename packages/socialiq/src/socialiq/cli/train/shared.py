@@ -1,4 +1,4 @@
-"""What the learners of `train` share: options, settings laid over a config, the folder of a run."""
+"""Common parts of `train LEARNER`: options, settings laid over a config, folder of a run."""
 
 from __future__ import annotations
 
