@@ -113,7 +113,7 @@ class Hyperparameters:
 
 
 class LoggedRows(NamedTuple):
-    """Transitions on the device; `goes_on` is 1 unless s' is terminal, `chances` are π(·|s')."""
+    """Transitions on the device; `goes_on` is 1 unless s' is terminal, `chances` are π in s'."""
 
     observation: Array
     action: Array
