@@ -289,7 +289,7 @@ def check_fit(
     distinct = sorted({tuple(shape) for shape in shapes})
     if len(distinct) != 1:
         raise UserError(
-            f"data and world differ in (features, actions): {distinct}: record the data in this "
-            "world, with a clock if it has one"
+            f"data and world differ in (features, actions): {distinct}: they belong to another "
+            "world; record the data in this one, with a clock if it has one"
         )
     return distinct[0]
