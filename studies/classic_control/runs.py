@@ -102,7 +102,7 @@ class Source:
     episodes: int
     evaluation_seed: int
 
-    def whole(self) -> list[Demonstrations]:
+    def whole_trajectories(self) -> list[Demonstrations]:
         """Return the whole trajectories of each set."""
         episodes = trajectories(TASKS[self.task], self.sets * self.trajectories, self.seed)
         sets = np.arange(episodes.n_episodes).reshape(self.sets, self.trajectories)
@@ -157,7 +157,7 @@ def train_and_score(
 ) -> None:
     """Train; write the mean return of each policy and of each set's ensemble."""
     source, method = run.source, RECIPES[run.method]
-    sets = source.thinned(source.whole(), method.mirrored)
+    sets = source.thinned(source.whole_trajectories(), method.mirrored)
     callbacks = Callbacks(on_report=lambda report: progress(report.done / report.total))
     trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, callbacks)
     rows: list[Row] = []
@@ -193,7 +193,7 @@ def inspect(
     run: Inspection, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
     """Write each set's expert return, and of CartPole cycle, spread and linear fits' returns."""
-    source, sets = run.source, run.source.whole()
+    source, sets = run.source, run.source.whole_trajectories()
     rows: list[Row] = []
     for number, (episodes, data) in enumerate(zip(sets, source.thinned(sets, False), strict=True)):
         row = source.label() | {"set": number, "rows": data.n_transitions}

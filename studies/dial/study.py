@@ -280,7 +280,7 @@ def budget_tables(
         chosen = chances[np.arange(len(demonstrations.action)), demonstrations.action]
         rows.append(
             {"budget": epsilon, "seed": seed, "angle": angle}
-            | {"multiplier": float(trained.kept[run])}
+            | {"multiplier": float(trained.retained[run])}
             | {"log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean())}
             | {f"regret_{way}": ground.regret(dial.at(angle), angle, way) for way in READOUTS}
         )

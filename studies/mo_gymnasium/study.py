@@ -67,7 +67,7 @@ class Config:
         """Return the steps that a method may take in a task."""
         return self.steps or TASKS[task].steps
 
-    def kept(self) -> list[Piece]:
+    def saved_pieces(self) -> list[Piece]:
         """Return the finished pieces of the tasks, with their steps; peers' of every seed."""
         folder = Path(self.pieces or packaged_results() / "mo-gymnasium" / FOLDER)
         pieces = tasks.within(tasks.read(folder), {task: self.budget(task) for task in self.tasks})
@@ -90,7 +90,7 @@ def jobs(config: Config) -> list[Job]:
     """Return a job for each task and method of ours whose pieces are not all there."""
     if not config.train:
         return []
-    there = {(piece.task, piece.method, piece.seed) for piece in config.kept()}
+    there = {(piece.task, piece.method, piece.seed) for piece in config.saved_pieces()}
     planned = []
     for task in config.tasks:
         for method in config.methods_of(task):
@@ -104,7 +104,7 @@ def jobs(config: Config) -> list[Job]:
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Measure every piece, and add the references of tasks whose front is known."""
-    pieces = config.kept()
+    pieces = config.saved_pieces()
     for job in context.jobs:
         pieces += tasks.read(context.work / job.name / FOLDER)
     order = {method: number for number, method in enumerate(METHODS)}  # ours stand first

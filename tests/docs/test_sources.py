@@ -54,6 +54,19 @@ def test_variables_name_their_content():
     assert vague.total() < SHARE * total, f"name the content of variables in {worst}"
 
 
+def test_definitions_name_their_content():
+    """`part` and `parts` are terms: pieces of episodes that processes share, of a file that a page
+    reads."""
+    terms = {"part", "parts"}
+    vague = [
+        f"{path}: {item.name}"
+        for path, tree in trees()
+        for item in ast.walk(tree)
+        if isinstance(item, ast.FunctionDef | ast.ClassDef) and item.name in VAGUE - terms
+    ]
+    assert vague == []
+
+
 def test_long_functions_are_found():
     body = "\n".join("    x = 1" for _ in range(LONGEST - 1))
     assert long_functions(ast.parse(f"def a():\n{body}")) == []

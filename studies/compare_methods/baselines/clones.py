@@ -111,7 +111,7 @@ class OutcomeConditioned(ConditionedClone):
         outcome = RewardPair(*((total - mean) / spread for total, mean, spread in columns))
         return (rows, outcome), key
 
-    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> OutcomePolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> OutcomePolicy:
         """Return the clone with the outcomes of its demonstrations."""
         first, end = self.table.start_bounds[hyperparameters.dataset + jnp.arange(2)]
         starts = self.table.starts[int(first) : int(end)]
@@ -163,7 +163,7 @@ class GuidedCloning(ConditionedClone):
         optimal = score(hyperparameters.weights, rows.target) >= 0.0
         return (rows, RewardPair(is_shown, is_shown * optimal)), key
 
-    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
         """Return the guided policy; its logits are those of π_w."""
         record = self.record(hyperparameters)
         conditions = [RewardPair(value, value) for value in (jnp.zeros(()), jnp.ones(()))]

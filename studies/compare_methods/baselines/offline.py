@@ -230,14 +230,16 @@ class IntentionHyperparameters(settings.LearnerHyperparameters):
 
 @dataclass(frozen=True)
 class IntentionPolicy:
-    """A policy of each intention, and the mean totals of its episodes."""
+    """A policy of each intention, and the mean totals of its episodes; -inf without episodes."""
 
     policies: tuple[QPolicy, ...]
     totals: Float[np.ndarray, "intention 2"]
 
     def at(self, angle: float) -> QPolicy:
         """Return the policy of the intention that scores best at an angle in degrees."""
-        return self.policies[int(score(weights(angle), RewardPair(*self.totals.T)).argmax())]
+        with np.errstate(invalid="ignore"):  # a weight of 0 times -inf is NaN, which is no score
+            scores = score(weights(angle), RewardPair(*self.totals.T))
+        return self.policies[int(np.nanargmax(scores))]
 
 
 class MultiIntention(shared.EpisodeLearner):
@@ -323,15 +325,17 @@ class MultiIntention(shared.EpisodeLearner):
 
         return super().train(hyperparameters, callbacks, chunk, e_step, world)
 
-    def kept(self, carry: shared.Carry) -> Array:
+    def retained(self, carry: shared.Carry) -> Array:
         """Return the responsibilities."""
         return carry.known
 
-    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> IntentionPolicy:
+    def policy(
+        self, hyperparameters: Any, state: Any, responsibilities: Any = None
+    ) -> IntentionPolicy:
         """Return the policies of the intentions with their episodes' mean totals."""
         record = self.record(hyperparameters)
         first, end = map(int, self.episodes.bounds[hyperparameters.dataset + jnp.arange(2)])
-        share = np.asarray(kept)[first:end]
+        share = np.asarray(responsibilities)[first:end]
         totals = np.stack([np.asarray(total)[first:end] for total in self.episodes.totals], 1)
         means = share.T @ totals / np.maximum(share.sum(axis=0), 1e-9)[:, None]
         # An intention without episodes has no score.

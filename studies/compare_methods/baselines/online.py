@@ -153,7 +153,7 @@ class TREX(IQLearn):
         total = terms["ranks"] + terms["bellman"]
         return total, terms | {"loss": total}
 
-    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> QPolicy:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
         """Return the policy of Q."""
         record = self.record(hyperparameters)
         return QPolicy.of(state.network.values, hyperparameters.temperature, record)

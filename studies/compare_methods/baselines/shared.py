@@ -161,7 +161,7 @@ class Baseline(Learner):
         shape = (static.hidden, n_actions, static.activation, static.view)
         return DialNetwork.initialise(key, n_features, *shape)
 
-    def policy(self, hyperparameters: Any, state: Any, kept: Any = None) -> Any:  # noqa: ARG002
+    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> Any:
         """Return the policy of the acting part."""
         temperature = 1.0 if self.acting == "policy" else hyperparameters.temperature
         network = getattr(state.network, self.acting)

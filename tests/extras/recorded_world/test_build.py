@@ -65,10 +65,10 @@ def test_a_lane_is_closed_in_front_of_one_that_stands_without_a_reason():
 def test_what_makes_no_world(crossing):
     with pytest.raises(UserError, match="no road: name its map with --road"):
         build([Recording(crossing.tracks, RoadNetwork())], WorldConfig())
-    alone = crossing.tracks.kept(np.array([True, False, False]))
+    alone = crossing.tracks.select(np.array([True, False, False]))
     with pytest.raises(UserError, match="has 1 vehicles on its lanelets"):
         build([Recording(alone, crossing.road)], WorldConfig())
-    both = crossing.tracks.kept(np.array([False, True, True]))
+    both = crossing.tracks.select(np.array([False, True, True]))
     with pytest.raises(UserError, match="no vehicle has a way across a conflict area"):
         build([Recording(both, crossing.road)], WorldConfig())
 

@@ -64,7 +64,7 @@ def test_each_observation_may_have_an_angle_of_its_own(dial: DialPolicy) -> None
 def test_the_value_of_pairs_is_their_score() -> None:
     network = DialNetwork.initialise(jax.random.key(0), 2, (8,), 3, pairs=True)
     direction = RewardPair(*map(jnp.asarray, exact_weights(30.0)))
-    both = network.both(jnp.asarray(OBSERVATIONS[1]), direction)
+    both = network.value_pair(jnp.asarray(OBSERVATIONS[1]), direction)
     assert both.env.shape == both.social.shape == (3,)
     expected = np.cos(np.pi / 6) * both.env + 0.5 * both.social
     np.testing.assert_allclose(network(jnp.asarray(OBSERVATIONS[1]), direction), expected, 1e-5)

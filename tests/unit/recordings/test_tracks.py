@@ -22,11 +22,11 @@ def test_velocity_is_split_along_the_heading(straight):
 
 def test_kept_tracks_are_numbered_anew(straight):
     tracks = straight([5.0, 6.0, 7.0], frames=2)
-    kept = tracks.kept(np.array([True, False, True]))
+    kept = tracks.select(np.array([True, False, True]))
     assert kept.track.tolist() == [0, 0, 1, 1] and kept.identity.tolist() == [100, 102]
     assert kept.vx.tolist() == [5.0, 5.0, 7.0, 7.0]
     with pytest.raises(UserError, match="no track is left"):
-        tracks.kept(np.zeros(3, bool))
+        tracks.select(np.zeros(3, bool))
 
 
 @pytest.mark.parametrize(

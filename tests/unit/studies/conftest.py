@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from socialiq.learners.callbacks import Report
+from socialiq.results_folder import Results
 from socialiq_lab import study
 from socialiq_lab.jobs import Job, do, fingerprints, open_jobs
 
@@ -16,6 +17,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         here = "unit/studies" in item.path.as_posix()
         if here and WHOLE_RUNS & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(name="work", scope="module")
+def work_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the jobs of `results`."""
+    return tmp_path_factory.mktemp("study") / "work"
+
+
+@pytest.fixture(name="results", scope="module")
+def tiny_results(request: pytest.FixtureRequest, work: Path) -> Results:
+    """Results of the module's STUDY with its configuration TINY."""
+    return study.run(request.module.STUDY, request.module.TINY, work=work)
 
 
 def run_here(

@@ -117,16 +117,6 @@ def test_the_strength_with_the_greatest_mean_value_is_chosen() -> None:
     assert choose([], "strength") == {}
 
 
-@pytest.fixture(name="work", scope="module")
-def work_folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("priors") / "work"
-
-
-@pytest.fixture(name="results", scope="module")
-def tiny_results(work):
-    return run(STUDY, TINY, work=work)
-
-
 def test_every_policy_has_a_row_for_each_angle_and_readout(results) -> None:
     rows = results.tables["policies"]
     for name, readouts in (("none", 2), ("clone_of_mode", 2), ("clone_weighted", 2), ("rl", 1)):

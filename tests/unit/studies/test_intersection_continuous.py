@@ -12,7 +12,6 @@ from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
 from socialiq_lab.intersection.thesis_values import METRICS, POLICIES
 from socialiq_lab.registry import find
-from socialiq_lab.study import run
 from socialiq_lab.tables import matching
 from studies.intersection_continuous.plan import CONTINUOUS, DISCRETE, KINDS, Config
 from studies.intersection_continuous.study import main_table
@@ -65,16 +64,6 @@ def test_the_main_table_has_means_over_seeds_in_percent() -> None:
     assert learner["sd"] == pytest.approx(200**0.5)
     assert found["continuous dial egoistic", "speed_kmh"]["mean"] == 0.5
     assert len(found) == 3 * len(METRICS)
-
-
-@pytest.fixture(name="work", scope="module")
-def work_folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("study") / "work"
-
-
-@pytest.fixture(name="results", scope="module")
-def tiny_results(work):
-    return run(STUDY, TINY, work=work)
 
 
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:

@@ -48,16 +48,6 @@ TINY = Config(
 )
 
 
-@pytest.fixture(name="work", scope="module")
-def work_folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("study") / "work"
-
-
-@pytest.fixture(name="results", scope="module")
-def tiny_results(work):
-    return run(STUDY, TINY, work=work)
-
-
 def test_no_table_of_the_digest_differs(results, work) -> None:
     assert differs("intersection-dial", results, work) == []
 

@@ -12,7 +12,6 @@ from socialiq.learners.dial.config import OfflineDialConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq_lab.registry import find
-from socialiq_lab.study import run
 from studies.intersection_offline.study import (
     DEMONSTRATOR,
     METHODS,
@@ -56,16 +55,6 @@ def test_every_method_has_settings_of_its_own() -> None:
     assert len(online) == 3
     for method, runs in zip(METHODS, made, strict=True):
         assert getattr(runs.structure, "online", False) == (method in online)
-
-
-@pytest.fixture(name="work", scope="module")
-def work_folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("study") / "work"
-
-
-@pytest.fixture(name="results", scope="module")
-def tiny_results(work):
-    return run(STUDY, TINY, work=work)
 
 
 def test_no_table_of_the_digest_differs(results, work) -> None:

@@ -21,16 +21,6 @@ TINY = changed(Config(), CONTENT["tiny"])
 OUTCOMES = ("collision", "arrival", "timeout")
 
 
-@pytest.fixture(name="work", scope="module")
-def work_folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("study") / "work"
-
-
-@pytest.fixture(name="results", scope="module")
-def tiny_results(work):
-    return run(STUDY, TINY, work=work)
-
-
 def test_every_policy_has_all_its_episodes(results):
     rows = results.tables["policies"]
     assert sum(row["policy"].startswith("experts/") for row in rows) == 3

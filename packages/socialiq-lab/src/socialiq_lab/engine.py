@@ -50,8 +50,8 @@ class Engine:
             raise UserError("--processes is of this machine: leave it out, or leave out --cluster")
 
     @property
-    def given(self) -> bool:
-        """Whether a place was asked for."""
+    def is_chosen(self) -> bool:
+        """Whether processes or a cluster are named."""
         return bool(self.processes) or self.cluster is not None
 
     def parts(self, episodes: int) -> int:

@@ -112,7 +112,7 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
         raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
     reason = f"a position or velocity is above {FARTHEST:g}"
     refused = [Refused(str(identity), reason) for identity in tracks.identity[far]]
-    tracks = tracks.kept(~far) if far.any() else tracks
+    tracks = tracks.select(~far) if far.any() else tracks
     reasons = np.full(tracks.n_tracks, "", object)
     bad = _wrong_size(tracks, 1.0)
     if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
@@ -139,7 +139,7 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
             f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
             f"{refused[0].reason}"
         )
-    return tracks.kept(good), refused
+    return tracks.select(good), refused
 
 
 def _steps(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -282,7 +282,7 @@ def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np
 def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
     """Refuse both tracks of an overlap, because either may be wrong."""
     good = reasons == ""
-    plausible, numbers = tracks.kept(good), np.flatnonzero(good)
+    plausible, numbers = tracks.select(good), np.flatnonzero(good)
     pairs = overlaps(plausible)
     # The deepest first: it is reported.
     for pair in np.argsort(-pairs.depth, kind="stable"):

@@ -98,7 +98,7 @@ class Tracks:
         east, north = np.cos(self.heading), np.sin(self.heading)
         return self.vx * east + self.vy * north, self.vy * east - self.vx * north
 
-    def kept(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
+    def select(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
         """Return only these tracks, renumbered; raise a `UserError` if none is left."""
         if not keep.any():
             raise UserError(f"recording {self.recording}: no track is left")

@@ -14,7 +14,7 @@ from socialiq.types import Ending
 from socialiq.view import View
 from socialiq_recordings import files
 from socialiq_recordings.conflicts.encounters import Encounters
-from socialiq_recordings.conflicts.measures import known, rows_of
+from socialiq_recordings.conflicts.measures import finite_or_none, rows_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.recording import Recording, RoadUser
 from socialiq_recordings.road.routes import Scene
@@ -105,7 +105,7 @@ class Traffic:
             conflict = {
                 "tracks": [meeting.ego.track, meeting.other.track],
                 "outline": meeting.area.outline.round(_CM).tolist(),
-                "times": [known(time / self._tracks.dt - self._first) for time in times],
+                "times": [finite_or_none(time / self._tracks.dt - self._first) for time in times],
                 "seen": [int(frame) - self._first for frame in ends],
             }
             conflicts.append(conflict | {name: row[name] for name in (*_NAMES, *_NEEDED)})

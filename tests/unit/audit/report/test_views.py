@@ -17,7 +17,7 @@ from socialiq.audit.report.views import (
     markdown,
     meaning,
     number,
-    others,
+    other_passes,
     percent,
     replays,
 )
@@ -140,15 +140,15 @@ def test_other_drivers_are_counted_and_named(plain):
     for one in rows:
         one["decision"] = "fail"
     plain["discrimination"]["would_pass"] = 0
-    assert others(plain) == f"None of {len(rows)} other drivers would pass this declaration."
+    assert other_passes(plain) == f"None of {len(rows)} other drivers would pass this declaration."
     rows[-1]["decision"], rows[0]["decision"] = "pass", "pass"
     plain["discrimination"]["would_pass"] = 2
     named = f"{names_of(plain)[rows[0]['name']]}; chooses at random"
-    assert others(plain) == f"2 of {len(rows)} other drivers would pass it too: {named}."
-    assert others(plain, 1).endswith(" and 1 more.")
-    assert others(plain, 0) == f"2 of {len(rows)} other drivers would pass it too."
+    assert other_passes(plain) == f"2 of {len(rows)} other drivers would pass it too: {named}."
+    assert other_passes(plain, 1).endswith(" and 1 more.")
+    assert other_passes(plain, 0) == f"2 of {len(rows)} other drivers would pass it too."
     plain["discrimination"] = {"would_pass": 0, "of": 0, "excludes_nothing": False, "drivers": []}
-    assert others(plain).startswith("There is no other driver")
+    assert other_passes(plain).startswith("There is no other driver")
 
 
 def test_a_report_that_names_unknown_drivers_has_pages_too(plain):

@@ -74,13 +74,13 @@ def test_what_the_declaration_would_say_there(declared, outcomes, evidence):
     here, there = made(outcomes, evidence, 1.0, 5), made(outcomes, evidence, 3.0, 5)
     (found,) = shift_of(profile, here, traffic, [there], 0, resamples=200)
     assert found.decision is Decision.FAIL and found.best == "good" and found.episodes == 100
-    assert [one.measure for one in found.shown] == ["regret"]
+    assert [one.measure for one in found.significant] == ["regret"]
     assert sentence_of((found,)) == (
         "In other traffic it drives differently. With vehicles spawning at 0.6 a step: regret is 2 "
         "more."
     )
     (same,) = shift_of(profile, here, traffic, [here], 0, resamples=200)
-    assert same.shown == () and same.decision is Decision.PASS
+    assert same.significant == () and same.decision is Decision.PASS
     assert sentence_of((same,)) == (
         "In other traffic (vehicles spawning at 0.6 a step) its driving does not change "
         "significantly."

@@ -28,24 +28,24 @@ def test_the_multiplier_finds_the_budget(demonstrations) -> None:
     budget = Budget(lambda _network, _run, mu: 1.0 / mu, np.array([0.5, 0.1]), step=0.5)
     runs = [DialHyperparameters(seed=0), DialHyperparameters(seed=1)]
     trained = train(OFFLINE, runs, [demonstrations()], chunk=50, budget=budget)
-    np.testing.assert_allclose(trained.kept, [2.0, 10.0], rtol=0.02)
+    np.testing.assert_allclose(trained.retained, [2.0, 10.0], rtol=0.02)
     assert [look.updates for look in budget.path] == list(range(50, 2000, 50))
-    np.testing.assert_allclose(trained.history.array("multiplier")[-1], trained.kept)
-    assert trained.policy(1).turned.temperature == pytest.approx(0.02 / trained.kept[1])
+    np.testing.assert_allclose(trained.history.array("multiplier")[-1], trained.retained)
+    assert trained.policy(1).turned.temperature == pytest.approx(0.02 / trained.retained[1])
 
 
 def test_a_budget_out_of_reach_stops_at_the_largest_multiplier(demonstrations) -> None:
     budget = Budget(lambda *_: 1.0, np.array([0.1]), step=1.0, high=5.0)
     static = dataclasses.replace(OFFLINE, updates=500)
     trained = train(static, [DialHyperparameters()], [demonstrations()], chunk=50, budget=budget)
-    assert trained.kept.tolist() == [5.0]
+    assert trained.retained.tolist() == [5.0]
 
 
 def test_without_a_budget_the_multiplier_is_one(demonstrations) -> None:
     static = dataclasses.replace(OFFLINE, updates=20)
-    assert train(static, [DialHyperparameters()], [demonstrations()], chunk=20).kept.tolist() == [
-        1.0
-    ]
+    assert train(
+        static, [DialHyperparameters()], [demonstrations()], chunk=20
+    ).retained.tolist() == [1.0]
 
 
 def test_budgets_that_mean_nothing_are_refused() -> None:

@@ -198,8 +198,8 @@ def by_hand_of_pairs(
     network: DialNetwork, target: DialNetwork, step: Batch, direction: RewardPair
 ) -> float:
     """Squares of one transition's two gaps, summed: double, at a direction."""
-    q = network.both(step.observation, direction)
-    after = target.both(step.next_observation, direction)
+    q = network.value_pair(step.observation, direction)
+    after = target.value_pair(step.next_observation, direction)
     action = int(network(step.next_observation, direction).argmax())
     goes_on = float(int(step.ending) == Ending.NONE)
     return sum(

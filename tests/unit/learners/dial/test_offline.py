@@ -95,7 +95,7 @@ def test_a_run_repeats_and_its_record_names_it() -> None:
 def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
     """Two in five beyond 77 degrees; of a range that ends at 60, all alike."""
     for static, share in ((OfflineDialConfig(), 0.4), (OfflineDialConfig(high=60.0), 0.0)):
-        drawn = draw_directions(jax.random.key(0), 20_000, static.drawn)
+        drawn = draw_directions(jax.random.key(0), 20_000, static.without_idle_share)
         angles = np.rad2deg(np.arctan2(drawn.social, drawn.env))
         assert (angles > 77.0).mean() == pytest.approx(share, abs=0.02)
         assert angles.min() < static.low < static.high < angles.max()

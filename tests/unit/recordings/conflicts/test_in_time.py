@@ -23,7 +23,7 @@ def test_those_seen_in_an_interval_are_found_in_their_order(ways):
     in_time = InTime(ways)
     for first, last in ((-50, -1), (0, 300), (100, 100), (120.5, 160.0), (400, 500)):
         wanted = [way for way in ways.values() if way.first <= last and way.last >= first]
-        assert in_time.seen(first, last) == wanted
+        assert in_time.between(first, last) == wanted
     assert in_time.longest == max(len(way.along) for way in ways.values())
 
 
@@ -33,4 +33,4 @@ def test_earlier_ones_come_the_latest_first(ways):
 
 
 def test_no_way_is_seen_where_there_is_none():
-    assert InTime({}).seen(0, 10) == [] and list(InTime({}).earlier(10)) == []
+    assert InTime({}).between(0, 10) == [] and list(InTime({}).earlier(10)) == []

@@ -31,7 +31,7 @@ def test_windows_apart_and_other_traffic_share_nothing(make):
 
 def test_a_crop_and_another_frame_rate_are_the_same_moments(make):
     whole = make.traffic()
-    few = whole.kept(np.arange(8) < 3)
+    few = whole.select(np.arange(8) < 3)
     found = in_common(Motion(whole), Motion(few))
     assert found is not None and len(found.vehicles) == 3
     rows = whole.frame % 2 == 0

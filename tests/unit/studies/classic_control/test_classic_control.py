@@ -191,7 +191,7 @@ def test_sources_of_a_task() -> None:
 
 def test_sets_are_of_trajectories_of_their_own() -> None:
     source = runs.Source("Acrobot", "stride", 1, 2, 50_000_000, 1, 0)
-    first, second = source.whole()
+    first, second = source.whole_trajectories()
     assert first.n_episodes == second.n_episodes == 1
     assert not np.array_equal(first.observation[0], second.observation[0])
     strides = source.thinned([first, second], False)

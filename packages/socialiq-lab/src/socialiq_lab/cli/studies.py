@@ -101,7 +101,7 @@ class Reproduce(Printing):
         folder = self.out or Path(f"results-{study.name}")
         if self.work is not None and not study.is_resumable:
             raise UserError(f"{study.name} keeps no work folder: leave out --work")
-        if self.engine.given and not study.is_resumable:
+        if self.engine.is_chosen and not study.is_resumable:
             raise UserError(f"{study.name} has no jobs: leave out --processes and --cluster")
         with claimed(folder), Display() as display:
             store.check_target(folder, self.replace)

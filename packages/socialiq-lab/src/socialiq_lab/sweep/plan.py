@@ -70,7 +70,7 @@ class _Reader:
 
     def plan(self) -> Plan:
         """Return the jobs of every combination."""
-        self.known("", self.content, KEYS)
+        self.check_keys("", self.content, KEYS)
         size = self.typed("runs_per_job", self.content.get("runs_per_job", RUNS_PER_JOB), int)
         if size < 1:
             raise self.error("runs_per_job", f"must be at least 1, got {size}")
@@ -133,7 +133,7 @@ class _Reader:
         if value is None:
             raise self.error("data", "is missing: name at least one file of `socialiq collect`")
         by_world = value if isinstance(value, dict) else dict.fromkeys(worlds, value)
-        self.known("data", by_world, worlds)
+        self.check_keys("data", by_world, worlds)
         pairs = []
         for world in worlds:
             if world not in by_world:
@@ -155,7 +155,7 @@ class _Reader:
         """Return every combination of hyperparameters, seeds last."""
         table = self.table("hyperparameters")
         fields = {field.name for field in dataclasses.fields(base)} - {"seed", "dataset"}
-        self.known("hyperparameters", table, sorted(fields))
+        self.check_keys("hyperparameters", table, sorted(fields))
         values = self.values("hyperparameters", table, type(base))
         seeds = [self.typed("seeds", item, int) for item in _listed(self.content.get("seeds", [0]))]
         if not seeds or len({*seeds}) < len(seeds):
@@ -169,11 +169,13 @@ class _Reader:
         """Return every combination of the static choices."""
         table = self.table("static")
         fields = {field.name for field in dataclasses.fields(base)} - {"online"}
-        self.known("static", table, sorted(fields))
+        self.check_keys("static", table, sorted(fields))
         endings = table.get("endings", {})
         if not isinstance(endings, dict):
             raise self.error("static.endings", "must be a table")
-        self.known("static.endings", endings, [item.name for item in dataclasses.fields(Endings)])
+        self.check_keys(
+            "static.endings", endings, [item.name for item in dataclasses.fields(Endings)]
+        )
         flat = {name: value for name, value in table.items() if name != "endings"}
         values = [] if self.learner[0] else [[_Entry("worlds", "online", online)]]
         values += self.values("static", flat, type(base))
@@ -238,7 +240,7 @@ class _Reader:
             raise self.error(key, "must be a table")
         return values
 
-    def known(self, where: str, table: Mapping[str, Any], names: Sequence[str]) -> None:
+    def check_keys(self, where: str, table: Mapping[str, Any], names: Sequence[str]) -> None:
         """Refuse unknown keys."""
         for name in table:
             if name not in names:

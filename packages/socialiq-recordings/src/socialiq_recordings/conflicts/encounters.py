@@ -317,7 +317,7 @@ class Encounters:
         pairs = (
             (ego, way.track)
             for ego, ego_way in self.ways.items()
-            for way in self.in_time.seen(ego_way.first, ego_way.last)
+            for way in self.in_time.between(ego_way.first, ego_way.last)
             if way.track != ego
         )
         meetings = (self.meeting(*pair) for pair in pairs)

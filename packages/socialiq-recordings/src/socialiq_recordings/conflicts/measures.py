@@ -136,12 +136,12 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "other_enters": other_times.enters,
             "other_leaves": other_times.leaves,
         }
-        rows.append({name: known(value) for name, value in row.items()})
+        rows.append({name: finite_or_none(value) for name, value in row.items()})
     return rows
 
 
-def known(value: object) -> object:
-    """Return a cell, None for a number that isn't known."""
+def finite_or_none(value: object) -> object:
+    """Return a cell, None for NaN or an infinite number."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

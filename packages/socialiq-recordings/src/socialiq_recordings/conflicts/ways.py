@@ -272,7 +272,7 @@ class InTime:
         self._first = first[self._order]
         self.longest = max((len(way.along) for way in self._every), default=0)
 
-    def seen(self, first: int | float, last: int | float) -> list[Way]:
+    def between(self, first: int | float, last: int | float) -> list[Way]:
         """Return the ways that are seen between two frames, both included, in their order."""
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")

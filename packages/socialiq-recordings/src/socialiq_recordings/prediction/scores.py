@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from socialiq.plotting.style import COLORS, figure, finish, head
 from socialiq.statistics.clusters import cluster_mean, sign_flips
 from socialiq.types import Row
-from socialiq_recordings.conflicts.measures import known
+from socialiq_recordings.conflicts.measures import finite_or_none
 from socialiq_recordings.prediction import learned
 from socialiq_recordings.prediction.models import BASE, TRIVIAL
 from socialiq_recordings.prediction.situations import Situations
@@ -74,7 +74,7 @@ def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
                 rows += [
                     head | _scored(tested, model, best, mask, (seed, resamples)) for model in models
                 ]
-    return [{name: known(value) for name, value in row.items()} for row in rows]
+    return [{name: finite_or_none(value) for name, value in row.items()} for row in rows]
 
 
 def _scored(

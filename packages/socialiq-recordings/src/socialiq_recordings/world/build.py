@@ -162,7 +162,7 @@ def _append(
     lengths = np.zeros((len(ways), len(ways)), np.int64)
     for number, way in enumerate(ways):
         apart = _APART / way.dt
-        for partner in encounters.in_time.seen(way.first - apart, way.last + apart):
+        for partner in encounters.in_time.between(way.first - apart, way.last + apart):
             if way.track == partner.track:
                 continue
             pair = number, number_of[partner.track]

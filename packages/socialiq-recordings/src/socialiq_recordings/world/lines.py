@@ -181,7 +181,7 @@ def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
     if leader(way, along, vehicles).gap < _AHEAD:
         return True
     now, met = frame * way.dt, False
-    for partner in encounters.in_time.seen(frame, frame):
+    for partner in encounters.in_time.between(frame, frame):
         if partner.track == way.track:
             continue
         area = encounters.area(way.track, partner.track)

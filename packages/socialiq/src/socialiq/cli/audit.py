@@ -174,7 +174,7 @@ def _print_verdict(report: Mapping[str, Any]) -> None:
         if views.is_known(report, test["name"])
     ]
     print_table([{name: text.replace("−", "-") for name, text in row.items()} for row in rows])
-    sys.stdout.write(f"{views.others(report)}\n")
+    sys.stdout.write(f"{views.other_passes(report)}\n")
     if report["shift"]:
         sys.stdout.write(f"{report['shift']['sentence']}\n")
 

@@ -121,7 +121,7 @@ class GaussianCloning(BehaviourCloning):
         loss = -jnp.mean(jax.vmap(log_density)(batch.action, mean, log_std))
         return loss, {"loss": loss}
 
-    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None) -> ActorPolicy:
+    def policy(self, hyperparameters: Any, state: TrainState, _retained: Any = None) -> ActorPolicy:
         """Return the clone of one run."""
         return ActorPolicy.of(state.network, self.record(hyperparameters))
 

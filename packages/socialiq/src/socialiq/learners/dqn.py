@@ -147,7 +147,7 @@ class DQN(Learner):
         return loss, {"loss": loss, "max_q": jnp.max(jnp.abs(q))}
 
     def policy(
-        self, hyperparameters: DQNHyperparameters, state: TrainState, _kept: Any = None
+        self, hyperparameters: DQNHyperparameters, state: TrainState, _retained: Any = None
     ) -> QPolicy:
         """Return the policy after the last update."""
         return policy_of(self.static, hyperparameters, state.network)

@@ -46,7 +46,7 @@ class Trained:
         learner: With what all runs share.
         hyperparameters: Of each run.
         state: Networks and optimiser.
-        kept: What the learner keeps of the runs' carry (`Learner.kept`).
+        retained: What the learner keeps of the runs' carry (`Learner.retained`).
         history: What was recorded, (chunks, runs).
         failures: One line for each run that stopped early.
     """
@@ -54,7 +54,7 @@ class Trained:
     learner: Learner
     hyperparameters: tuple[Any, ...]
     state: TrainState
-    kept: Any
+    retained: Any
     history: History
     failures: tuple[str, ...]
 
@@ -70,7 +70,7 @@ class Trained:
 
     def policy(self, run: int) -> Any:
         """Return the trained policy of one run; it can be saved."""
-        state, remainder = (network_of(tree, run) for tree in (self.state, self.kept))
+        state, remainder = (network_of(tree, run) for tree in (self.state, self.retained))
         return self.learner.policy(self.hyperparameters[run], state.deployed(), remainder)
 
 
@@ -179,11 +179,11 @@ class Learner(eqx.Module):
         state = state.step(gradient, rate, polyak)
         return state.averaged(self.averaging) if self.averaging else state, carry, terms
 
-    def kept(self, _carry: Any, /) -> Any:
+    def retained(self, _carry: Any, /) -> Any:
         """Return what a policy needs of the carry: here nothing."""
         return None
 
-    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None, /) -> Any:
+    def policy(self, hyperparameters: Any, state: TrainState, _retained: Any = None, /) -> Any:
         """Return the policy of one run: greedy, or softmax(Q/τ) with its temperature, or τ = 1."""
         temperature = getattr(hyperparameters, "temperature", 1.0)
         return QPolicy.of(state.network, temperature, self.record(hyperparameters))
@@ -265,7 +265,7 @@ class Learner(eqx.Module):
         )
         terms = fit.term_names(self, arrays, runs)
         failures = fit.failure_lines(runs, terms, names, arrays)
-        remainder = self.kept(runs.carry)
+        remainder = self.retained(runs.carry)
         return Trained(self, tuple(hyperparameters), runs.state, remainder, history, failures)
 
 

@@ -217,7 +217,7 @@ class DialIteration(Learner):
         """The regression's loss of both rewards, or at the end the expected score's."""
         (observation, returns), progress = batch
         direction = _direction_of(observation)
-        values = jax.vmap(network.both)(observation[:, :-1], direction)
+        values = jax.vmap(network.value_pair)(observation[:, :-1], direction)
         errors = [
             regression_error(output, value, hyperparameters.value_weight).mean()
             for output, value in zip(values, returns, strict=True)
@@ -230,7 +230,7 @@ class DialIteration(Learner):
         return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
 
     def policy(
-        self, hyperparameters: IterationHyperparameters, state: TrainState, _kept: Any = None
+        self, hyperparameters: IterationHyperparameters, state: TrainState, _retained: Any = None
     ) -> DialPolicy:
         """Return the running average of the network as a dial."""
         static, record = self.static, self.record(hyperparameters)

@@ -67,10 +67,12 @@ class DialNetwork(eqx.Module):
     ) -> Float[Array, " action"]:
         """Return the values of one observation at (cos α, sin α); use `jax.vmap` for a batch."""
         if self.pairs:
-            return score(direction, self.both(observation, direction))
+            return score(direction, self.value_pair(observation, direction))
         return self._outputs(observation, direction)
 
-    def both(self, observation: Float[Array, " feature"], direction: RewardPair) -> RewardPair:
+    def value_pair(
+        self, observation: Float[Array, " feature"], direction: RewardPair
+    ) -> RewardPair:
         """Return (Q_env, Q_social) of each action, each (action,), of a network with pairs."""
         env, social = jnp.split(self._outputs(observation, direction), 2)
         return RewardPair(env, social)

@@ -195,7 +195,7 @@ def application(view: View | None, port: int, token: str) -> App:
     alone = Front(page(), "frame-ancestors 'none'")
     text, policy = alone if view is None else front(view, socket_address)
 
-    async def whole(_: Any) -> Any:
+    async def index(_: Any) -> Any:
         return responses.HTMLResponse(text, headers={"content-security-policy": policy})
 
     async def dial(_: Any) -> Any:
@@ -211,7 +211,7 @@ def application(view: View | None, port: int, token: str) -> App:
             return responses.JSONResponse({"fault": one_line(str(error))}, 422)
 
     routes = [
-        routing.Route("/", whole),
+        routing.Route("/", index),
         routing.Route("/dial", dial),
         routing.Route("/part/{number:int}", part),
     ]

@@ -5,9 +5,11 @@ import pytest
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
+from socialiq.nn.q_policy import QPolicy
 from studies.compare_methods.baselines.offline import (
     IntentionConfig,
     IntentionHyperparameters,
+    IntentionPolicy,
     MultiIntention,
 )
 
@@ -52,6 +54,14 @@ def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
     same = stack([iq.IQLearnHyperparameters(discount=0.9)])[0]
     theirs, _ = objective(network, slow, Batches(batch, None, None), same, static)
     assert found == pytest.approx(float(theirs), rel=1e-5)
+
+
+@pytest.mark.parametrize(("angle", "best"), [(0.0, 2), (45.0, 1), (90.0, 1)])
+def test_an_intention_without_episodes_is_never_the_best(constant, angle, best) -> None:
+    """Its totals are -inf, and 0 times -inf is NaN, which `argmax` takes for the largest."""
+    totals = np.array([[-np.inf, -np.inf], [1.0, 3.0], [2.0, 0.0]])
+    policies = tuple(QPolicy.of(constant(0.0, value), 1.0, {}) for value in (1.0, 2.0, 3.0))
+    assert IntentionPolicy(policies, totals).at(angle) is policies[best]
 
 
 @pytest.mark.slow

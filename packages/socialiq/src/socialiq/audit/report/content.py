@@ -191,7 +191,7 @@ def _shift(shifts: Sequence[Shift] | None, elsewhere: Sequence[Evidence]) -> dic
         return None
     return {
         "sentence": sentence_of(shifts),
-        "otherwise": any(shift.shown for shift in shifts),
+        "otherwise": any(shift.significant for shift in shifts),
         "traffic": [
             # Of the references what the table of episodes doesn't hold.
             {

@@ -135,7 +135,7 @@ def compatible(report: Mapping[str, Any]) -> str:
     )
 
 
-def others(report: Mapping[str, Any], most: int = 3) -> str:
+def other_passes(report: Mapping[str, Any], most: int = 3) -> str:
     """Return how many other drivers would pass the declaration, in a sentence with some names."""
     tried, names = report["discrimination"], names_of(report)
     if not tried["of"]:
@@ -216,7 +216,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **more: A
         report=report,
         name_of=lambda name: names.get(name, name),
         would_pass=decisions,
-        others=others,
+        other_passes=other_passes,
         compatible=compatible(report),
         **more,
     )

@@ -68,7 +68,7 @@ class Shift:
     changes: tuple[Change, ...]  # of each of `MEASURES`
 
     @property
-    def shown(self) -> tuple[Change, ...]:
+    def significant(self) -> tuple[Change, ...]:
         """Significant changes."""
         return tuple(change for change in self.changes if change.shown)
 
@@ -143,7 +143,7 @@ def sentence_of(shifts: Sequence[Shift]) -> str:
     changed = []
     for shift in shifts:
         texts = []
-        for change in shift.shown:
+        for change in shift.significant:
             if change.measure == "regret":
                 way = "more" if change.change > 0 else "less"
                 texts.append(f"regret is {abs(change.change):.3g} {way}")
@@ -152,7 +152,7 @@ def sentence_of(shifts: Sequence[Shift]) -> str:
                 points = 100 * abs(change.change)
                 texts.append(f"it {CRITERIA[change.measure]} {way}, by {points:.3g} points")
         changed += [f"{shift.name}: {', '.join(texts)}"] if texts else []
-    same = ", ".join(shift.name for shift in shifts if not shift.shown)
+    same = ", ".join(shift.name for shift in shifts if not shift.significant)
     if not changed:
         return f"In other traffic ({same}) its driving does not change significantly."
     unchanged = f" No significant change: {same}." if same else ""

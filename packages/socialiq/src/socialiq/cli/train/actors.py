@@ -96,7 +96,7 @@ class Task:
     def run(self, name: str, given: Mapping[str, Any] | None = None) -> int:
         """Train one of `LEARNERS` with further settings, write, print; return the exit status."""
         command, data = self.command, self.data
-        settings = command.size.given() | dict(given or {})
+        settings = command.size.settings() | dict(given or {})
         configs = LEARNERS[name].StaticConfig(), LEARNERS[name].Hyperparameters()
         if self.preset:
             presets = config.PRESETS.get(self.preset, {})

@@ -90,7 +90,7 @@ class Dial(Printing):
             structure = dataclasses.replace(structure, high_share=None, knots=0, **narrow)
         elif self.budget is not None:
             raise UserError("a budget is of the regret at one angle: add --angle")
-        static, numbers = self.options.apply((structure, preset.numbers), self.size.given())
+        static, numbers = self.options.apply((structure, preset.numbers), self.size.settings())
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         budget = self._dual_ascent(name, static, runs)
         if static.demonstrations and self.data is None:
@@ -183,7 +183,7 @@ def finish_dials(
         dials.append(row | {"sha256": saved["sha256"]})
         if budget is not None:
             regret = float(budget.path[-1].regret[run])
-            dials[-1] |= {"multiplier": float(trained.kept[run]), "regret": regret}
+            dials[-1] |= {"multiplier": float(trained.retained[run]), "regret": regret}
     if budget is not None:
         record["budget_path"] = [
             {"updates": look.updates}
@@ -260,7 +260,7 @@ class OfflineDial(Printing):
         """Train a dial for each seed, write the folder, print what came out."""
         check_seeds(self.seed)
         data = files.load(self.data)
-        settings = encoding_of(self.world, data) | self.size.given()
+        settings = encoding_of(self.world, data) | self.size.settings()
         configs = OfflineDialConfig(), OfflineDialHyperparameters()
         static, numbers = self.options.apply(configs, settings)
         runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]

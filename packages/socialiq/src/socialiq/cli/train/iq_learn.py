@@ -93,7 +93,7 @@ class IQLearn(Printing):
         if "divergence" in functions:
             functions["divergence"] = extensions.checked_divergence(functions["divergence"])
         one_of("preset", self.preset or "grid", tuple(PRESETS))
-        settings = values | {"online": bool(self.world)} | self.size.given()
+        settings = values | {"online": bool(self.world)} | self.size.settings()
         static, numbers = self.options.apply(PRESETS[self.preset or "grid"], settings)
         return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
 
@@ -172,7 +172,7 @@ class Own(Printing):
 def _trained_offline(command: Any, data: Demonstrations, learner: type[Any]) -> int:
     """Train a learner with its own settings, and write the folder; return the exit status."""
     configs = (learner.StaticConfig(), learner.Hyperparameters())
-    static, numbers = command.options.apply(configs, command.size.given())
+    static, numbers = command.options.apply(configs, command.size.settings())
     return _trained(command, data, static, command.grid.runs(numbers), {"learner": learner})
 
 

@@ -75,7 +75,7 @@ class SizeOptions:
     hidden: tuple[int, ...] = ()
     """Widths of the hidden layers; by default the preset's."""
 
-    def given(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """Return the settings that were given."""
         updates = {} if self.updates is None else {"updates": self.updates}
         return updates | ({"hidden": self.hidden} if self.hidden else {})

@@ -129,7 +129,7 @@ class ActorCritic(Learner):
         assert self.simulator and ring and now  # such a learner keeps a replay
         for step_key in jax.random.split(key, self.static.env_steps_per_update):
             for_action, for_random, for_step, for_reset = jax.random.split(step_key, 4)
-            mean, log_std = actor(self.seen(now.observation, now.direction))
+            mean, log_std = actor(self.inputs(now.observation, now.direction))
             sampled = jnp.tanh(mean + jnp.exp(log_std) * jax.random.normal(for_action, mean.shape))
             uniform = jax.random.uniform(for_random, mean.shape, minval=-1.0, maxval=1.0)
             action = jnp.where(ring.added < self.static.random_steps, uniform, sampled)
@@ -175,7 +175,7 @@ class ActorCritic(Learner):
         assert self.table is not None
         return self.table.sample(key, hyperparameters.dataset, self.static.batch_size)
 
-    def seen(
+    def inputs(
         self, observation: Float[Array, "*batch feature"], direction: RewardPair
     ) -> Float[Array, "*batch input"]:
         """Return the networks' inputs: observations, and of a dial the angles."""
@@ -213,7 +213,7 @@ class ActorCritic(Learner):
         return terms | {"entropy": -jnp.mean(sampled.log_density)}
 
     def policy(
-        self, hyperparameters: Any, state: TrainState, _kept: Any = None
+        self, hyperparameters: Any, state: TrainState, _retained: Any = None
     ) -> ActorPolicy | ActorDial:
         """Return the trained actor of one run, or its dial."""
         policy = ActorPolicy.of(state.network.actor, self.record(hyperparameters))

@@ -91,7 +91,7 @@ class ContinuousIQLearn(ActorCritic):
         of_each = self.critic_terms(network, target_network, rows, for_critics, hyperparameters)
         terms = jax.tree.map(lambda *both: sum(both) / len(both), *of_each)
         total = jnp.sum(jnp.stack([terms[name] for name in ADDED if name in terms]))
-        inputs = self.seen(rows.batch.observation, rows.direction)
+        inputs = self.inputs(rows.batch.observation, rows.direction)
         terms |= self.improvement(network, inputs, for_actor, hyperparameters)
         total = total + terms["actor"] + terms.get("tuning", 0.0)
         return total, terms | {"loss": total}
@@ -110,7 +110,7 @@ class ContinuousIQLearn(ActorCritic):
         critics = (network, target_network.critics)
         value, after, start = self.values(*critics, rows, key, hyperparameters)
         taken = jax.vmap(network.critics)(
-            self.seen(batch.observation, rows.direction), batch.action
+            self.inputs(batch.observation, rows.direction), batch.action
         )
         terms_by_critic = []
         for critic in range(2):
@@ -143,8 +143,8 @@ class ContinuousIQLearn(ActorCritic):
         keys = jax.random.split(key, 3)
         temperature = self.temperature(network, hyperparameters)
         batch = rows.batch
-        inputs = self.seen(batch.observation, rows.direction)
-        after = self.seen(batch.next_observation, rows.direction)
+        inputs = self.inputs(batch.observation, rows.direction)
+        after = self.inputs(batch.next_observation, rows.direction)
         value = self.value_of(network, network.critics, inputs, keys[0], temperature)
         if self.static.next_value == "target":
             next_value = self.value_of(network, target_critics, after, keys[1], temperature, True)
@@ -158,7 +158,7 @@ class ContinuousIQLearn(ActorCritic):
         if rows.initial is not None:
             count = len(rows.initial)
             direction = jax.tree.map(lambda column: column[:count], rows.direction)
-            first = self.seen(rows.initial, direction)
+            first = self.inputs(rows.initial, direction)
             start = self.value_of(network, network.critics, first, keys[2], temperature)
         return value, jnp.stack(follows, axis=1), start
 

@@ -30,7 +30,7 @@ class SoftActorCritic(ActorCritic):
         """Losses of the critics, the actor and a tuned temperature, in one sum."""
         rows, for_target, for_actor = batch, *jax.random.split(batch.key)
         target = self.target(network, target_network, rows, for_target, hyperparameters)
-        inputs = self.seen(rows.batch.observation, rows.direction)
+        inputs = self.inputs(rows.batch.observation, rows.direction)
         q = jax.vmap(network.critics)(inputs, rows.batch.action)
         terms = {"critic": actor_critic.critic_loss(q, target)}
         terms |= self.improvement(network, inputs, for_actor, hyperparameters)
@@ -46,7 +46,7 @@ class SoftActorCritic(ActorCritic):
         hyperparameters: HyperparameterArrays,
     ) -> Float[Array, " batch"]:
         """Y = λR(α) + γ (1 - d) V(s'), V(s') = E_π[min_i Q_i - τ log π] of the target critics."""
-        after = self.seen(rows.batch.next_observation, rows.direction)
+        after = self.inputs(rows.batch.next_observation, rows.direction)
         temperature = self.temperature(network, hyperparameters)
         count = self.static.actions_per_state
         sampled = actor_critic.draw_actions(network.actor, after, key, count)
@@ -78,7 +78,7 @@ class TD3BC(ActorCritic):
         """Losses of the critics and of the actor, in one sum."""
         rows = batch
         target = self.target(target_network, rows, rows.key, hyperparameters)
-        inputs = self.seen(rows.batch.observation, rows.direction)
+        inputs = self.inputs(rows.batch.observation, rows.direction)
         q = jax.vmap(network.critics)(inputs, rows.batch.action)
         action = jnp.tanh(jax.vmap(network.actor)(inputs)[0])
         value = jax.vmap(frozen(network.critics))(inputs, action)[:, 0]
@@ -100,7 +100,7 @@ class TD3BC(ActorCritic):
     ) -> Float[Array, " batch"]:
         """Y = λR(α) + γ (1 - d) min_i Q_i(s', a' + noise) of the target networks (TD3)."""
         numbers = hyperparameters
-        after = self.seen(rows.batch.next_observation, rows.direction)
+        after = self.inputs(rows.batch.next_observation, rows.direction)
         action = jnp.tanh(jax.vmap(target_network.actor)(after)[0])
         noise = numbers.target_noise * jax.random.normal(key, action.shape)
         action = jnp.clip(

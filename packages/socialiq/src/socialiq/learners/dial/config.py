@@ -157,7 +157,7 @@ class OfflineDialConfig(settings.DrawnAngles, settings.LearnerConfig):
             )
 
     @property
-    def drawn(self) -> OfflineDialConfig:
+    def without_idle_share(self) -> OfflineDialConfig:
         """Return this config, without a high share where the range doesn't reach beyond it."""
         reaches = self.low < self.high_from < self.high
         return self if reaches else dataclasses.replace(self, high_share=None)

@@ -99,7 +99,7 @@ def _implied(
 
     def outputs(of: DialNetwork, observation: Array) -> Any:
         if pairs:
-            return jax.vmap(of.both)(observation, direction)
+            return jax.vmap(of.value_pair)(observation, direction)
         return (jax.vmap(of)(observation, direction),)
 
     def values(heads: Any) -> Array:

@@ -62,7 +62,7 @@ class Stage(Learner):
         key, for_rows, for_angles = jax.random.split(carry, 3)
         static, run = self.static, hyperparameters.dataset
         chosen = draw_between(for_rows, static.batch_size, self.bounds[run], self.bounds[run + 1])
-        directions = draw_directions(for_angles, static.batch_size, static.drawn)
+        directions = draw_directions(for_angles, static.batch_size, static.without_idle_share)
         rows = jax.tree.map(lambda column: column[chosen], self.rows)
         return (rows, directions), key
 
@@ -138,7 +138,7 @@ class Distillation(Stage):
         loss = losses.dial_loss(network, critics, rows, direction, unit, temperature)
         return loss, {"loss": loss}
 
-    def policy(self, hyperparameters: Any, state: TrainState, _kept: Any = None) -> DialPolicy:
+    def policy(self, hyperparameters: Any, state: TrainState, _retained: Any = None) -> DialPolicy:
         """Return the trained dial, the running average of the network."""
         static, record = self.static, self.record(hyperparameters)
         return DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)

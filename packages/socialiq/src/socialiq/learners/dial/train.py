@@ -147,15 +147,15 @@ class Dial(Learner):
         state, carry, terms = super().update(weighed_now, state, carry)
         return state, carry, terms | {"multiplier": carry.multiplier}
 
-    def kept(self, carry: Carry) -> Array:
+    def retained(self, carry: Carry) -> Array:
         """Return the multiplier, which is part of a policy's temperature."""
         return carry.multiplier
 
     def policy(
-        self, hyperparameters: DialHyperparameters, state: TrainState, kept: Any = 1.0
+        self, hyperparameters: DialHyperparameters, state: TrainState, multiplier: Any = 1.0
     ) -> DialPolicy:
         """Return the trained dial of one run."""
-        return dial_of(self.static, hyperparameters, deployed(state), float(np.float64(kept)))
+        return dial_of(self.static, hyperparameters, deployed(state), float(np.float64(multiplier)))
 
     def run_name(self, hyperparameters: DialHyperparameters) -> str:
         """Return the name of a run in messages."""

@@ -37,7 +37,7 @@ class Pose(NamedTuple):
     y: float
     heading: float
 
-    def place(self, points: Sequence[tuple[float, float]]) -> np.ndarray:
+    def to_world(self, points: Sequence[tuple[float, float]]) -> np.ndarray:
         """Convert points (metres ahead, metres to the right) to (x, y), shape (points, 2)."""
         ahead, right = np.array(points, np.float64).T
         cos, sin = math.cos(self.heading), math.sin(self.heading)
@@ -102,7 +102,7 @@ def fill(axes: Any, pose: Pose, points: Sequence[tuple[float, float]], **look: A
     """Draw a polygon of points in the frame of a pose."""
     from matplotlib.patches import Polygon
 
-    axes.add_artist(Polygon(pose.place(points), **look))
+    axes.add_artist(Polygon(pose.to_world(points), **look))
 
 
 def _mirrored(half: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -132,7 +132,7 @@ def brake_lights(axes: Any, pose: Pose) -> None:
     """Draw two red lights at a car's rear, with their glow."""
     from matplotlib.patches import Circle
 
-    for centre in pose.place([(-_NOSE, -0.75), (-_NOSE, 0.75)]):
+    for centre in pose.to_world([(-_NOSE, -0.75), (-_NOSE, 0.75)]):
         axes.add_artist(Circle(centre, 1.5, facecolor=RED, alpha=0.3, zorder=5))
         axes.add_artist(Circle(centre, 0.7, facecolor=RED, edgecolor=PAINT, lw=0.5, zorder=8))
 
@@ -169,5 +169,5 @@ def beside(pose: Pose, ahead: float, gap: float, half: tuple[float, float]) -> t
     extent along x and y.
     """
     side = abs(math.sin(pose.heading)) * half[0] + abs(math.cos(pose.heading)) * half[1]
-    x, y = pose.place([(ahead, _SIDE + gap + side)])[0]
+    x, y = pose.to_world([(ahead, _SIDE + gap + side)])[0]
     return float(x), float(y)

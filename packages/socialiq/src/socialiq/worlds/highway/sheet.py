@@ -163,7 +163,7 @@ def _legend(
     """Draw the legend, each mark as it appears on the road, at as many places as are needed."""
 
     def draw_influence(pose: shapes.Pose) -> None:
-        line = pose.place([(-2.5, 0.0), (2.5, 0.0)])
+        line = pose.to_world([(-2.5, 0.0), (2.5, 0.0)])
         shapes.band(axes, line, width=3.0, facecolor=shapes.ASPHALT, zorder=1)
         shapes.band(axes, line, width=3.0)
 
@@ -179,7 +179,7 @@ def _legend(
         "has crashed": lambda pose: shapes.burst(axes, pose, 0.4),
         "obstacle": lambda pose: shapes.obstacle(axes, pose),
         "ego's influence": draw_influence,
-        "ego's route": lambda pose: shapes.dots(axes, pose.place([(-2.5, 0.0), (2.5, 0.0)])),
+        "ego's route": lambda pose: shapes.dots(axes, pose.to_world([(-2.5, 0.0), (2.5, 0.0)])),
     }
     of_some = {"gives way", "obstacle"} - set(marks)
     words_of = [words for words in marks_of if words not in of_some]

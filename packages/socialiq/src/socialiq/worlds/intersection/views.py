@@ -50,17 +50,17 @@ class Crossing:
         y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
         quarter = list(zip(x, y, strict=True))
         corners = [Pose(0.0, 0.0, math.pi / 2 * corner) for corner in range(4)]
-        kerb = np.concatenate([corner.place(quarter)[::-1] for corner in corners])
+        kerb = np.concatenate([corner.to_world(quarter)[::-1] for corner in corners])
         look = {"facecolor": shapes.ASPHALT, "edgecolor": shapes.PAINT, "linewidth": 1.2}
         axes.add_artist(Polygon(kerb, joinstyle="round", **look))
         arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
-        centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
+        centre = [arm.to_world([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
         dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
-        stop = [arm.place([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
+        stop = [arm.to_world([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
         # Triangles before the stop line point at the drivers who must give way.
         base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
         teeth = [
-            arm.place([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
+            arm.to_world([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
             for arm in arms[::2]
             for left in (-width * number for number in range(4))
         ]
