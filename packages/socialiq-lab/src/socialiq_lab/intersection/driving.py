@@ -104,12 +104,11 @@ def episodes_at(folder: Path, driver: str, cell: str | float = "greedy") -> Path
 
 def drivers_of(config: Driving, inputs: Mapping[str, Path]) -> dict[str, Any]:
     """Return the trained policies of the input's folder by file, or a rule-based driver."""
-    for trained in inputs.values():
-        files = sorted(trained.glob(config.driver))
-        return {
-            file.relative_to(trained).as_posix(): load_one_of(file, _POLICIES) for file in files
-        }
-    return {config.driver: policies.policy(config.driver, config.first_seed)}
+    if not inputs:
+        return {config.driver: policies.policy(config.driver, config.first_seed)}
+    (trained,) = inputs.values()
+    files = sorted(trained.glob(config.driver))
+    return {file.relative_to(trained).as_posix(): load_one_of(file, _POLICIES) for file in files}
 
 
 def drive_highway(
