@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 from socialiq.errors import UserError, one_of
 from socialiq.storage import read_json
 
-VERDICTS = ("reproduced", "partly", "not", "untested")
+VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
+"""`adopted`: our code takes the setting from the thesis, so that its equality shows nothing."""
 
 _REPRODUCE = (
     "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",

@@ -38,7 +38,7 @@ class Claims(Printing):
     results: Path | None = None
     """Folder that holds results/STUDY; by default the packaged results."""
     verdict: str = ""
-    """Only this verdict: reproduced, partly, not or untested."""
+    """Only this verdict: reproduced, adopted (a setting typed in), partly, not or untested."""
     study: str = ""
     """Only claims tested by this study."""
 
