@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 
@@ -26,6 +27,7 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Batch, Intersection
 
 HIGHWAY_STEPS = 150
+SINGLE_STEPS = 5_000
 CORE_STEPS = 30_000
 BATCH = 64  # for one thread
 WIDE_BATCH = 1024  # for two: below that they wait for one another
@@ -54,6 +56,8 @@ def run(repeats: int) -> dict[str, Any]:
     options = Options()
     real = real_environment(options)
     core = Batch(options, BATCH)
+    single = gymnasium.make("socialiq/Intersection-v1")
+    vector = gymnasium.make_vec("socialiq/Intersection-v1", num_envs=BATCH)
     steered = ContinuousOptions(actions="continuous_steering")
     real_steered, core_steered = real_environment(steered), Batch(steered, BATCH)
     wide = {threads: Batch(options, WIDE_BATCH, threads) for threads in (1, 2)}
@@ -61,6 +65,8 @@ def run(repeats: int) -> dict[str, Any]:
     for _ in range(repeats):
         _note(rates, "highway_env_steps_per_s", lambda: real_steps_per_second(real))
         _note(rates, "steps_per_s_1_thread", lambda: steps_per_second(core, CORE_STEPS))
+        _note(rates, "make_steps_per_s", lambda: real_steps_per_second(single, SINGLE_STEPS))
+        _note(rates, "make_vec_steps_per_s", lambda: vector_steps_per_second(vector))
         _note(rates, "highway_env_steered_per_s", lambda: real_steps_per_second(real_steered))
         _note(rates, "steered_per_s_1_thread", lambda: steps_per_second(core_steered, CORE_STEPS))
         for threads, batch in wide.items():
@@ -68,11 +74,16 @@ def run(repeats: int) -> dict[str, Any]:
             _note(rates, name, lambda batch=batch: steps_per_second(batch, 2 * CORE_STEPS))
     found = {name: statistics.median(values) for name, values in rates.items()}
     ratios = np.divide(rates["steps_per_s_1_thread"], rates["highway_env_steps_per_s"])
+    registered = {
+        name: np.divide(rates[f"{name}_steps_per_s"], rates["highway_env_steps_per_s"])
+        for name in ("make", "make_vec")
+    }
     steering = np.divide(rates["steered_per_s_1_thread"], rates["highway_env_steered_per_s"])
     scaling = np.divide(rates["steps_per_s_2_threads"], rates["steps_per_s_wide_1_thread"])
     return {
         **found,
         "ratio": float(np.median(ratios)),
+        **{f"{name}_ratio": float(np.median(pairs)) for name, pairs in registered.items()},
         "steered_ratio": float(np.median(steering)),
         "two_thread_scaling": float(np.median(scaling)),
         **other_roads(repeats),
@@ -132,16 +143,27 @@ def real_environment(options: Options) -> Any:
     return IntersectionEnv(config=environment_config(options))
 
 
-def real_steps_per_second(environment: Any) -> float:
-    """Policy steps per second under random actions, resets included."""
-    actions = drawn(environment.action_space, HIGHWAY_STEPS)
+def real_steps_per_second(environment: Any, steps: int = HIGHWAY_STEPS) -> float:
+    """Policy steps per second of a Gymnasium environment, random actions, resets included."""
+    actions = drawn(environment.action_space, steps)
     environment.reset(seed=0)
     begin = time.perf_counter()
     for action in actions:
         _, _, terminated, truncated, _ = environment.step(action)
         if terminated or truncated:
             environment.reset()
-    return HIGHWAY_STEPS / (time.perf_counter() - begin)
+    return steps / (time.perf_counter() - begin)
+
+
+def vector_steps_per_second(environments: Any) -> float:
+    """Policy steps per second of vectorised environments, which begin ended episodes again."""
+    rounds = CORE_STEPS // environments.num_envs
+    actions = drawn(environments.single_action_space, rounds, environments.num_envs)
+    environments.reset(seed=0)
+    begin = time.perf_counter()
+    for row in actions:
+        environments.step(row)
+    return rounds * environments.num_envs / (time.perf_counter() - begin)
 
 
 def steps_per_second(batch: Batch, steps: int) -> float:

@@ -47,7 +47,7 @@ def refused(capsys, *arguments):
         (["solve"], "socialiq solve --help"),
         (["sovle", "crossing7"], "socialiq --help lists the commands"),
         (["reproduce", "fig7"], "choose one of alternatives, angle-trait"),
-        (["claims", "--verdict", "maybe"], "choose one of reproduced, adopted, partly, not, untested"),
+        (["claims", "--verdict", "maybe"], "choose one of reproduced, adopted, partly"),
         (["bench", "cars"], "choose one of learners, continuous, devices, worlds"),
         (["solve", "intersection"], "can't be listed"),
         (["predict-lambda", "intersection"], "can't be listed"),

@@ -66,10 +66,9 @@ class Dial(Printing):
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     preset: str = ""
-    """On a road of highway-env: intersection. In a gridworld: online (default), online-short (a
-    fifth of its rows, knots of the angle), online-quick (seconds, less exact), online-alone (no
-    demonstrations), online-clockless, offline, offline-redrawn (each transition at newly drawn
-    times)."""
+    """On a road of highway-env: intersection. In a gridworld: online-short (default), online (five
+    times its rows), online-quick (seconds, less exact), online-alone (no demonstrations),
+    online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
     angle: float | None = None
     """Train for this one social angle in degrees, instead of 0 to 90."""
     budget: float | None = None
@@ -152,7 +151,7 @@ class Dial(Printing):
         one_of("world", self.world, (*registry.GRIDWORLDS, *ROADS))
         presets = {**PRESETS, ON_ROADS: INTERSECTION}
         road = self.world in ROADS
-        name = self.preset or (ON_ROADS if road else "online")
+        name = self.preset or (ON_ROADS if road else "online-short")
         one_of("preset", name, tuple(presets))
         if (name == ON_ROADS) != road:
             names = ", ".join(preset for preset in presets if (preset == ON_ROADS) == road)
