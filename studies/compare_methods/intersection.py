@@ -27,7 +27,7 @@ from socialiq.worlds.intersection.world import Batch
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import demonstration_sets as recorded
-from socialiq_lab.intersection.driving import BATCH, FIRST_EPISODE, EpisodesRun
+from socialiq_lab.intersection.driving import BATCH, EpisodesRun
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from studies.compare_methods.learners import LEARNERS
@@ -37,8 +37,8 @@ WORLD = "intersection"
 METHODS = comparison.declared_methods(declaration("compare-methods"))
 """The comparison's rows by name."""
 
-FIRST_DEVELOPMENT = 50_000_000
-"""Seed of the first episode on which settings are chosen."""
+FIRST_DEVELOPMENT, FIRST_FRESH = 50_000_000, 70_000_000
+"""Seeds of the first episodes on which settings are chosen, and of those of the table."""
 
 SPEED, POLICIES = "speed.csv", "policies.csv"
 """Files of a training job: updates per second; the file of the policy of each run and angle."""
@@ -81,7 +81,8 @@ def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
     yield recorded.atlas_demonstrations(recorded.RECORDED_EPISODES)
     if phase == comparison.FRESH:
         sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
-        run = DemonstratorsRun(angles=config.angles, sha256=sha256, episodes=config.episodes)
+        episodes = {"episodes": config.episodes * len(config.seeds), "first_seed": FIRST_FRESH}
+        run = DemonstratorsRun(angles=config.angles, sha256=sha256, **episodes)
         yield Job(DEMONSTRATORS, drive_demonstrators, run, cost=5.0)
 
 
@@ -94,6 +95,7 @@ def jobs_of(
     steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
     training = f"training/{WORLD}/{phase}/{method.name}"
     yield Job(training, train_method, runs, (recorded.DEMONSTRATIONS,), 20.0 + steps / 300)
+    first = FIRST_DEVELOPMENT if phase == comparison.DEVELOPMENT else FIRST_FRESH
     for setting, seed in [(setting, seed) for setting in settings for seed in runs.seeds]:
         episodes = Driving(
             method=method.name,
@@ -101,7 +103,7 @@ def jobs_of(
             seed=seed,
             angles=runs.angles,
             episodes=config.episodes,
-            first_seed=FIRST_DEVELOPMENT if phase == comparison.DEVELOPMENT else FIRST_EPISODE,
+            first_seed=first + config.episodes * runs.seeds.index(seed),
         )
         number = method.settings.index(setting)
         name = f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"

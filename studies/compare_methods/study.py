@@ -13,7 +13,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from socialiq.errors import UserError
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.iq_learn import config as presets
@@ -33,9 +32,6 @@ from studies.compare_methods.intersection import METHODS, SPEED
 
 TOLD = ("labels", "ranks", "rewards", "environment")
 """Inputs beside observations and actions; STUDY.toml explains them."""
-
-SETTINGS_EACH = 4
-"""Settings of every method's grid: equal tuning for all."""
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
@@ -72,7 +68,7 @@ class Config:
     polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak
     """Of methods whose grid has none."""
     episodes: int = 1000
-    """Evaluation episodes of each policy in the intersection."""
+    """Evaluation episodes of each policy in the intersection; each training seed has its own."""
     intersection_updates: int = 1_000
     """Gradient steps for each target angle in the intersection, and twice as many steps in the
     world. A GPU affords 5,000, with the next two."""
@@ -81,26 +77,12 @@ class Config:
     learners have (256, 256)."""
     intersection_batch: int = 64
     """Batch in the intersection. The world's own learners have 256."""
-    intersection_settings: int = 2
-    """Settings that are tried of each method's grid in the intersection, the middle ones; at most
-    `SETTINGS_EACH`, which the gridworlds try."""
 
     def __post_init__(self) -> None:
         """Refuse unknown worlds and methods, empty options, seeds used twice, and bad sizes."""
         comparison.check_choices(self, METHODS)
         check_counts(self, ("updates", "episodes", "intersection_updates", "intersection_batch"))
         check_widths(self.intersection_hidden)
-        if not 1 <= self.intersection_settings <= SETTINGS_EACH:
-            raise UserError(
-                f"intersection_settings must be from 1 to {SETTINGS_EACH}, "
-                f"got {self.intersection_settings}"
-            )
-
-    def settings_of(self, world: str, method: Method) -> tuple[comparison.Setting, ...]:
-        """Return the settings of a method that are tried in a world."""
-        count = SETTINGS_EACH if world in GRIDWORLDS else self.intersection_settings
-        first = (len(method.settings) - count) // 2
-        return method.settings[first : first + count]
 
     @property
     def rows(self) -> list[tuple[str, Method]]:
@@ -134,7 +116,7 @@ def phase_jobs(
     if intersection.WORLD in config.worlds:
         planned += intersection.shared_jobs(config, phase)
     for world, method in config.rows:
-        settings = config.settings_of(world, method)
+        settings = method.settings
         if chosen is not None:
             settings = (method.setting_of(chosen[world, method.name]),)
         if world not in GRIDWORLDS:

@@ -30,9 +30,10 @@ from socialiq_lab.jobs import fingerprints
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.compare_methods import intersection, learners, study
+from studies.compare_methods.baselines.shared import totals_of
 from studies.compare_methods.intersection import METHODS
-from studies.compare_methods.learners import LEARNERS
-from studies.compare_methods.study import ANGLES, SETTINGS_EACH, TOLD, Config, updates_of
+from studies.compare_methods.learners import LEARNERS, best_episodes
+from studies.compare_methods.study import ANGLES, TOLD, Config, updates_of
 
 STUDY = find("compare-methods")
 
@@ -89,7 +90,7 @@ def test_every_method_has_as_many_settings_and_a_learner() -> None:
     ours = [method for method in METHODS.values() if not method.peer]
     assert {method.learner for method in ours} == {*LEARNERS}
     for method in METHODS.values():
-        assert len({setting_name(one) for one in method.settings}) == SETTINGS_EACH
+        assert len({setting_name(one) for one in method.settings}) == 4
         assert {*method.told} <= {*TOLD}
         assert method.setting_of(setting_name(method.settings[2])) == method.settings[2]
 
@@ -190,7 +191,6 @@ def test_the_intersection_has_values_beside_its_demonstrators(tmp_path: Path) ->
         intersection_updates=2,
         intersection_hidden=(4,),
         intersection_batch=8,
-        intersection_settings=1,
     )
     found = run(STUDY, config, work=tmp_path / "work")
     rows = found.tables["policies"]
@@ -322,7 +322,6 @@ def test_environments_have_pins() -> None:
         ({"worlds": ("crossing5", "crossing5")}, "named twice"),
         ({"seeds": (100,)}, "seed of development"),
         ({"angles": ()}, "at least one"),
-        ({"intersection_settings": 5}, "from 1 to 4"),
         ({"intersection_hidden": (0,)}, "at least 1"),
         ({"intersection_updates": 0}, "intersection_updates"),
     ],
@@ -332,13 +331,24 @@ def test_wrong_configurations_are_refused(change, mend) -> None:
         Config(**change)
 
 
-@pytest.mark.parametrize(("count", "kept"), [(1, [1]), (2, [1, 2]), (4, [0, 1, 2, 3])])
-def test_fewer_settings_are_the_middle_ones(count: int, kept: list[int]) -> None:
-    grid = METHODS["guidance"].settings
-    config = Config(intersection_settings=count)
-    tried = config.settings_of("intersection", METHODS["guidance"])
-    assert [grid.index(one) for one in tried] == kept
-    assert config.settings_of("crossing7", METHODS["guidance"]) == grid
+def test_the_best_third_is_that_of_the_angle(arena: Arena) -> None:
+    data = arena.datasets[0]
+    egoistic, altruistic = (best_episodes(data, angle) for angle in (0.0, 90.0))
+    for best, rest_total in ((egoistic, 0), (altruistic, 1)):
+        totals = totals_of(data)[:, rest_total]
+        chosen = totals_of(best)[:, rest_total]
+        cut = np.sort(totals)[::-1][-(-len(totals) // 3) - 1]
+        assert chosen.min() == cut and len(chosen) == (totals >= cut).sum()
+
+
+def test_each_training_seed_is_judged_on_episodes_of_its_own() -> None:
+    config = Config(worlds=("intersection",), methods=("clone",), seeds=(300, 301), episodes=10)
+    chosen = {("intersection", "clone"): setting_name(METHODS["clone"].settings[0])}
+    jobs = study.phase_jobs(config, "fresh", chosen)
+    seeds = [job.config.seeds for job in jobs if isinstance(job.config, intersection.Driving)]
+    assert len(seeds) == 2 and not set(seeds[0]) & set(seeds[1])
+    (reference,) = [job.config for job in jobs if job.name == intersection.DEMONSTRATORS]
+    assert set(reference.seeds) == {*seeds[0], *seeds[1]}
 
 
 def test_a_grid_is_all_combinations() -> None:
