@@ -2,8 +2,10 @@
 
 import os
 import time
+from functools import partial
 
 import pytest
+from tests.patience import LONGER, is_running, pid_in, wait_until
 
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import blocks_of, in_parts
@@ -13,14 +15,18 @@ def square(number):
     return number * number
 
 
-def fail(number):
+def fail(number, pid):
+    """0 sleeps, and the others fail meanwhile."""
+    if number == 0:
+        pid.write_text(f"{os.getpid()}\n")
+        time.sleep(LONGER)
+        pid.with_name("slept").touch()
+    pid_in(pid)
     if number == 1:
         raise ValueError("no\nsuch number")
     if number == 2:
         raise UserError("choose another")
-    if number == 3:
-        os._exit(9)
-    time.sleep(60)
+    os._exit(9)
 
 
 def test_blocks_are_the_seeds_in_order():
@@ -42,9 +48,10 @@ def test_results_are_in_order_and_progress_is_reported():
     ("number", "line"),
     [(1, "failed: ValueError: no such number"), (2, "^choose another$"), (3, "was killed")],
 )
-def test_a_failed_part_is_one_line_and_ends_the_others(number, line):
-    begun = time.monotonic()
+def test_a_failed_part_is_one_line_and_ends_the_others(tmp_path, number, line):
+    pid = tmp_path / "pid"
     with pytest.raises(UserError, match=line) as error:
-        in_parts(fail, [0, number], 2)
+        in_parts(partial(fail, pid=pid), [0, number], 2)
     assert "\n" not in str(error.value)
-    assert time.monotonic() - begun < 50
+    wait_until(lambda: not is_running(pid_in(pid)))
+    assert not (tmp_path / "slept").exists()

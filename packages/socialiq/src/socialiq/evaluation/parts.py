@@ -69,6 +69,7 @@ def in_parts(
     begun = time.monotonic()
     with _one_thread(), ProcessPoolExecutor(min(processes, len(parts)), context) as pool:
         tasks = [pool.submit(play, argument) for argument in parts]
+        pool.submit(int)  # wakes the pool, or it would not notice if the last process ended
         try:
             for finished, task in enumerate(as_completed(tasks), 1):
                 task.result()
