@@ -8,20 +8,17 @@ choose by these very returns, so that the model is true, and dials don't. And fr
 whose policies are the model of drivers: near the one that drives, and never equal to it.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int64
 from scipy.special import softmax
 
-from socialiq.errors import UserError
+from socialiq import Ending, QPolicy, UserError
 from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq.worlds.intersection.options import ACTIONS, Options
 from socialiq.worlds.intersection.world import Batch
 from socialiq_lab.study import Context, Findings, tracked

@@ -4,8 +4,6 @@ Every owner's policy is beyond the margin or exactly on it, so that every pass i
 is an audit, or a simulation of one at home.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from typing import Literal, NamedTuple, get_args

@@ -4,8 +4,6 @@ The regret of a policy towards one reference is the mean of its losses. The boot
 sample; the bounds by betting know the largest loss that is declared.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm
 
+from socialiq import Ending
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.verdict.bounds import Regrets, exceeds, loss_bounds
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq_lab.study import StageCallback, silent, tracked
 from studies.audit_power.power import ERROR, outcomes, shares
 

@@ -1,23 +1,22 @@
 """Simulated drivers of known true values: coverage of intervals, error rates of verdicts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from socialiq import Ending, estimate_angle
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.calibration import calibrate, preimage
 from socialiq.audit.verdict.decision import Decision, RegretTest, floor_tests, regret_test
 from socialiq.audit.verdict.verdict import join_tests
-from socialiq.social.angle import angle_of, estimate_angle, exact_weights
+from socialiq.social.angle import angle_of, exact_weights
 from socialiq.statistics.hotelling import confidence_ellipse
 from socialiq.statistics.intervals import wilson
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq.worlds.highway.options import Contact
 from socialiq_lab.study import StageCallback, silent, tracked
 

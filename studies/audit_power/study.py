@@ -1,7 +1,5 @@
 """Coverage of the audit's intervals and error rates of its verdicts, on simulated drivers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from socialiq.audit.evidence.outcomes import check_episodes

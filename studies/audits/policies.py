@@ -1,7 +1,5 @@
 """Audited policies: truthfully and falsely declared ones, and their safety floors."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
 from socialiq.audit.request import ATLAS
@@ -18,9 +17,7 @@ from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import config as presets
-from socialiq.nn.q_policy import QPolicy
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy
-from socialiq.worlds.registry import make
 from socialiq_lab.gridworld_runs import grid_of, train_runs
 from socialiq_lab.study import StageCallback
 

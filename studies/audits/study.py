@@ -4,18 +4,15 @@ The thesis says that a recovered angle allows others to verify a declared one (7
 audit does so, from the declaration and either the printed numbers or driven episodes.
 """
 
-from __future__ import annotations
-
 import datetime
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from socialiq import Margin, declare
 from socialiq.audit.conduct import conduct
 from socialiq.audit.evidence.outcomes import check_episodes
-from socialiq.audit.profile.profile import Margin
-from socialiq.audit.profile.template import declare
 from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
 from socialiq.types import Row

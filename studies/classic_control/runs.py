@@ -1,7 +1,5 @@
 """Jobs of the study: one for each task, protocol and method, over all sets and seeds."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -10,14 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from socialiq.demonstrations.dataset import Demonstrations
+from socialiq import Demonstrations, rollout_env, train
 from socialiq.demonstrations.variants import with_images
-from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners import acting, settings
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as presets
-from socialiq.learners.iq_learn.train import train
 from socialiq.storage import write_json
 from socialiq.types import Row
 from socialiq_lab.comparison import Recipe, declared_recipes

@@ -5,15 +5,13 @@ one expert trajectory. Its expert files are no longer public, so the experts her
 controllers (`tasks`), and everything is repeated over several trajectories.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.learners.settings import check_counts
 from socialiq.results_folder import Results
 from socialiq.storage import read_json

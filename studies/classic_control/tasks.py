@@ -1,7 +1,5 @@
 """Tasks of classic control: environments, hand-written experts and mirror symmetries."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,9 +11,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from socialiq import Ending, RewardPair, UserError
 from socialiq.demonstrations.variants import Symmetry
-from socialiq.errors import UserError
-from socialiq.types import Ending, RewardPair, Step
+from socialiq.types import Step
 
 
 @dataclass(frozen=True)

@@ -4,19 +4,17 @@ All runs of a method share one program, or one for each of its static configs, w
 is fast at. Episodes are driven by the compiled core, on as many processes as there are.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from socialiq import QPolicy
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.iq_learn import config as presets
-from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded

@@ -5,8 +5,6 @@ Other libraries' pins exclude ours, so each has an environment of its own, made 
 npz file, trains with its library, and writes tables of action probabilities.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import subprocess
@@ -17,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError
+from socialiq import Demonstrations, RewardPair, UserError, score, weights
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import acting, cql
@@ -30,8 +27,7 @@ from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
-from socialiq.social.angle import exact_weights, score, weights
-from socialiq.types import RewardPair
+from socialiq.social.angle import exact_weights
 from socialiq_lab import comparison_runs as runs_of_methods
 from socialiq_lab.comparison import Method
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline

@@ -4,8 +4,6 @@ Every method of a world has the same updates, environment steps, data sets and n
 choose from, and a network of the same hidden layers.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

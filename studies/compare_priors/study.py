@@ -3,8 +3,6 @@
 Every method of a world has the same updates, environment steps, network, rates and data sets.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq import score, weights
 from socialiq.evaluation.exact import Ground
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.cql import ConservativeQ
@@ -22,7 +21,7 @@ from socialiq.learners.dial import config as dial
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn import losses
 from socialiq.results_folder import Results, as_csv
-from socialiq.social.angle import angle_difference, score, weights
+from socialiq.social.angle import angle_difference
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row

@@ -3,8 +3,6 @@
 Agents of one angle whose strength follows from a budget of regret stand beside it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import tempfile
@@ -14,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError
+from socialiq import Demonstrations, UserError
 from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.exact import (
     READOUTS,

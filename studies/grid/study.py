@@ -1,7 +1,5 @@
 """Exact tables, summary and figures of the 7x7 study beside the policies' metrics."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from typing import Any

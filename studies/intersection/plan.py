@@ -1,14 +1,13 @@
 """Configuration of the intersection study, its jobs, and the names of their folders."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator
 from typing import Any
 
+from socialiq import UserError
 from socialiq.demonstrations.mixture import MIXTURES
-from socialiq.errors import UserError, one_of
+from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.iq_learn import config as iq

@@ -1,7 +1,5 @@
 """Experts, demonstrations and learners of the intersection (thesis 5.2-6.3, 7, A)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The thesis' tables with our numbers beside its own: 6.1, 6.2, A.1, A.2, Fig A.1."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Configuration and jobs of the study: train experts, learners and dials, and drive them all."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.evaluation import road_training as road
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc

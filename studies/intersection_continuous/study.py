@@ -6,8 +6,6 @@ soft actor-critic at every angle, with two shares of high angles. Dials of discr
 same steps and updates, drive the same episodes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

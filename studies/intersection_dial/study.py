@@ -5,8 +5,6 @@ clock and its ablations differ in what `ABLATIONS` names. All are evaluated on t
 study's seeds.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError, one_of
+from socialiq import UserError
+from socialiq.errors import one_of
 from socialiq.evaluation.front import hypervolume
 from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
 from socialiq.learners import policy_iteration

@@ -4,8 +4,6 @@ One offline dial beside the demonstrators, clones and IQ-Learn, all with the net
 vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also trained online.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError, one_of
+from socialiq import UserError
+from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters

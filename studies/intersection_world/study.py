@@ -1,7 +1,5 @@
 """The intersection under rule-based drivers, and the rewards of each variant (thesis 5.1.3)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

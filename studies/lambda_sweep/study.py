@@ -1,7 +1,5 @@
 """Adaptation in the λ sweep: updates until a run's angle stays near the optimum's (Fig D.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,15 +5,13 @@ environment. Each (task, method, seed) is a piece of its own: what is finished i
 pieces come from `benchmarks/peers/mo_gymnasium_peer.py`, which runs morl-baselines as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.evaluation.front import expected_utility, hypervolume, utilities, utility_losses
 from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights

@@ -1,7 +1,5 @@
 """Tasks of MO-Gymnasium, read from tasks.toml, and the exact front of a deterministic one."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -13,13 +11,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.errors import UserError
+from socialiq import Ending, RewardPair, UserError, attainable_set, make_environment
 from socialiq.foreign import one_line
-from socialiq.mdp.front import AttainableSet, attainable_set
+from socialiq.mdp.front import AttainableSet
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.storage import read_json
-from socialiq.types import Ending, RewardPair
-from socialiq.worlds.environment import make_environment
 from socialiq_lab.comparison import as_file_name
 
 ANGLES = tuple(float(angle) for angle in range(0, 91, 5))

@@ -4,8 +4,6 @@ Dials and IQ-Learn act in a Gymnasium environment: with a network of values wher
 discrete, else with actor and critics.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import time
@@ -15,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
+from socialiq import Demonstrations, UserError, rollout_env
 from socialiq.demonstrations.mixture import concatenate
-from socialiq.errors import UserError
-from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners.acting import Driver, drawing
 from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config

@@ -1,15 +1,13 @@
 """Configuration of the study, the pieces that are there, and the jobs of what is missing."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
+from socialiq import UserError
 from socialiq.demonstrations import files
-from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.learners.settings import check_counts
 from socialiq.nn.actor_policy import ActorPolicy

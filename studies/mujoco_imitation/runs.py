@@ -1,7 +1,5 @@
 """Tasks, methods, and the jobs: experts, their demonstrations, and what learns from them."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,13 +8,11 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 
+from socialiq import Demonstrations, UserError, acting_in, make_environment, rollout_env
 from socialiq.demonstrations import files
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.variants import with_absorbing_states
-from socialiq.errors import UserError
-from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.acting import acting_in, drawing
+from socialiq.learners.acting import drawing
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config
@@ -27,7 +23,7 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json, write_json
 from socialiq.types import Policy
-from socialiq.worlds.environment import action_size, make_environment, sizes
+from socialiq.worlds.environment import action_size, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.jobs import ProgressCallback

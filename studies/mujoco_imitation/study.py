@@ -1,7 +1,5 @@
 """Study `mujoco-imitation`: imitation of trained experts on MuJoCo, beside cloning."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 

@@ -5,23 +5,19 @@ state, or now and then a random one. From their episodes alone the policies of s
 evaluated, which drive in the same way. The truth is exact, so only the episodes are random.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.mixture import equal_trajectories
+from socialiq import Demonstrations, equal_trajectories, score, tabulate, weights
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.off_policy import Chances, Evaluator, Logged, OffPolicy
 from socialiq.evaluation.rollout import MODES, rollout_table
 from socialiq.mdp.horizon import horizon_optimum
-from socialiq.social.angle import score, weights
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.enumerate import Table
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import groups, matching, mean, nested
@@ -34,7 +30,7 @@ class Scene(NamedTuple):
     places: dict[bytes, int]  # row of each state, by its bytes
 
     @staticmethod
-    def of(world: str) -> Scene:
+    def of(world: str) -> "Scene":
         """Enumerate a world."""
         table = tabulate(make_grid(world)).reachable_part()
         return Scene(table, {state.tobytes(): row for row, state in enumerate(table.states)})

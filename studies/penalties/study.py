@@ -5,8 +5,6 @@ state-action pairs and deviate sharply on others; KL would need a softmax, which
 alignment. Both are priors of a user here.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax
@@ -15,11 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import logsumexp
 
-from socialiq.demonstrations.dataset import Demonstrations
+from socialiq import Demonstrations, Ending, QPolicy, score, weights
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
-from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import score, weights
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq_lab.declared import State
 from socialiq_lab.tables import groups, mean, nested
 

@@ -1,7 +1,5 @@
 """The 5x5 proof of concept (thesis 6.1, Fig 6.1): action sequences of baseline and targets."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections import Counter
@@ -11,14 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.mixture import equal_trajectories
+from socialiq import Demonstrations, QPolicy, equal_trajectories
 from socialiq.evaluation.exact import Ground, action_table
 from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig
 from socialiq.nn.q_network import network_of
-from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure
 from socialiq.results_folder import Results
 from socialiq.social.returns import TARGET_KINDS

@@ -6,8 +6,6 @@ longer it looks, the more it yields. They are no people, and their courtesy is k
 by both rewards is measured.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

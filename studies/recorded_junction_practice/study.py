@@ -6,17 +6,16 @@ met. The dials, clones of the same rows, the calibrated drivers and rules of kno
 the same episodes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
+from socialiq import Ending
 from socialiq.audit.evidence.outcomes import Outcomes
 from socialiq.demonstrations import files
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.storage import read_json
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq_lab.study import Context, Findings
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from studies.recorded_junction_practice import work as junction

@@ -1,7 +1,5 @@
 """Configuration and jobs of the study: make the world, train with and without practice, drive."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Mapping
@@ -13,11 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from socialiq import Ending, QPolicy, RewardPair, UserError, weights
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
 from socialiq.demonstrations.mixture import concatenate
-from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.dial.offline import STAGES, recorded
@@ -25,10 +23,8 @@ from socialiq.learners.dial.offline_losses import Critic, ensemble_values
 from socialiq.learners.settings import check_counts, check_not_negative
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
-from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
-from socialiq.types import Ending, RewardPair, Row
+from socialiq.types import Row
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build

@@ -1,15 +1,14 @@
 """Statements about small λ: the slope, the flips, and the length of episodes."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
+from socialiq import score
 from socialiq.evaluation.prediction import NextValue, Setting, lines_of, problem_of
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
-from socialiq.social.angle import exact_weights, score
+from socialiq.social.angle import exact_weights
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem

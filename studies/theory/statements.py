@@ -1,7 +1,5 @@
 """Cases of the study of the theory, and its statements that hold at any λ."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
@@ -9,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from socialiq import Ending, RewardPair, tabulate
 from socialiq.evaluation.prediction import Setting, problem_of
 from socialiq.mdp.solve import soft_value
 from socialiq.mdp.tabular import TabularMDP
@@ -23,8 +22,8 @@ from socialiq.theory.closed_form import (
 from socialiq.theory.demonstrators import mean_target, occupancies
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem, shaped
-from socialiq.types import Ending, RewardPair, Row
-from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.types import Row
+from socialiq.worlds.enumerate import Table
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 KINDS = ("instantaneous", "to_go")

@@ -1,10 +1,8 @@
 """Statements and predictions of the theory against exact minima and trained networks."""
 
-from __future__ import annotations
-
 from typing import Any
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.prediction import NEXT_VALUES
 from socialiq.evaluation.rollout import trajectory_datasets

@@ -1,14 +1,12 @@
 """Trained networks against their predictions, and how many predictions hold."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
+from socialiq import Demonstrations, RewardPair
 from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.prediction import (
     NEXT_VALUES,
@@ -25,7 +23,7 @@ from socialiq.theory import response, semi_gradient
 from socialiq.theory.objective import Problem
 from socialiq.theory.response import first_flip
 from socialiq.theory.semi_gradient import equilibrium
-from socialiq.types import RewardPair, Row
+from socialiq.types import Row
 from socialiq_lab.gridworld_runs import evaluate, train_runs
 from socialiq_lab.study import StageCallback
 from socialiq_lab.tables import column, groups, matching, mean

@@ -1,22 +1,21 @@
 """Exact facts about the two gridworlds and their experts (thesis 5.1, 5.2, Fig 6.3)."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq import score, tabulate, weights
 from socialiq.evaluation.exact import Metrics, Optimum, evaluate_exactly
 from socialiq.evaluation.rollout import MODES, demonstrations_by_mode, rollout_table
 from socialiq.learners.iq_learn import config as presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.results_folder import Results
-from socialiq.social.angle import angle_of, exact_weights, score, weights
+from socialiq.social.angle import angle_of, exact_weights
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, Variant, expert_policy, tabulate
+from socialiq.worlds.enumerate import Table, Variant, expert_policy
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.gridworld_runs import sequence

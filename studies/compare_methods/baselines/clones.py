@@ -16,8 +16,6 @@ learns which rows are E's from positive and unlabelled rows, and gives the clone
 weights.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -28,12 +26,11 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 from scipy.linalg import block_diag
 
+from socialiq import QPolicy, RewardPair, score, weights
 from socialiq.learners import settings
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import score, weights
-from socialiq.types import RewardPair, Transitions
+from socialiq.types import Transitions
 from studies.compare_methods.baselines import shared
 
 
@@ -99,7 +96,7 @@ class OutcomeConditioned(ConditionedClone):
     target_kind: ClassVar[str] = "trajectory"
 
     @classmethod
-    def of(cls, static: Any, datasets: Sequence[Transitions]) -> OutcomeConditioned:
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> "OutcomeConditioned":
         """Make the learner of sets of demonstrations, each row with its episode's totals."""
         scales = jnp.asarray([scaling(shared.totals_of(data)) for data in datasets], jnp.float32)
         return dataclasses.replace(super().of(static, datasets), scales=scales)
@@ -149,7 +146,7 @@ class GuidedCloning(ConditionedClone):
     name: ClassVar[str] = "guidance"
 
     @classmethod
-    def of(cls, static: Any, datasets: Sequence[Transitions]) -> GuidedCloning:
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> "GuidedCloning":
         """Make the learner of sets of demonstrations, with their advantages."""
         table = ExpertTable.of(datasets, static.advantage, 0.99)
         return cls(static, (int(datasets[0].observation.shape[1]), datasets[0].n_actions), table)

@@ -18,8 +18,6 @@ episodes' actions under softmax(Q_k/τ). No label is seen. At an angle the inten
 episodes score best.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
@@ -29,15 +27,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from socialiq import QPolicy, RewardPair, score, weights
 from socialiq.learners import settings
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.state import Runs, stack
 from socialiq.nn.q_network import QNetwork
-from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import score, weights
-from socialiq.types import RewardPair
 from studies.compare_methods.baselines import shared
 
 LARGEST_WEIGHT = 100.0

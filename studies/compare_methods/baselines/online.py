@@ -15,8 +15,6 @@ in between is one of their mean, weighted by its preference. One network conditi
 preference learns all of them by acting; the paper distils the front into a diffusion model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -26,15 +24,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from socialiq import Ending, QPolicy, RewardPair, score
 from socialiq.learners import settings
 from socialiq.learners.collect import Source
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import config, losses
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
-from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import score
-from socialiq.types import Act, Ending, RewardPair, Transitions
+from socialiq.types import Act, Transitions
 from studies.compare_methods.baselines import shared
 
 
@@ -120,7 +117,7 @@ class TREX(IQLearn):
     Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
 
     @classmethod
-    def of(cls, static: Any, datasets: Sequence[Transitions]) -> TREX:
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> "TREX":
         """Make the learner of sets of demonstrations and their episodes."""
         learner: Any = super().of(static, datasets)
         episodes = shared.Episodes.of(datasets, learner.table)

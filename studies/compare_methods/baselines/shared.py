@@ -4,8 +4,6 @@
 `Episodes` knows the episodes and ranks them by R(α).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,14 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from socialiq import QPolicy, RewardPair, score
 from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.kernel import Learner
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import score
-from socialiq.types import RewardPair, Transitions
+from socialiq.types import Transitions
 
 
 def of_taken(
@@ -95,7 +92,7 @@ class Episodes(NamedTuple):
     bounds: Int[Array, " bound"]
 
     @staticmethod
-    def of(datasets: Sequence[Transitions], table: ExpertTable) -> Episodes:
+    def of(datasets: Sequence[Transitions], table: ExpertTable) -> "Episodes":
         """Lay out the episodes of the sets that a table was made of."""
         lengths = np.concatenate(
             [np.diff(data.episode_starts, append=len(data.action)) for data in datasets]
