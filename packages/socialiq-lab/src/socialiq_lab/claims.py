@@ -12,8 +12,6 @@ of means is compared with standard errors. So a wide spread of episodes can't hi
 and a mean of ours that is known too badly to be compared is not called reproduced.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 import math
 import re
@@ -22,7 +20,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from socialiq.errors import UserError, one_of
+from socialiq import UserError
+from socialiq.errors import one_of
 from socialiq.storage import read_json
 
 VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
@@ -80,7 +79,7 @@ def count(rows: list[dict[str, Any]]) -> dict[str, int]:
     return {verdict: counts[verdict] for verdict in VERDICTS}
 
 
-def resolve(text: str, summaries: Summaries) -> str:
+def resolve(text: str, summaries: "Summaries") -> str:
     """Return a text with its places filled from the results."""
 
     def fill(match: re.Match[str]) -> str:

@@ -1,7 +1,5 @@
 """Dask clusters: a local one for this command, or a running one."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re
@@ -15,7 +13,7 @@ from typing import Any, TypeVar
 import dask.config
 from distributed import Client, LocalCluster
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.storage import read_json
 from socialiq_lab.jobs import job_environment
 

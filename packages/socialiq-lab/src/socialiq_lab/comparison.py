@@ -1,7 +1,5 @@
 """Comparisons: methods, their settings chosen on development seeds and judged on others, tables."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Collection, Mapping, Sequence
@@ -10,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError, one_of
+from socialiq import Demonstrations, UserError
+from socialiq.errors import one_of
 from socialiq.evaluation.exact import READOUTS, Readout
 from socialiq.evaluation.rollout import MODES
 from socialiq.settings import changed

@@ -3,8 +3,6 @@
 A learner is a function from the common inputs (`Arena`) and the runs to a policy for each run.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations
+from socialiq import Demonstrations
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.acting import dials, soft
@@ -125,7 +123,7 @@ class Arena:
         numbers |= {name: value for name, value in chosen.items() if name not in structural}
         return config(**static), hyperparameters(**numbers)
 
-    def of_each_mode(self, runs: Sequence[Run]) -> tuple[Arena, list[Run]]:
+    def of_each_mode(self, runs: Sequence[Run]) -> tuple["Arena", list[Run]]:
         """Return an arena with data sets of each mode alone, and runs on the nearest mode's."""
         pairs = list(itertools.product(MODES, range(len(self.datasets))))
         datasets = [of_modes(self.datasets[number], (mode,)) for mode, number in pairs]

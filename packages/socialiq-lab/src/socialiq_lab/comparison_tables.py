@@ -1,7 +1,5 @@
 """Rows of a comparison's policies in gridworlds, and the tables and the figure that follow."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.types import Row
 from socialiq_lab import tables as table_operations
 from socialiq_lab.study import Context, Findings, Study, View

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.evaluation.parts import available_cores
 from socialiq.learners.callbacks import Report, Stopped
 from socialiq.storage import write_atomically

@@ -5,8 +5,6 @@ column `panels`. In a panel, `lines` gives a colour to each value of a column, `
 style, and `each` a line of its own. `layers` draw several tables into the same panels.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Train many runs in an enumerable world and evaluate every one of them exactly."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.demonstrations.dataset import Demonstrations
+from socialiq import Demonstrations, QPolicy, train
 from socialiq.errors import one_of
 from socialiq.evaluation import exact
 from socialiq.evaluation.exact import Ground, Metrics, mean_of
@@ -18,10 +16,8 @@ from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
-from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.state import History
-from socialiq.nn.q_policy import QPolicy
 from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table

@@ -6,8 +6,6 @@ other is made again. An interrupted job finds the files that it had written and 
 them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import importlib.metadata
@@ -23,7 +21,7 @@ from typing import Any
 
 import filelock
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.learners.callbacks import Report, Stopped, stop_requests
 from socialiq.storage import read_json, write_json
 

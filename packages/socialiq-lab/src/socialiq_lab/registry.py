@@ -6,8 +6,6 @@ beside it ends with `STUDY` (`socialiq_lab.study.Study`). Its table `tiny` is th
 name: other values of the configuration for a run of seconds.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import sys
@@ -15,7 +13,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from socialiq.errors import UserError, one_of
+from socialiq import UserError
+from socialiq.errors import one_of
 from socialiq.foreign import FAILURES, failure, imported
 from socialiq_lab.declared import declared_study
 from socialiq_lab.study import Study

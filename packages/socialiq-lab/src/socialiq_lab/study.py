@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from socialiq import UserError
 from socialiq import results_folder as store
-from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock, Report
 from socialiq.results_folder import Results
 from socialiq.storage import shipped

@@ -1,7 +1,5 @@
 """Operations on rows that studies share: groups, means, nested summaries, adjusted tests."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Functions for the processes of a Dask cluster: run a job, report its progress, stop it."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal
@@ -14,7 +12,7 @@ from typing import Any, NamedTuple
 
 from distributed import Worker, get_worker
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.learners.callbacks import Stopped, StopRequest
 from socialiq.results_folder import versions
 from socialiq.storage import write_atomically

@@ -1,7 +1,5 @@
 """Commands of the laboratory, which `socialiq` finds by an entry point; `claims` and `bench`."""
 
-from __future__ import annotations
-
 import importlib.util
 import textwrap
 from dataclasses import dataclass
@@ -12,8 +10,9 @@ from typing import Annotated
 import tyro
 
 import socialiq
+from socialiq import UserError
 from socialiq.cli.output import Printing, print_json, print_table
-from socialiq.errors import UserError, one_of
+from socialiq.errors import one_of
 from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq_lab import claims

@@ -1,7 +1,5 @@
 """`demo`: the first thing to try, in a minute or two."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

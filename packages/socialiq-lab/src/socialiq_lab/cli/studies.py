@@ -4,8 +4,6 @@ The settings of a study are the fields of its configuration. `--seeds`, `--set` 
 change them, and `--settings` lists them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import itertools
@@ -15,9 +13,10 @@ from typing import Annotated, Any
 
 import tyro
 
+from socialiq import UserError
 from socialiq import results_folder as store
 from socialiq.cli.output import Display, Printing, print_json, print_table
-from socialiq.errors import UserError, one_of
+from socialiq.errors import one_of
 from socialiq.outputs import claimed
 from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed, described

@@ -1,7 +1,5 @@
 """`sweep`: train every combination of settings that a file names."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -11,9 +9,9 @@ from typing import Annotated
 
 import tyro
 
+from socialiq import UserError
 from socialiq import results_folder as store
 from socialiq.cli.output import Display, Printing, complain, print_json, print_table
-from socialiq.errors import UserError
 from socialiq.storage import write_atomically
 from socialiq_lab.engine import Engine, run_jobs
 from socialiq_lab.jobs import do, fingerprints, job_environment, open_jobs

@@ -1,13 +1,11 @@
 """Demonstrations of the intersection's experts: recordings, and mixtures drawn from them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from socialiq import Demonstrations
 from socialiq.demonstrations import files
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.rollout import MODES, record
 from socialiq.storage import save_arrays

@@ -1,7 +1,5 @@
 """Driving jobs of the intersection: policies' episodes on common seeds, as checked files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from socialiq import QPolicy, RewardPair
 from socialiq.evaluation.branching import with_oracle_lookahead
 from socialiq.evaluation.dial import Sweep, calibrated
 from socialiq.evaluation.episodes import Episodes, episodes_of
@@ -16,11 +15,10 @@ from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
-from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
-from socialiq.types import RewardPair, Row
+from socialiq.types import Row
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch

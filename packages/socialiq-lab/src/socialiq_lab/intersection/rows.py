@@ -1,7 +1,5 @@
 """Rows of tables and files of the atlas, from the folders of the intersection's jobs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from socialiq import QPolicy
 from socialiq.evaluation.episodes import OUTCOMES, Episodes, policy_row
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
-from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import from_csv
 from socialiq.social.angle import exact_weights

@@ -1,7 +1,5 @@
 """Printed values of the thesis for the intersection: Tables 6.1, 6.2, A.1, A.2, Fig 6.5."""
 
-from __future__ import annotations
-
 METRICS = ("collision", "arrival", "timeout", "speed_kmh", "stopped")
 """Rows of Tables 6.1 and 6.2; rates and the share stopped in %, speed in km/h."""
 

@@ -4,8 +4,6 @@ A job is called in a process of its own, so everything that it depends on is in 
 of which its fingerprint is made (`socialiq_lab.jobs`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq import QPolicy, UserError
 from socialiq.evaluation import road_training as road
 from socialiq.evaluation.road_training import Checks
 from socialiq.evaluation.rollout import MODES
@@ -31,7 +29,6 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
-from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
@@ -214,7 +211,7 @@ def train_dial(
     fit(train, folder, on_progress, [DIAL], monitor)
 
 
-def _mean_value(config: DialRun | DialIterationRun, policy: DialPolicy) -> dict[str, float]:
+def _mean_value(config: "DialRun | DialIterationRun", policy: DialPolicy) -> dict[str, float]:
     """Return the mean of J(α) over the angles of a check."""
     values = [
         config.checks.measured(config.options, policy.at(angle), angle)["total"]

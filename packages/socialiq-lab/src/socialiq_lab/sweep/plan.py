@@ -1,7 +1,5 @@
 """Read a sweep file: every combination of its values becomes a run, and runs become jobs."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -11,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from socialiq.errors import UserError
+from socialiq import UserError
 from socialiq.learners.extensions import LEARNERS, find_learner
 from socialiq.learners.iq_learn.config import PRESETS, Endings
 from socialiq.reading import read_toml, sha256_of_file

@@ -1,7 +1,5 @@
 """Train the runs of one job of a sweep, evaluate them, and make the sweep's table."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import math
@@ -12,14 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from socialiq import QPolicy, UserError, acting_in, train
 from socialiq.demonstrations import files
-from socialiq.errors import UserError
 from socialiq.evaluation.exact import READOUTS, Ground, Metrics
-from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.extensions import find_learner
-from socialiq.learners.iq_learn.train import train
-from socialiq.nn.q_policy import QPolicy
 from socialiq.results_folder import Results
 from socialiq.storage import read_json, write_json
 from socialiq.to_json import rounded
