@@ -1,4 +1,4 @@
-"""Studies that a STUDY.toml declares: trainings in a gridworld, tables, summary, figures, views.
+"""Studies that a STUDY.toml declares, in its order: settings, trainings, tables, figures, views.
 
 `[config]` holds the settings and their defaults. Elsewhere "$name" is the value of a setting,
 "$name.0" its first item, "{name}" its text, and "@field" in a label the field of a run.
@@ -14,11 +14,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from socialiq import UserError
+from socialiq.errors import UserError, one_of
 from socialiq.types import Row
 from socialiq_lab import tables as table_operations
 from socialiq_lab.study import Context, Findings, Study, View
@@ -26,19 +26,31 @@ from socialiq_lab.study import Context, Findings, Study, View
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from socialiq.demonstrations.dataset import Demonstrations
-    from socialiq.nn.q_policy import QPolicy
+    from socialiq import Demonstrations
     from socialiq.results_folder import Results
+    from socialiq_lab.gridworld_runs import Learned
 
+KEYS: dict[str, tuple[str, str]] = {
+    "train": (
+        "rows stage label data",
+        "learner preset regularized static runs reciprocal targets checkpoint prior",
+    ),
+    "table": ("name from", "where regret_at pool mean paired python"),
+    "summary": ("from nest", "keep python"),
+    "figure": (
+        "name x y",
+        "table where split join kind by lines styles each panels error text layers rows python "
+        "xlabel ylabel ylabels zlabel rotation xscale yscale xlim ylim limits hline vline diagonal "
+        "legend label color alpha title size columns",
+    ),
+    "view": ("table", "where columns title pivot python"),
+}
+"""Keys of each table: what it needs unless a function takes its place, and what it may have."""
 
-class Learned(NamedTuple):
-    """A trained policy of a declared study."""
-
-    label: Row  # of its rows
-    static: Any  # configuration of its learner
-    run: Any  # its hyperparameters
-    data: Demonstrations  # that it learned from
-    policy: QPolicy
+LEARNERS = ("iq_learn", "behaviour_cloning")
+DATA = ("trajectories", "transitions")
+KINDS = ("lines", "points", "band", "bars", "heatmap")
+"""Of a training its learner and the unit of its data, of a figure its kind."""
 
 
 @dataclasses.dataclass
@@ -125,45 +137,82 @@ def _setting(config: Any, name: str) -> Any:
     return value[int(index)] if index else value
 
 
-def _function(module: Any, name: str) -> Callable[..., Any]:
-    """Return a function of `study.py`."""
-    function = getattr(module, name, None)
-    if not callable(function):
-        raise UserError(f"STUDY.toml: study.py beside it has no function {name}")
-    return function
-
-
 def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Context) -> Findings:
     """Train every variant, then compute the tables and the summary in their order."""
     from socialiq.evaluation.exact import Ground
+    from socialiq_lab import gridworld_runs
 
-    findings = Findings({}, {})
-    if hasattr(module, "compute_tables"):
-        findings = module.compute_tables(config, context)
-        state = State(config, None, findings.tables)
-    else:
-        state = State(config, Ground.of(resolved(content["world"], config)))
-    for variant in variants(content, config):
-        _train(state, variant, module, context)
-    for table in content.get("table", ()):
-        specification = resolved(table, config)
-        if "python" in specification:
-            rows = _function(module, specification["python"])(state)
+    computes = hasattr(module, "compute_tables")
+    trainings = variants(content, config)
+    tables = resolved(content.get("table", []), config)
+    summary = resolved(content.get("summary", {}), config)
+    shown = (resolved(content.get(name, []), config) for name in ("figure", "view"))
+    state = State(config, None if computes else Ground.of(resolved(content["world"], config)))
+    _check([trainings, tables, [summary] if summary else [], *shown], module)
+    findings = module.compute_tables(config, context) if computes else Findings({}, {})
+    state.tables |= findings.tables
+    known = [*findings.tables, *(training["rows"] for training in trainings)]
+    for table in [*tables, *([summary] if summary else [])]:
+        if "python" not in table:
+            one_of("table", table["from"], known)
+        known.append(table.get("name", ""))
+    for training in trainings:
+        report = context.on_stage(training["stage"])
+        prior = getattr(module, training.get("prior", ""), None)
+        inputs = training, state.ground, config.seeds, state.data
+        rows, policies = gridworld_runs.train_declared(*inputs, report, prior)
+        state.tables.setdefault(training["rows"], []).extend(rows)
+        state.policies += policies
+    for table in tables:
+        if "python" in table:
+            state.tables[table["name"]] = getattr(module, table["python"])(state)
         else:
-            rows = table_operations.derived(specification, state.tables, state.ground)
-        state.tables[specification["name"]] = rows
-    declared = resolved(content.get("summary", {}), config)
-    summary = findings.summary
-    if "python" in declared:
-        summary = _function(module, declared["python"])(state)
-    elif declared:
-        rows = state.tables[declared["from"]]
-        summary = table_operations.nested(rows, *declared["nest"], keep=declared.get("keep"))
-    return findings._replace(tables=state.tables, summary=summary)
+            rows = table_operations.derived(table, state.tables, state.ground)
+            state.tables[table["name"]] = rows
+    results = findings.summary
+    if "python" in summary:
+        results = getattr(module, summary["python"])(state)
+    elif summary:
+        rows = state.tables[summary["from"]]
+        results = table_operations.nested(rows, *summary["nest"], keep=summary.get("keep"))
+    return findings._replace(tables=state.tables, summary=results)
+
+
+def _check(entries_of_tables: Sequence[Sequence[Mapping[str, Any]]], module: Any) -> None:
+    """Refuse what the grammar or `study.py` lacks, in the order of `KEYS`, before anything runs."""
+    from socialiq.learners.iq_learn.config import PRESETS
+
+    for (table, (needed, options)), entries in zip(KEYS.items(), entries_of_tables, strict=True):
+        for entry in entries:
+            for key in entry:
+                one_of(f"key of {table} in STUDY.toml", key, [*needed.split(), *options.split()])
+            needs = "name" if "python" in entry and table == "table" else needed
+            missing = [key for key in needs.split() if key not in entry]
+            if missing and (table == "table" or "python" not in entry):
+                raise UserError(f"STUDY.toml: give each {table} {' and '.join(missing)}")
+            functions = [entry.get("python"), entry.get("prior")]
+            functions += [entry["rows"]] if table == "figure" and "rows" in entry else []
+            for name in filter(None, functions):
+                if not callable(getattr(module, name, None)):
+                    raise UserError(f"STUDY.toml: study.py beside it has no function {name}")
+    for training in entries_of_tables[0]:
+        one_of("learner", training.get("learner", LEARNERS[0]), LEARNERS)
+        one_of("kind of data", next(iter(training["data"]), ""), DATA)
+        if training.get("learner", LEARNERS[0]) == LEARNERS[0]:
+            one_of("preset", training.get("preset", ""), tuple(PRESETS))
+    for figure in entries_of_tables[3]:
+        for layer in (figure, *figure.get("layers", ())):
+            one_of("kind of figure", layer.get("kind", KINDS[0]), KINDS)
 
 
 def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
-    """Return the trainings of a declaration: defaults laid under, `each` multiplied out."""
+    """Return the trainings of a declaration, each with the values of its runs.
+
+    Defaults are laid under, `each` and the grid of `runs` are multiplied out, and the numbers of
+    `reciprocal` are added.
+    """
+    from socialiq.evaluation.rollout import MODES
+
     expanded = []
     for train in content.get("train", ()):
         variant = dict(content.get("defaults", {}))
@@ -172,107 +221,51 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
             if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
                 value = {**below, **value}
             variant[key] = value
-        each = variant.pop("each", {})
-        for values in _product(resolved(each, config)):
+        for values in _product(resolved(variant.pop("each", {}), config)):
             bound = SimpleNamespace(**dataclasses.asdict(config) | values)
             result = resolved(variant, bound)
+            result["runs"] = _product(result.get("runs", {}))
+            for run in result["runs"]:
+                run |= {name: 1.0 / run[of] for name, of in result.get("reciprocal", {}).items()}
+            if result.get("targets") == "modes":
+                result["targets"] = list(MODES.values())
             if result.pop("if", True):
                 expanded.append(result)
     return expanded
 
 
 def _product(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-    """Return every combination of values, the last name varying fastest."""
-    return [
-        dict(zip(columns, values, strict=True)) for values in itertools.product(*columns.values())
-    ]
+    """Return every combination, the last name varying fastest; "modes" are the experts' angles."""
+    from socialiq.evaluation.rollout import MODES
 
-
-def _train(state: State, variant: Mapping[str, Any], module: Any, context: Context) -> None:
-    """Train the runs of a variant in one program, and add their rows to the state."""
-    from socialiq_lab import gridworld_runs as gridworlds
-
-    seeds = state.config.seeds
-    data = _datasets(state, variant["data"])
-    static, numbers = gridworlds.learner_of(variant)
-    runs = [
-        dataclasses.replace(numbers, **values, seed=seed, dataset=index % len(data))
-        for values in _product(gridworlds.axes(variant.get("runs", {})))
-        for index, seed in enumerate(seeds)
-    ]
-    for name, field in variant.get("reciprocal", {}).items():
-        runs = [dataclasses.replace(run, **{name: 1.0 / getattr(run, field)}) for run in runs]
-    prior = _function(module, variant["prior"]) if "prior" in variant else None
-    report = context.on_stage(variant["stage"])
-    chunk = variant.get("checkpoint")
-    trained = gridworlds.train_variant(state.ground, static, runs, data, report, chunk, prior)
-    labels: list[Row] = [
-        {
-            name: getattr(run, value[1:]) if str(value).startswith("@") else value
-            for name, value in variant["label"].items()
-        }
-        for run in runs
-    ]
-    rows = state.tables.setdefault(variant["rows"], [])
-    if chunk is not None:
-        rows += gridworlds.checkpoint_rows(trained.history, runs, labels)
-        return
-    policies = [trained.policy(number) for number in range(len(runs))]
-    targets = gridworlds.axes({"angle": variant.get("targets", [None])})
-    for target in targets["angle"]:
-        for label, run, policy in zip(labels, runs, policies, strict=True):
-            angle = run.angle if target is None else target
-            row_label = label | {"target_angle": angle}
-            rows += gridworlds.rows_of(state.ground, [policy], angle, row_label, [run.seed])
-    state.policies += [
-        Learned(label | {"target_angle": run.angle}, static, run, data[run.dataset], policy)
-        for label, run, policy in zip(labels, runs, policies, strict=True)
-    ]
-
-
-def _datasets(state: State, declared: Mapping[str, int]) -> list[Demonstrations]:
-    """Return a data set for each seed, made at its first use."""
-    from socialiq.evaluation import rollout as experts
-
-    kinds = {
-        "trajectories": experts.trajectory_datasets,
-        "transitions": experts.transition_datasets,
-    }
-    ((kind, number),) = declared.items()
-    name = f"{kind} {number}"
-    if name not in state.data:
-        state.data[name] = kinds[kind](state.ground.table, state.config.seeds, number)
-    return state.data[name]
+    lists = [list(MODES.values()) if values == "modes" else values for values in columns.values()]
+    return [dict(zip(columns, values, strict=True)) for values in itertools.product(*lists)]
 
 
 def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
     from socialiq_lab import figures
 
     pictures = {}
-    settings = SimpleNamespace(**results.config)
-    for declared in content.get("figure", ()):
-        specification = resolved(declared, settings)
-        if "python" in specification:
-            pictures |= _function(module, specification["python"])(results)
+    for figure in resolved(content.get("figure", []), SimpleNamespace(**results.config)):
+        if "python" in figure:
+            pictures |= getattr(module, figure["python"])(results)
             continue
         drawn = results
-        if "rows" in specification:
-            name = specification["table"] = specification["rows"]
-            tables = {**results.tables, name: _function(module, name)(results)}
-            drawn = dataclasses.replace(results, tables=tables)
-        picture = figures.draw(specification, drawn)
+        if "rows" in figure:
+            name = figure["table"] = figure["rows"]
+            rows = getattr(module, name)(results)
+            drawn = dataclasses.replace(results, tables={**results.tables, name: rows})
+        picture = figures.draw(figure, drawn)
         if picture is not None:
-            pictures[specification["name"]] = picture
+            pictures[figure["name"]] = picture
     return pictures
 
 
 def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[View]:
     views = []
-    settings = SimpleNamespace(**results.config)
-    for declared in content.get("view", ()):
-        view = resolved(declared, settings)
+    for view in resolved(content.get("view", []), SimpleNamespace(**results.config)):
         if "python" in view:
-            views += _function(module, view["python"])(results)
+            views += getattr(module, view["python"])(results)
             continue
         if view["table"] not in results.tables:  # it was empty
             continue

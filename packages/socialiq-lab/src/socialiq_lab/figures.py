@@ -14,13 +14,11 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.errors import one_of
 from socialiq.plotting import style
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq_lab.tables import as_text, where
 
-KINDS = ("lines", "points", "band", "bars", "heatmap")
 PALETTE = ("#2166ac", "#c23b22", "#1b7837", "#e08214", "#762a83", "#888888", "#1f9e89", "#d6604d")
 STYLES = ("-", "--", ":", "-.")
 _MARKS = "osD^vP*X"
@@ -37,13 +35,13 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
     """Draw a `[[figure]]` of a STUDY.toml; None where its tables have no rows.
 
     Args:
-        specification: `table`, `where`, `split` (columns of the parts of a name), `kind` (one of
-            `KINDS`), `x`, `y` (a column, or several), `lines`, `styles`, `each`, `panels`,
-            `error` (columns of a lower and an upper end), `text` (column written beside points),
-            `join` (a column of several), `layers` (tables of these keys, laid over the others),
-            `xlabel`, `ylabel`, `ylabels`, `rotation` (of the labels at x, degrees), `xscale`,
-            `yscale`, `xlim`, `ylim`, `hline`, `vline`, `diagonal`, `legend` (false for none),
-            `title`, `size` (of a panel, in inches), `columns` (panels side by side).
+        specification: `table`, `where`, `split` (columns of the parts of a name), `kind`, `x`, `y`
+            (a column, or several), `lines`, `styles`, `each`, `panels`, `error` (columns of a lower
+            and an upper end), `text` (column written beside points), `join` (a column of several),
+            `layers` (tables of these keys, laid over the others), `xlabel`, `ylabel`, `ylabels`,
+            `rotation` (of the labels at x, degrees), `xscale`, `yscale`, `xlim`, `ylim`, `hline`,
+            `vline`, `diagonal`, `legend` (false for none), `title`, `size` (of a panel, in inches),
+            `columns` (panels side by side).
         results: Results whose tables are drawn.
     """
     layers = [{**specification, **layer} for layer in specification.get("layers", [{}])]
@@ -120,7 +118,6 @@ def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
 def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) -> None:
     """Draw the rows of a layer that belong to a panel."""
     kind = layer.get("kind", "lines")
-    one_of("kind of figure", kind, KINDS)
     y = layer["y"] if "layers" in layer and isinstance(layer["y"], str) else panel.y
     rows = [
         row for row in where(rows, panel.values) if row.get(y, "") != "" and row[layer["x"]] != ""

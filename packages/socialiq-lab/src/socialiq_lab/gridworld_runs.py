@@ -2,26 +2,23 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from socialiq import Demonstrations, QPolicy, train
-from socialiq.errors import one_of
 from socialiq.evaluation import exact
-from socialiq.evaluation.exact import Ground, Metrics, mean_of
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation.exact import Ground, Metrics
+from socialiq.evaluation.rollout import trajectory_datasets, transition_datasets
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.kernel import Trained
-from socialiq.learners.state import History
 from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
-from socialiq_lab.tables import groups
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """From the `TrainState` of all runs to named values, each (runs,)."""
@@ -48,74 +45,105 @@ def train_runs(
     hyperparameters: Sequence[IQLearnHyperparameters],
     datasets: Sequence[Demonstrations],
     on_report: Callable[[Report], None] | None,
-    chunk: int = 500,
+    chunk: int | None = None,
     monitor: Monitor | None = None,
     prior: Callable[..., Any] | None = None,
 ) -> Trained:
     """Train in the ground's world and record the monitor's values after every chunk.
 
-    The default monitor of a training with a progress callback is the exact metrics.
+    The default monitor of a training with a progress callback or a chunk is the exact metrics.
     """
-    if monitor is None and on_report is not None:
+    if monitor is None and (on_report is not None or chunk is not None):
         monitor = exact.exact_monitor(ground.part, [run.temperature for run in hyperparameters])
     callbacks = Callbacks(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if static.online else None
-    return train(static, hyperparameters, datasets, simulator, callbacks, chunk, prior=prior)
+    return train(static, hyperparameters, datasets, simulator, callbacks, chunk or 500, prior=prior)
 
 
-def axes(declared: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
-    """Return the values of each axis of a grid of runs; "modes" are the experts' angles."""
-    return {
-        name: list(MODES.values()) if values == "modes" else values
-        for name, values in declared.items()
-    }
+class Learned(NamedTuple):
+    """A trained policy of a declared study."""
+
+    label: Row  # of its rows
+    static: Any  # configuration of its learner
+    run: Any  # its hyperparameters
+    data: Demonstrations  # that it learned from
+    policy: QPolicy
 
 
-def learner_of(variant: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return static configuration and hyperparameters of a declared training.
-
-    Those of its `learner` ("iq_learn" or "behaviour_cloning") and `preset`, without the prior if
-    it is not `regularized`, with the fields of `static` changed.
-    """
-    learner = variant.get("learner", "iq_learn")
-    one_of("learner", learner, ("iq_learn", "behaviour_cloning"))
-    if learner == "iq_learn":
-        one_of("preset", variant["preset"], tuple(presets.PRESETS))
-        static, numbers = presets.PRESETS[variant["preset"]]
-        static = static if variant.get("regularized", True) else presets.baseline(static)
-    else:
-        static = behaviour_cloning.CloningConfig()
-        numbers = behaviour_cloning.CloningHyperparameters()
-    return changed(static, variant.get("static", {})), numbers
-
-
-def train_variant(
+def train_declared(
+    training: Mapping[str, Any],
     ground: Ground,
-    static: Any,
-    runs: Sequence[Any],
-    datasets: Sequence[Demonstrations],
+    seeds: Sequence[int],
+    data_sets: dict[str, list[Demonstrations]],
     on_report: Callable[[Report], None] | None,
-    chunk: int | None = None,
     prior: Callable[..., Any] | None = None,
-) -> Trained:
-    """Train the runs of a declared training, IQ-Learn or behaviour cloning, in one program.
+) -> tuple[list[Row], list[Learned]]:
+    """Train the runs of a `[[train]]` in one program; return its rows and its policies.
 
-    `chunk` is the number of updates between two exact evaluations (None for none), and `prior` a
-    penalty of the user's own in place of the quadratic one.
+    Args:
+        training: The declaration, as `declared.variants` multiplies it out.
+        ground: The world.
+        seeds: Training seeds, each with its own data set.
+        data_sets: Data sets by their declaration, as "trajectories 60"; new ones are added.
+        on_report: Shows progress.
+        prior: A penalty of the user's own in place of the quadratic one.
     """
+    ((kind, number),) = training["data"].items()
+    if (key := f"{kind} {number}") not in data_sets:
+        experts = {"trajectories": trajectory_datasets, "transitions": transition_datasets}
+        data_sets[key] = experts[kind](ground.table, seeds, number)
+    data, chunk = data_sets[key], training.get("checkpoint")
+    static, numbers = learner_of(training)
+    runs = [
+        dataclasses.replace(changed(numbers, values), seed=seed, dataset=index)
+        for values in training["runs"]
+        for index, seed in enumerate(seeds)
+    ]
     if isinstance(static, behaviour_cloning.CloningConfig):
         callbacks = Callbacks(on_report=on_report)
-        return behaviour_cloning.BehaviourCloning.train_on(static, runs, datasets, callbacks)
-    monitor = None
+        trained = behaviour_cloning.BehaviourCloning.train_on(static, runs, data, callbacks)
+    else:
+        trained = train_runs(ground, static, runs, data, on_report, chunk, prior=prior)
+    labels: list[Row] = [
+        {
+            name: getattr(run, value[1:]) if str(value).startswith("@") else value
+            for name, value in training["label"].items()
+        }
+        for run in runs
+    ]
     if chunk is not None:
-        monitor = exact.exact_monitor(ground.part, [run.temperature for run in runs])
-    return train_runs(ground, static, runs, datasets, on_report, chunk or 500, monitor, prior)
+        return checkpoint_rows(trained, runs, labels), []
+    policies = [trained.policy(number) for number in range(len(runs))]
+    rows: list[Row] = []
+    for target in training.get("targets", [None]):
+        for label, run, policy in zip(labels, runs, policies, strict=True):
+            angle = run.angle if target is None else target
+            rows += rows_of(ground, policy, angle, label | {"target_angle": angle}, run.seed)
+    return rows, [
+        Learned(label | {"target_angle": run.angle}, static, run, data[run.dataset], policy)
+        for label, run, policy in zip(labels, runs, policies, strict=True)
+    ]
 
 
-def checkpoint_rows(history: History, runs: Sequence[Any], labels: Sequence[Row]) -> list[Row]:
+def learner_of(training: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return static configuration and hyperparameters of a declared training.
+
+    Those of its `learner` and `preset`, without the prior if it is not `regularized`, with the
+    fields of `static` changed.
+    """
+    if training.get("learner") == "behaviour_cloning":
+        static = behaviour_cloning.CloningConfig()
+        numbers = behaviour_cloning.CloningHyperparameters()
+    else:
+        static, numbers = presets.PRESETS[training["preset"]]
+        static = static if training.get("regularized", True) else presets.baseline(static)
+    return changed(static, training.get("static", {})), numbers
+
+
+def checkpoint_rows(trained: Trained, runs: Sequence[Any], labels: Sequence[Row]) -> list[Row]:
     """Return a row for each checkpoint, run and action selection, with the exact metrics."""
     arrays = {
-        (readout, name): history.array(f"{readout}_{name}")
+        (readout, name): trained.history.array(f"{readout}_{name}")
         for readout in exact.READOUTS
         for name in Metrics._fields
     }
@@ -125,7 +153,7 @@ def checkpoint_rows(history: History, runs: Sequence[Any], labels: Sequence[Row]
         | {name: float(arrays[readout, name][checkpoint, number]) for name in Metrics._fields}
         for number, (run, label) in enumerate(zip(runs, labels, strict=True))
         for readout in exact.READOUTS
-        for checkpoint, updates in enumerate(history.updates)
+        for checkpoint, updates in enumerate(trained.history.updates)
     ]
 
 
@@ -134,48 +162,14 @@ def evaluate(ground: Ground, policy: QPolicy, readout: exact.Readout) -> Metrics
     return exact.evaluate_exactly(ground.part, exact.action_table(policy, ground.part, readout))
 
 
-def rows_of(
-    ground: Ground, policies: Sequence[QPolicy], angle: float, label: Row, seeds: Sequence[int]
-) -> list[Row]:
-    """Return label, seed, metrics and regret of each policy and action selection."""
+def rows_of(ground: Ground, policy: QPolicy, angle: float, label: Row, seed: int) -> list[Row]:
+    """Return label, seed, metrics and regret of a policy, a row for each action selection."""
     rows = []
-    for policy, seed in zip(policies, seeds, strict=True):
-        for readout in exact.READOUTS:
-            metrics = evaluate(ground, policy, readout)
-            regret = ground.optimum.regret(metrics, angle)
-            rows.append(
-                label | {"readout": readout, "seed": seed} | metrics._asdict() | {"regret": regret}
-            )
+    for readout in exact.READOUTS:
+        metrics = evaluate(ground, policy, readout)
+        regret = {"regret": ground.optimum.regret(metrics, angle)}
+        rows.append(label | {"readout": readout, "seed": seed} | metrics._asdict() | regret)
     return rows
-
-
-def with_regret(ground: Ground, rows: Sequence[Row], angle: float) -> list[Row]:
-    """Add the regret at an angle in degrees to rows with exact metrics."""
-    return [row | {"regret": ground.optimum.regret(metrics_of(row), angle)} for row in rows]
-
-
-def metrics_of(row: Row) -> Metrics:
-    """Return the metrics of a row."""
-    return Metrics(*(row[name] for name in Metrics._fields))
-
-
-def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
-    """Return means over seeds of rows with equal `keys`; the angle is that of the mean totals.
-
-    `angle_low` and `angle_high` are the least and greatest angle of a single seed.
-    """
-    means = []
-    for values, group in groups(rows, *keys).items():
-        metrics = mean_of([metrics_of(row) for row in group])
-        angles = [row["angle"] for row in group]
-        means.append(
-            dict(zip(keys, values, strict=True))
-            | {"seeds": len(group)}
-            | metrics._asdict()
-            | {"angle_low": min(angles), "angle_high": max(angles)}
-            | {"regret": float(np.mean([row["regret"] for row in group]))}
-        )
-    return means
 
 
 def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:

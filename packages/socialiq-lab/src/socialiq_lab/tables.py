@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import one_of
 from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.types import Row
 
@@ -36,20 +35,13 @@ def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], g
     """Return the rows of a `[[table]]` of a STUDY.toml, which follow from another table.
 
     Its operations are taken in this order: `from`, `where`, `regret_at` (an angle in degrees), and
-    one of `pool` (means over seeds by these columns), `mean` (means of numeric columns by these
-    columns) and `paired` (tests of a difference over seeds, see `paired_table`).
-
-    Raises:
-        UserError: If there is no such table.
+    one of `mean` (means of numeric columns by these columns), `paired` (tests of a difference over
+    seeds, see `paired_table`) and `pool` (exact metrics, means over seeds by these columns).
     """
-    from socialiq_lab import gridworld_runs
-
-    one_of("table", specification["from"], tuple(tables))
     rows = where(tables[specification["from"]], specification.get("where", {}))
     if "regret_at" in specification:
-        rows = gridworld_runs.with_regret(ground, rows, specification["regret_at"])
-    if "pool" in specification:
-        return gridworld_runs.pooled(rows, specification["pool"])
+        angle = specification["regret_at"]
+        rows = [row | {"regret": ground.optimum.regret(metrics_of(row), angle)} for row in rows]
     if "mean" in specification:
         keys = specification["mean"]
         return [
@@ -58,7 +50,34 @@ def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], g
         ]
     if "paired" in specification:
         return paired_table(rows, **specification["paired"])
-    return rows
+    return pooled(rows, specification["pool"]) if "pool" in specification else rows
+
+
+def metrics_of(row: Row) -> Any:
+    """Return the exact metrics of a row."""
+    from socialiq.evaluation.exact import Metrics
+
+    return Metrics(*(row[name] for name in Metrics._fields))
+
+
+def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
+    """Return means over seeds of rows with equal `keys`; the angle is that of the mean totals.
+
+    `angle_low` and `angle_high` are the least and greatest angle of a single seed.
+    """
+    from socialiq.evaluation.exact import mean_of
+
+    means = []
+    for values, group in groups(rows, *keys).items():
+        metrics, angles = mean_of([metrics_of(row) for row in group]), column(group, "angle")
+        means.append(
+            dict(zip(keys, values, strict=True))
+            | {"seeds": len(group)}
+            | metrics._asdict()
+            | {"angle_low": min(angles), "angle_high": max(angles)}
+            | {"regret": mean(group, "regret")}
+        )
+    return means
 
 
 def paired_table(

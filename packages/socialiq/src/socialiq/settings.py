@@ -117,15 +117,15 @@ def _typed(value: Any, kind: Any, name: str) -> Any:
         if value is None or str(value).lower() == "none":
             return None
         return _typed(value, next(kind for kind in arguments if kind is not type(None)), name)
-    if origin is typing.Literal:
-        one_of(name, value, arguments)
-        return value
     if origin is tuple:
         items = _items(value, name)
         kinds = [arguments[0]] * len(items) if arguments[1:] == (...,) else arguments
         if len(items) != len(kinds):
             raise UserError(f"{name} takes {len(kinds)} values, got {len(items)}")
         return tuple(_typed(item, kind, name) for item, kind in zip(items, kinds, strict=True))
+    if origin is typing.Literal:
+        one_of(name, value, arguments)
+        return value
     if kind is bool:
         one_of(name, str(value).lower(), ("true", "false"))
         return str(value).lower() == "true"

@@ -72,11 +72,12 @@ class Reproduce(Printing):
             results = experiment.load(study, self.from_)
             if self.out is not None:
                 experiment.save(study, results, self.out, self.replace)
-        elif self.settings:
-            print_table(described(self._config(study, content)))
-            return 0
         else:
-            results = self._computed(study, self._config(study, content))
+            config = self._config(study, content)
+            if self.settings:
+                print_table(described(config))
+                return 0
+            results = self._computed(study, config)
         if self.json:
             print_json({"study": results.study, "config": results.config} | results.summary)
         else:
