@@ -70,8 +70,7 @@ class Decided(NamedTuple):
 def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
     """Drive each driver's episodes side by side, with the returns of every action.
 
-    After its first action a rollout follows the dial at its middle, for every driver the same. A
-    planner draws actions with probabilities in proportion to exp(β R(α)) of the returns.
+    After its first action a rollout follows the dial at its middle, for every driver the same.
     """
     size = len(population.angle) * episodes
     batch = Batch(Options(), size)
@@ -110,11 +109,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
 def base_of(
     mixed: list[QPolicy], observation: Float[np.ndarray, "row feature"]
 ) -> Float[np.ndarray, "row action"]:
-    """Return log p by the mixture of some policies, with `RANDOM` of random actions.
-
-    With no policy every action is equally likely. A policy without a clock doesn't read the time,
-    which comes last.
-    """
+    """Return log p by the mixture of policies, a share `RANDOM` at random; even without any."""
     even = np.full((len(observation), len(ACTIONS)), 1 / len(ACTIONS))
     if not mixed:
         return np.log(even)
@@ -132,11 +127,7 @@ def first_episodes(decided: Decided, episodes: int, used: int) -> Decided:
 
 
 def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
-    """Return the decisions of each driver's first episodes as choices.
-
-    Every driver drives alone, so that each is a chain. Of the `used` episodes of a driver, which
-    has `episodes`, half are to infer.
-    """
+    """Return each driver's first `used` of its `episodes` as choices; half are to infer."""
     row, log_base, env, social, action, *_ = first_episodes(decided, episodes, used)
     driver, episode = np.divmod(row, episodes)
     order = np.lexsort([np.arange(len(row)), row])
@@ -164,11 +155,7 @@ _KEYS = ("kind", "inferred_from", "spread_planted", "episodes")
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Drive all populations, infer and test.
-
-    Raises:
-        UserError: If no population can be made of the configuration.
-    """
+    """Drive all populations, infer and test."""
     if not config.lengths or any(length < 2 or length % 2 for length in config.lengths):
         raise UserError(f"lengths must be even numbers from 2, got {list(config.lengths)}")
     if config.drivers < 2 or config.repeats < 1:
@@ -244,8 +231,7 @@ def tabulate_family(
 ) -> traits.Tabulated:
     """Return log p(a | s) of every candidate, and the mean candidate, by β and angle of a family.
 
-    p(a | s) = (1 - ε) softmax(β Q_α(s, .))(a) + ε / n, with ε = `random` the share of choices at
-    random among the n candidates. One whose value Q_α(s, a) is minus infinity is none.
+    p(a | s) = (1 - ε) softmax(β Q_α(s, .))(a) + ε / n; a value of minus infinity is no candidate.
     """
     finite = np.isfinite(values)[:, :, None, :]
     score = trait.shared[:, None] * np.where(finite, values[:, :, None, :], 0.0)
@@ -261,8 +247,7 @@ def fit_family(
 ) -> Models:
     """Infer angles with the policies of a dial as the model of drivers (`fit_models`).
 
-    Its policies mixed are the base predictor of the rivals. The dial observes the time; `seed` is
-    of the shuffling, `step` of the angles integrated over, degrees.
+    Its policies mixed are the base predictor of the rivals; `step` is in degrees.
     """
     angle = np.linspace(dial.low, dial.high, max(2, round((dial.high - dial.low) / step) + 1))
     policies = [dial.at(value) for value in angle.tolist()]

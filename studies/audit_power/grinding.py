@@ -71,10 +71,7 @@ def grinding_rows(
     resamples: int = 1000,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals.
-
-    `resamples` is the smallest number of each bootstrap; a small error takes more.
-    """
+    """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals."""
     first: dict[tuple[str, str], list[int]] = {
         (policy, way): [] for policy in POLICIES for way in WAYS
     }
@@ -144,8 +141,7 @@ class Audit:
     def passes(self, error: float) -> bool:
         """Whether it passes at an error of at most 5 %.
 
-        An audit that doesn't pass at a larger error, which few resamples show, passes at no smaller
-        one, so that few audits need the many resamples of a small error.
+        What fails at a larger error, which few resamples show, passes at no smaller one.
         """
         larger = [level for level in _LEVELS if level > error]
         return not self._hopeless and all(self._passes(level) for level in (*larger, error))

@@ -32,10 +32,7 @@ class Tail:
 
 
 def scale_of(mean: float, limit: float, cut_mean: Callable[[float], float]) -> float:
-    """Return the factor s for which min(s X, limit) has a mean below the limit, by bisection.
-
-    `cut_mean` is the mean of min(X, t) by t.
-    """
+    """Return s for which min(s X, limit) has a mean; `cut_mean` is the mean of min(X, t) by t."""
     low, high = 1e-9 * limit, limit
     for _ in range(100):
         middle = (low + high) / 2
@@ -139,10 +136,7 @@ def price_rows(
 
 
 def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
-    """Return the shares of wrong passes by betting in audits of `LONGER` times as many episodes.
-
-    Short audits of heavy tails pass nothing, so that their errors say little.
-    """
+    """Return the shares of wrong passes by betting in audits `LONGER` times as long."""
     rows: list[Row] = []
     for name, tail in TAILS.items():
         losses = _drawn(name, "at the margin", replications, LONGER * episodes, seed)
@@ -153,10 +147,7 @@ def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
 
 
 def false_bound_rows(episodes: int, replications: int, seed: int) -> list[Row]:
-    """Return the decisions on policies whose declared largest loss is too low.
-
-    The losses are those of `error_rows`.
-    """
+    """Return the decisions on the policies of `error_rows` that declare too low a largest loss."""
     rows: list[Row] = []
     for name, tail in TAILS.items():
         losses = _drawn(name, "at the margin", replications, episodes, seed)
@@ -200,10 +191,7 @@ def passes_by_bootstrap(
 def decisions_by_betting(
     losses: Float[np.ndarray, "audit episode"], margin: float, declared: float
 ) -> tuple[int, int]:
-    """Return the numbers of passes and of fails with a declared largest loss.
-
-    Audits are independent, so the bounds of all are computed at once, as of so many references.
-    """
+    """Return the numbers of passes and of fails with a declared largest loss."""
     compared = np.ones(len(losses), bool)
     broken = np.array([exceeds(float(row.max()), declared) for row in losses])
     highs = loss_bounds(losses, compared, margin, declared, ERROR, ERROR / 2).highs

@@ -166,15 +166,36 @@ def coverage_rows(
     resamples: int = 1000,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the share of audits in which each interval contains the true value.
-
-    `seed` is that of the first audit; the others follow.
-    """
-    seeds = range(seed, seed + replications)
-    covered = [
-        _covered(Truth(), episodes, current, resamples)
-        for current in tracked(seeds, on_stage, "coverage", "audits")
-    ]
+    """Return the share of audits in which each interval contains the true value."""
+    truth, covered = Truth(), list[dict[str, bool]]()
+    along = _directions(np.array([truth.declared]))[0]
+    for current in tracked(range(seed, seed + replications), on_stage, "coverage", "audits"):
+        evidence, draws = draw_evidence(truth, episodes, current), current + _APART
+        regrets = Regrets(evidence, draws, resamples)
+        regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
+        angle = estimate_angle(*evidence.policy.totals.T.copy(), draws, 1 - ERROR, resamples)
+        alike = calibrate(evidence, truth.declared, 10.0, True, draws, ERROR, resamples)
+        assert alike.low is not None and alike.high is not None
+        # Of centred totals, the region contains the origin where it would contain the true mean.
+        centred = confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
+        tests = floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)
+        floor = {test.name: test for test in tests}
+        towards_first = float((truth.references[1] - truth.policy) @ along)
+        contained = (  # in the order of `NOMINAL`
+            truth.regret <= regret.high,
+            truth.regret >= regret.low,
+            towards_first <= regret.references[1].high,
+            angle.low <= truth.alpha_hat <= angle.high,
+            alike.low <= truth.calibrated <= alike.high,
+            centred.holds_origin,
+            truth.at_fault <= floor["at_fault"].high,
+            truth.at_fault >= floor["at_fault"].low,
+            truth.struck <= floor["struck"].high,
+            truth.arrival >= floor["arrival"].low,
+            truth.arrival <= floor["arrival"].high,
+            truth.timeout <= floor["timeout"].high,
+        )
+        covered.append(dict(zip(NOMINAL, contained, strict=True)))
     return [
         {"interval": name, "nominal": nominal}
         | share("covered", sum(audit[name] for audit in covered), replications)
@@ -190,10 +211,9 @@ def verdict_rows(
     resamples: int = 1000,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the shares of verdicts on every case, as `coverage_rows` those of intervals.
+    """Return the shares of verdicts on every case.
 
-    Endings are drawn after the rewards, so cases that differ only in endings have the same rewards,
-    and their regret is tested once.
+    Cases that differ only in endings have the same rewards: their regret is tested once.
     """
     decisions: dict[str, list[Decision]] = {case: [] for case in CASES}
     for current in tracked(range(seed, seed + replications), on_stage, "error rates", "audits"):
@@ -217,36 +237,3 @@ def verdict_rows(
         )
         for case, verdicts in decisions.items()
     ]
-
-
-def _covered(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, bool]:
-    """Return whether each interval of one audit contains the true value."""
-    evidence = draw_evidence(truth, episodes, seed)
-    seed += _APART
-    regrets = Regrets(evidence, seed, resamples)
-    regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
-    towards_first = float(
-        (truth.references[1] - truth.policy) @ _directions(np.array([truth.declared]))[0]
-    )
-    env, social = evidence.policy.totals.T.copy()
-    angle = estimate_angle(env, social, seed, 1 - ERROR, resamples)
-    equivalence = calibrate(evidence, truth.declared, 10.0, True, seed, ERROR, resamples)
-    assert equivalence.low is not None and equivalence.high is not None
-    # Of centred totals, the region contains the origin where it would contain the true mean.
-    centred = confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
-    tests = floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)
-    floor = {test.name: test for test in tests}
-    return {
-        "regret, upper bound": truth.regret <= regret.high,
-        "regret, lower bound": truth.regret >= regret.low,
-        "regret towards one reference, upper bound": towards_first <= regret.references[1].high,
-        "alpha_hat": angle.low <= truth.alpha_hat <= angle.high,
-        "calibrated angle": equivalence.low <= truth.calibrated <= equivalence.high,
-        "ellipse of the mean": centred.holds_origin,
-        "at fault, upper bound": truth.at_fault <= floor["at_fault"].high,
-        "at fault, lower bound": truth.at_fault >= floor["at_fault"].low,
-        "struck, upper bound": truth.struck <= floor["struck"].high,
-        "arrival, lower bound": truth.arrival >= floor["arrival"].low,
-        "arrival, upper bound": truth.arrival <= floor["arrival"].high,
-        "timeout, upper bound": truth.timeout <= floor["timeout"].high,
-    }

@@ -51,10 +51,7 @@ class AuditedPolicy(NamedTuple):
 
 
 def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
-    """Yield the atlas' policies at their own angles, some at others, and one that never moves.
-
-    The file of the latter is written to the folder.
-    """
+    """Yield the atlas' policies at their own angles and at others, and one that never moves."""
     families = {"set expert": "set_", "expert": "expert_", "learner": ""}
     cells: list[tuple[str, str, float, float | None]] = [
         (f"{family}, {mode}", f"{prefix}{mode}", angle, angle)
@@ -90,11 +87,7 @@ def exact_in_gridworld(folder: Path) -> None:
 def trained_in_gridworld(
     folder: Path, seed: int, updates: tuple[int, int], on_stage: StageCallback
 ) -> None:
-    """Train three targets with their baseline, and a dial, and write them to a folder.
-
-    The dial is the run `online` of the study `dial` with fewer updates; `updates` are the gradient
-    steps of the targets and of the dial.
-    """
+    """Write three trained targets, their baseline and a dial `online`, of these updates each."""
     ground = Ground.of(GRIDWORLD)
     data = trajectory_datasets(ground.table, [seed], _EPISODES_EACH)
     steered = dataclasses.replace(presets.GRID, updates=updates[0])

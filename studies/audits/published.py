@@ -24,14 +24,8 @@ SEEDS = 5
 def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
     """Audit Table A.1's experts at their own angles, with the other two as references.
 
-    The covariances of both returns and of two drivers on the same episodes are not printed.
-    Therefore standard errors are bounded by the worst possible correlation, and the stated number
-    of episodes suffices for any correlation.
-
-    Args:
-        margin: Declared margins.
-        error: Probability of a wrong pass, and of a wrong fail.
-        episodes: Number of episodes for the half width of α̂.
+    No covariance is printed. Therefore standard errors are bounded by the worst possible
+    correlation, and the stated number of episodes suffices for any.
     """
     rows: list[Row] = []
     for mode, angle in MODES.items():
@@ -109,11 +103,7 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
     `of_seeds` uses Student's bounds over the five seeds, whose spread is printed; `of_episodes`
     exact bounds with the given number of episodes. The table doesn't split collisions by who struck
     whom: they fail beyond the sum of both limits and pass within the smaller one. The baseline has
-    the floor of 0 degrees.
-
-    Args:
-        error: Probability of a wrong pass, and of a wrong fail, one-sided.
-        episodes: Number of episodes for `of_episodes`.
+    the floor of 0 degrees. `error` is the probability of a wrong pass, and of a wrong fail.
     """
     rows = []
     for policy in POLICIES:
@@ -127,9 +117,15 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
         for name, (fails, passes) in limits.items():
             mean, spread = (value / 100 for value in TABLE_6_2[name][policy])
             least, tails = name == "arrival", (error / 2 / len(CRITERIA), error)
+            below, above = tails[::-1] if least else tails  # errors on either side
+            error_of_mean, count = spread / math.sqrt(SEEDS), round(mean * episodes)
+            off = [float(student.isf(tail, SEEDS - 1)) * error_of_mean for tail in (below, above)]
             bounds = {
-                "seeds": _student(mean, spread, *(tails[::-1] if least else tails)),
-                "episodes": _exact(mean, episodes, *(tails[::-1] if least else tails)),
+                "seeds": (max(mean - off[0], 0.0), min(mean + off[1], 1.0)),
+                "episodes": (
+                    clopper_pearson(count, episodes, 1.0 - 2.0 * below).low,
+                    clopper_pearson(count, episodes, 1.0 - 2.0 * above).high,
+                ),
             }
             # At which chance alone gives the spread of a share.
             implied = round(mean * (1.0 - mean) / spread**2) if spread else ""
@@ -144,19 +140,3 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
                 row |= {f"{kind}_low": low, f"{kind}_high": high, f"of_{kind}": decision.value}
             rows.append(row)
     return rows
-
-
-def _student(mean: float, spread: float, below: float, above: float) -> tuple[float, float]:
-    """Return Student's bounds with these errors on either side."""
-    error = spread / math.sqrt(SEEDS)
-    low, high = (float(student.isf(tail, SEEDS - 1)) * error for tail in (below, above))
-    return max(mean - low, 0.0), min(mean + high, 1.0)
-
-
-def _exact(mean: float, episodes: int, below: float, above: float) -> tuple[float, float]:
-    """Return Clopper and Pearson's bounds with these errors on either side."""
-    count = round(mean * episodes)
-    return (
-        clopper_pearson(count, episodes, 1.0 - 2.0 * below).low,
-        clopper_pearson(count, episodes, 1.0 - 2.0 * above).high,
-    )

@@ -19,8 +19,8 @@ from socialiq.types import Row
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
 from socialiq_lab.tables import column, matching
 from studies.audits import policies as audited
+from studies.audits import published
 from studies.audits.policies import GRIDWORLD, AuditedPolicy
-from studies.audits.published import floor_rows, learner_angle_rows, return_rows
 
 DAY = datetime.date(2026, 11, 1)
 MARGINS = {"intersection": Margin(1.0, 10.0), GRIDWORLD: Margin(0.5, 10.0)}
@@ -44,18 +44,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
             audited.exact_in_gridworld(trained)
             audited.trained_in_gridworld(trained, config.training_seed, updates, context.on_stage)
             rows += audit_rows(list(audited.of_gridworld(trained, config.dial_angles)), *how)
-    tables = {"audits": rows, **published_tables(config.episodes)}
-    return Findings(tables, _summary(tables))
-
-
-def published_tables(episodes: int) -> dict[str, list[Row]]:
-    """Return the tables of the printed numbers, for this many episodes where none are stated."""
     margin = MARGINS["intersection"]
-    return {
-        "published_returns": return_rows(margin, ERROR, episodes),
-        "published_angles": learner_angle_rows(margin),
-        "published_floor": floor_rows(ERROR, episodes),
+    tables = {
+        "audits": rows,
+        "published_returns": published.return_rows(margin, ERROR, config.episodes),
+        "published_angles": published.learner_angle_rows(margin),
+        "published_floor": published.floor_rows(ERROR, config.episodes),
     }
+    return Findings(tables, _summary(tables))
 
 
 def audit_rows(
@@ -76,44 +72,41 @@ def audit_rows(
         lines = [line for line in declared.source.splitlines() if line and line[:1] != b"#"]
         profile.write_bytes(b"\n".join(lines))
         request = Request(policy.spec, profile, episodes, seed)
-        rows.append(_audit_row(policy, conduct(request, lambda _: None).report))
+        report = conduct(request, lambda _: None).report
+        tests, means, decision = report["tests"], report["policy"]["means"], report["verdict"]
+        regret, angle, calibrated = tests["regret"], tests["alpha_hat"], tests["calibration"]
+        decisions = {"regret": regret["decision"]}
+        decisions |= {test["name"]: test["decision"] for test in tests["competence"]}
+        # The failed tests, or the open ones of an inconclusive verdict; none of a pass.
+        deciding = [name for name, result in decisions.items() if result == decision["decision"]]
+        row = {
+            "world": policy.world,
+            "policy": policy.name,
+            "made_for": policy.made_for,
+            "declared": policy.declared,
+            "truthful": int(policy.truthful),
+            "verdict": decision["decision"],
+            "decided_by": "" if decision["decision"] == "pass" else ", ".join(deciding),
+            "needed": decision["needed"] or "",
+            "regret": regret["regret"],
+            "regret_low": regret["low"],
+            "regret_high": regret["high"],
+            "margin": regret["margin"],
+            "regret_decision": regret["decision"],
+            "best": regret["best"],
+            **{name: means[name] for name in ("at_fault", "struck", "arrival", "timeout")},
+            "min_arrival": policy.floor.min_arrival,
+            "explained": arcs(tests["rationalised"]["arcs"]),
+            "alpha_hat": angle["angle"] if angle else "",
+            "alpha_low": angle["low"] if angle else "",
+            "alpha_high": angle["high"] if angle else "",
+            "calibrated_low": calibrated["low"],
+            "calibrated_high": calibrated["high"],
+            "calibration": calibrated["decision"] if calibrated["low"] is not None else "none",
+            "policy_sha256": report["hashes"]["policy"],
+        }
+        rows.append({name: "" if value is None else value for name, value in row.items()})
     return rows
-
-
-def _audit_row(policy: AuditedPolicy, report: dict[str, Any]) -> Row:
-    tests, means, decision = report["tests"], report["policy"]["means"], report["verdict"]
-    regret, angle, calibrated = tests["regret"], tests["alpha_hat"], tests["calibration"]
-    decisions = {"regret": regret["decision"]}
-    decisions |= {test["name"]: test["decision"] for test in tests["competence"]}
-    # The failed tests, or the open ones of an inconclusive verdict; none of a pass.
-    deciding = [name for name, result in decisions.items() if result == decision["decision"]]
-    row = {
-        "world": policy.world,
-        "policy": policy.name,
-        "made_for": policy.made_for,
-        "declared": policy.declared,
-        "truthful": int(policy.truthful),
-        "verdict": decision["decision"],
-        "decided_by": "" if decision["decision"] == "pass" else ", ".join(deciding),
-        "needed": decision["needed"] or "",
-        "regret": regret["regret"],
-        "regret_low": regret["low"],
-        "regret_high": regret["high"],
-        "margin": regret["margin"],
-        "regret_decision": regret["decision"],
-        "best": regret["best"],
-        **{name: means[name] for name in ("at_fault", "struck", "arrival", "timeout")},
-        "min_arrival": policy.floor.min_arrival,
-        "explained": arcs(tests["rationalised"]["arcs"]),
-        "alpha_hat": angle["angle"] if angle else "",
-        "alpha_low": angle["low"] if angle else "",
-        "alpha_high": angle["high"] if angle else "",
-        "calibrated_low": calibrated["low"],
-        "calibrated_high": calibrated["high"],
-        "calibration": calibrated["decision"] if calibrated["low"] is not None else "none",
-        "policy_sha256": report["hashes"]["policy"],
-    }
-    return {name: "" if value is None else value for name, value in row.items()}
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:

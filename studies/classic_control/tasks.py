@@ -90,11 +90,7 @@ TASKS = {
 
 
 def make_env(task: Task) -> gymnasium.Env[Any, Any]:
-    """Make a task's environment.
-
-    Raises:
-        UserError: If its library isn't installed.
-    """
+    """Make a task's environment; `UserError` if its library isn't installed."""
     try:
         return gymnasium.make(task.env)
     except gymnasium.error.DependencyNotInstalled as error:

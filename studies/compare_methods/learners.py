@@ -169,11 +169,7 @@ class Environment:
 
 
 def scripts() -> Path:
-    """Return the folder of the peers' scripts and pins.
-
-    Raises:
-        UserError: In an installed package, which has no benchmarks.
-    """
+    """Return the folder of the peers' scripts and pins, which come with the sources alone."""
     folder = Path(__file__).parents[2] / "benchmarks" / "peers"
     if not folder.is_dir():
         raise UserError(
@@ -269,11 +265,7 @@ def world_arrays(ground: Ground) -> dict[str, np.ndarray]:
 
 
 def checked(table: np.ndarray, ground: Ground) -> np.ndarray:
-    """Return a peer's table as distributions, float64.
-
-    Raises:
-        UserError: If it is no table of action probabilities of the world.
-    """
+    """Return a peer's table as distributions; `UserError` if it is none of the world."""
     shape = (ground.part.mdp.n_states, ground.part.mdp.n_actions)
     chances = np.asarray(table, np.float64)
     if chances.shape != shape or not np.isfinite(chances).all() or chances.min() < 0.0:

@@ -232,10 +232,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def alignment(policies: Sequence[Row]) -> list[Row]:
-    """Return Spearman's ρ of |α̂ - α| and regret by world, action selection and angle.
-
-    Each policy of each method and seed is a point; p is two-sided, with Holm over all rows.
-    """
+    """Return Spearman's ρ of |α̂ - α| and regret over policies, two-sided, Holm over all rows."""
     from scipy.stats import spearmanr
 
     keys = ("world", "readout", "target_angle")

@@ -24,7 +24,6 @@ from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS, RUNS
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
-from socialiq.learners.kernel import Trained
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social import dial as mixtures
@@ -41,10 +40,7 @@ DIAL = "dial.safetensors"
 
 @dataclass(frozen=True)
 class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Seeds 0 to 9 were used in development.
-    """
+    """Configuration of the study; seeds 0 to 9 were used in development."""
 
     seeds: tuple[int, ...] = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)  # each with its own data set
     episodes_each: int = 60  # demonstrated, of each expert
@@ -77,10 +73,22 @@ def compute_tables(config: Config, context: Context) -> Findings:
     files: dict[str, bytes] = {}
     for name in config.runs:
         clock = PRESETS[name].clock
-        trained = _train(grounds[clock], config, name, data[clock], context.on_stage)
+        static, numbers, _, _ = PRESETS[name]
+        world, updates = grounds[clock].table.world, config.updates or static.updates
+        static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates)
+        runs = [
+            dataclasses.replace(numbers, seed=seed, dataset=number)
+            for number, seed in enumerate(config.seeds)
+        ]
+        shown, simulator = data[clock] * static.demonstrations, world if static.online else None
+        callbacks = Callbacks(on_report=context.on_stage(f"7x7 dial, {name}"))
+        trained = train(static, runs, shown, simulator, callbacks=callbacks)
         for run, seed in enumerate(config.seeds):
             dial, label = trained.policy(run), {"run": name, "seed": seed}
-            files = files or {DIAL: _content(dial)}
+            if not files:
+                with tempfile.TemporaryDirectory() as folder:
+                    dial.save(Path(folder) / DIAL)
+                    files[DIAL] = (Path(folder) / DIAL).read_bytes()
             limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
             _evaluate(tables, label, dial, grounds[clock], config, limit)
     if "offline" in config.runs:
@@ -99,39 +107,6 @@ def compute_tables(config: Config, context: Context) -> Findings:
         for env, social in ground.optimum.attainable.front()
     ]
     return Findings(tables, {"runs": nested(tables["pooled"], "run", "readout")}, files)
-
-
-def _content(dial: DialPolicy) -> bytes:
-    """Return the content of a dial's file."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / DIAL
-        dial.save(path)
-        return path.read_bytes()
-
-
-def _train(
-    ground: Ground,
-    config: Config,
-    name: str,
-    data: Sequence[Demonstrations],
-    on_stage: StageCallback,
-) -> Trained:
-    static, numbers, _, _ = PRESETS[name]
-    world = ground.table.world
-    static = dataclasses.replace(
-        static, one_hot=world.one_hot, updates=config.updates or static.updates
-    )
-    runs = [
-        dataclasses.replace(numbers, seed=seed, dataset=number)
-        for number, seed in enumerate(config.seeds)
-    ]
-    return train(
-        static,
-        runs,
-        data if static.demonstrations else [],
-        world if static.online else None,
-        callbacks=Callbacks(on_report=on_stage(f"7x7 dial, {name}")),
-    )
 
 
 def _evaluate(
@@ -247,10 +222,7 @@ def _reached(points: np.ndarray, angle: float) -> mixtures.Setting | None:
 def budget_tables(
     ground: Ground, config: Config, data: Sequence[Demonstrations], on_stage: StageCallback
 ) -> dict[str, list[Row]]:
-    """Train an agent for each budget and seed; return the results and the paths of the multipliers.
-
-    The world has its clock; there is a data set for each of the study's seeds.
-    """
+    """Train an agent for each budget and seed; return results and paths of the multipliers."""
     angle, offline = config.budget_angle, RUNS["offline"]
     static = dataclasses.replace(
         offline.structure,

@@ -67,8 +67,7 @@ def _visited(state: State) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
 def heatmap_rows(state: State) -> list[Row]:
     """Return P(STOP) in the cell before the conflict by the vehicles' positions (Figs 6.3, 6.4).
 
-    `weighted` averages over states by the policy's visits and is empty where it has none;
-    `unweighted` averages over all reachable states, also those that don't occur.
+    `weighted` by the policy's visits, empty without; `unweighted` over all reachable states.
     """
     states = state.ground.part.states
     rows = []

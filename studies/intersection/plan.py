@@ -53,11 +53,7 @@ SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 
 
 
 def jobs(config: Any) -> list[Job]:
-    """Return every job of the chosen parts, each after its inputs.
-
-    Raises:
-        UserError: If a part or the mixture is unknown, or a size is 0.
-    """
+    """Return every job of the chosen parts, each after its inputs."""
     for name in config.parts:
         one_of("part", name, PARTS)
     one_of("mixture", config.mixture, tuple(MIXTURES))
@@ -218,10 +214,7 @@ def _learner(
 
 
 def members(config: Any) -> dict[str, str]:
-    """Return the folder of the job of each policy of the atlas, by its name there.
-
-    Experts, and the first training seed's baseline and trio.
-    """
+    """Return the folder of the job of each policy of the atlas: experts, and the first seed's."""
     experts, learners = columns(config)["experts", "flat"], columns(config)[SHIPPED]
     policies = {name.replace(" ", "_"): folders[0] for name, folders in experts.items()}
     return policies | {target: folders[0] for target, folders in learners.items()}

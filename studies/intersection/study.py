@@ -40,6 +40,16 @@ def compute_tables(config: Any, context: Context) -> Findings:
         for (name, readout), row in rows.items()
         if readout == "greedy" and name.split("/")[0] in ("experts", "learners", "drivers")
     ]
+    highway: list[Row] = []  # each policy's episodes on the real highway-env beside the core's
+    worst = ("max_deviation", "max_observation_deviation", "max_reward_deviation")
+    for job in (job for job in context.jobs if job.stage == "highway"):
+        compared = from_csv(work / job.name / "compared.csv")
+        highway.append(
+            {"policy": job.name.removeprefix("highway/"), "episodes": len(compared)}
+            | {"steps": sum(row["steps"] for row in compared)}
+            | {"differing": sum(row["discrete_differences"] for row in compared)}
+            | {name: max(row[name] for row in compared) for name in worst}
+        )
     tables = {
         "policies": list(rows.values()),
         "table_6_2": thesis_tables.table_6_2(rows, episodes, config),
@@ -50,7 +60,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         "best_angles": best_angles(main),
         "curves": intersection.curves(context.jobs, work),
         "connected": _connected(context.jobs, work),
-        "highway": _highway(context.jobs, work),
+        "highway": highway,
         "times": intersection.times(context.jobs, work),
     }
     sources = {name: (job, plan.policy_file(job)) for name, job in shipped.items()}
@@ -122,11 +132,7 @@ def differences(rows: PolicyRows, config: Any) -> list[Row]:
 
 
 def _connected(planned: Sequence[Job], work: Path) -> list[Row]:
-    """Return outcomes of the atlas' policies with and without connected lanes.
-
-    With highway-env's intersection-v2 a driver also reacts to vehicles on the lane that follows
-    its own; before, it ignores a vehicle that has stopped just beyond the border.
-    """
+    """Return outcomes of the atlas' policies with and without connected lanes (intersection-v2)."""
     rates = [f"{kind}{end}" for kind in OUTCOMES for end in ("", "_low", "_high")]
     rows: list[Row] = []
     for job in planned:
@@ -139,22 +145,6 @@ def _connected(planned: Sequence[Job], work: Path) -> list[Row]:
                 label = {"member": job.name.removeprefix("connected/"), "connected": name}
                 names = (*rates, "ego_struck", "ego_was_struck", *REWARDS)
                 rows.append(label | {key: row[key] for key in names})
-    return rows
-
-
-def _highway(planned: Sequence[Job], work: Path) -> list[Row]:
-    """Compare each policy's episodes on the real highway-env with those on the core."""
-    rows: list[Row] = []
-    for job in planned:
-        if job.stage == "highway":
-            compared = from_csv(work / job.name / "compared.csv")
-            worst = ("max_deviation", "max_observation_deviation", "max_reward_deviation")
-            rows.append(
-                {"policy": job.name.removeprefix("highway/"), "episodes": len(compared)}
-                | {"steps": sum(row["steps"] for row in compared)}
-                | {"differing": sum(row["discrete_differences"] for row in compared)}
-                | {name: max(row[name] for row in compared) for name in worst}
-            )
     return rows
 
 

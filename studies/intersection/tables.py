@@ -103,8 +103,7 @@ def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
 def distributions(recordings: Path) -> list[Row]:
     """Return the distribution of the rewards of a decision, by mode and signal (Fig A.1).
 
-    Shares of the decisions in 40 equal bins between the 0.5 and 99.5 percentiles of all modes;
-    values beyond count in the outermost bins.
+    40 equal bins between the 0.5 and 99.5 percentiles; values beyond count in the outermost.
     """
     values = {mode: _signals(recordings, mode) for mode in MODES}
     table: list[Row] = []

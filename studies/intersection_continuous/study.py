@@ -6,6 +6,7 @@ soft actor-critic at every angle, with two shares of high angles. Dials of discr
 same steps and updates, drive the same episodes.
 """
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -43,7 +44,13 @@ _PAIRS = (
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the experts and the first dial."""
     work = context.work
-    policies, dials = _policies(config, work), _dials(config, work)
+    policies, dials = _policies(config, work), list[Row]()
+    for kind, seed, angle in itertools.product(plan.KINDS, config.seeds, config.angles):
+        file = episodes_at(work / "evaluation" / kind, plan.run_file(0.0, seed), angle)
+        row = policy_row(kind, "greedy", load_episodes(file))
+        label = {"kind": kind, "seed": seed, "asked": angle}
+        label |= {"value": intersection.value_at(row, angle), "regret": 0.0}
+        dials.append(label | row)
     for row in dials:
         best = max(intersection.value_at(other, row["asked"]) for other in dials + policies)
         row["regret"] = best - row["value"]
@@ -102,26 +109,8 @@ def _of_mixture(policies: Sequence[Row]) -> list[Row]:
     ]
 
 
-def _dials(config: Config, work: Path) -> list[Row]:
-    """Return metrics of each dial at each angle, with J there; the regret is added later."""
-    rows: list[Row] = []
-    for kind in plan.KINDS:
-        for seed in config.seeds:
-            for angle in config.angles:
-                file = episodes_at(work / "evaluation" / kind, plan.run_file(0.0, seed), angle)
-                row = policy_row(kind, "greedy", load_episodes(file))
-                label = {"kind": kind, "seed": seed, "asked": angle}
-                rows.append(
-                    label | {"value": intersection.value_at(row, angle), "regret": 0.0} | row
-                )
-    return rows
-
-
 def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
-    """Return the study's main table: each metric of Tables 6.1 and 6.2, mean and spread over seeds.
-
-    Of dials the angles of the three modes are shown.
-    """
+    """Return each metric of Tables 6.1 and 6.2 over seeds; of dials at the modes."""
     by_name = {name: rows for (name,), rows in groups(policies, "name").items()}
     modes = {angle: mode for mode, angle in MODES.items()}
     for (kind, angle), rows in groups(dials, "kind", "asked").items():

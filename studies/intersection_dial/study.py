@@ -182,30 +182,25 @@ def jobs(config: Config) -> list[Job]:
                 work, cost = training.train_dial_by_iteration, config.iteration.updates / 20
                 planned.append(Job(name, work, run, (timed,), cost))
             elif not ahead:
-                planned.append(_training(config, family, seed, at))
+                structure, numbers = config.recipe_of(family)
+                run = training.DialRun(
+                    structure=structure,
+                    numbers=dataclasses.replace(numbers, seed=seed),
+                    size=config.size,
+                    steps_per_update=config.steps_per_update,
+                    environments=structure.environments,
+                    mixture=config.mixture,
+                )
+                if family == AGENTS:
+                    agent = dataclasses.replace(structure, low=at[0], high=at[0])
+                    run = dataclasses.replace(run, structure=agent, check_angles=at)
+                inputs, cost = (sets.DEMONSTRATIONS,), structure.updates / 150
+                planned.append(Job(name, training.train_dial, run, inputs, cost))
             run = driving.Driving(angles=at, episodes=config.episodes, ahead=ahead)
             dial, cost = (timed if ahead else name), {"planned": 140.0, "lookahead": 15.0}
             cost = cost.get(ahead, 3.0) * len(at)
             planned.append(Job(f"evaluation/{name}", driving.drive, run, (dial,), cost))
     return planned
-
-
-def _training(config: Config, family: str, seed: int, angles: tuple[float, ...]) -> Job:
-    """Train a dial, or the agent of an angle."""
-    structure, numbers = config.recipe_of(family)
-    run = training.DialRun(
-        structure=structure,
-        numbers=dataclasses.replace(numbers, seed=seed),
-        size=config.size,
-        steps_per_update=config.steps_per_update,
-        environments=structure.environments,
-        mixture=config.mixture,
-    )
-    if family == AGENTS:
-        agent = dataclasses.replace(structure, low=angles[0], high=angles[0])
-        run = dataclasses.replace(run, structure=agent, check_angles=angles)
-    name, cost = folder_of(family, seed, angles[0]), structure.updates / 150
-    return Job(name, training.train_dial, run, (sets.DEMONSTRATIONS,), cost)
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
@@ -274,13 +269,7 @@ _NO_RIVALS = {FORESIGHT, "varied_drivers", "connected_lanes"}
 
 
 def known_policies() -> list[Row]:
-    """Return study, policy, r_env and r_social of every policy on the 2,000 common episodes.
-
-    Experts, learners, rules, rollout policies, dials and agents.
-
-    Raises:
-        UserError: If the results did not come with the package.
-    """
+    """Return study, policy, r_env and r_social of every policy on the 2,000 common episodes."""
     policies: list[Row] = []
     for study in _STUDIES:
         for row in load(packaged_results() / study).tables["policies"]:

@@ -89,10 +89,7 @@ class Config:
 
 
 def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
-    """Return the training runs of the dial or of a method.
-
-    A clone of all is one for every angle, and learns from all demonstrators alike.
-    """
+    """Return the runs of the dial or of a method; a clone of all is one for every angle."""
     network = {"hidden": config.structure.hidden, "view": config.structure.view}
     structure, numbers = config.structure, config.numbers
     angles = () if method == OWN else config.method_angles
@@ -195,10 +192,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def _policies(config: Config, work: Path) -> list[Row]:
-    """Return metrics of each policy, and J(α) at each angle that it is made for.
-
-    A demonstrator is made for no angle and valued at all; it has no training seed.
-    """
+    """Return metrics of each policy, and J(α) at its angles; a demonstrator is valued at all."""
     rows: list[Row] = []
     for angle in config.angles:
         for mode in MODES:
@@ -253,11 +247,7 @@ def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def summarised(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
-    """Return what is above, level or below.
-
-    The dial beside the best demonstrator at each angle, and each form of IQ-Learn beside each
-    weighted clone.
-    """
+    """Return what is above, level or below: the dial, and each form of IQ-Learn."""
     forms: dict[str, dict[str, dict[str, str]]] = {}
     for row in tables["forms"]:
         beside = forms.setdefault(row["form"], {}).setdefault(row["other"], {})
@@ -271,11 +261,7 @@ def summarised(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
 
 
 def verdict(row: Row) -> str:
-    """Return "above", "level" or "below".
-
-    "above" takes an adjusted p-value below 0.05, "below" an unadjusted one: adjusted for many
-    tests, a loss would soon be called level.
-    """
+    """Return "above" (adjusted p below 0.05), "below" (p itself, as losses count) or "level"."""
     if row["mean"] > 0:
         return "above" if row["p_holm"] < 0.05 else "level"
     return "below" if row["p"] < 0.05 else "level"

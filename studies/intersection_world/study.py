@@ -91,10 +91,7 @@ def drive(
     threads: int = 1,
     back_end: BackEnd = "core",
 ) -> Episodes:
-    """Run one episode of a reference driver for each seed; the random one draws from the first.
-
-    `options` are fields of the intersection's `Options`, and `threads` share the episodes.
-    """
+    """Run one episode of a reference driver for each seed, shared by threads."""
     size = min(BATCH[back_end], len(seeds))
     batch = Intersection(Options(**options)).batch(size, threads, back_end)
     return episodes_of(batch, policy(driver, seeds[0]), seeds)

@@ -26,8 +26,7 @@ def adaptation_rows(state: State) -> list[Row]:
     """Return the first update of each run within 20 degrees of the optimum, and the settled one.
 
     The thesis writes |α̂ - α_target| < 20 with α_target = 0 and calls -42 degrees reached, so the
-    optimum's own angle must be meant. A run may come near early and leave again, so the table also
-    has the checkpoint from which it stays near. Both are empty if there is none.
+    optimum's own angle must be meant. Both are empty if there is none.
     """
     goal = optimum_angle(state)
     table = []

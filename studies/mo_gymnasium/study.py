@@ -194,10 +194,7 @@ def pooled(rows: Sequence[Row]) -> list[Row]:
 
 
 def comparison_rows(rows: Sequence[Row]) -> list[Row]:
-    """Test both dials against every peer on a task, on the two measures that need no known front.
-
-    Welch's interval and the permutation test; Holm over a task (`p_holm_task`) and all (`p_holm`).
-    """
+    """Test the dials against every peer: Welch and permutation, Holm over a task and over all."""
     compared: list[Row] = []
     for (task,), group in groups(rows, "task").items():
         by_method = {method: runs for (method,), runs in groups(group, "method").items()}

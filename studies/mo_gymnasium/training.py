@@ -213,11 +213,7 @@ def train_and_evaluate(
 
 
 def trained(task: Task, method: str, seeds: Sequence[int]) -> tuple[list[Any], int, dict[str, Any]]:
-    """Return for each seed a dial or a list of policies, the steps taken, and the settings.
-
-    Raises:
-        UserError: If the task's steps don't suffice for the method.
-    """
+    """Return for each seed a dial or a list of policies, the steps taken, and the settings."""
     train_dials = actor_dials if task.continuous else value_dials
     size, count = ACTOR_ROUND if task.continuous else ROUND, len(EXPERT_ANGLES)
     names = ("learning_rate", "temperature", "polyak", "strength")

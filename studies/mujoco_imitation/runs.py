@@ -68,11 +68,7 @@ TASKS = {
 
 
 def make_env(task: Task) -> gymnasium.Env[Any, Any]:
-    """Make a task's environment, with actions in [-1, 1].
-
-    Raises:
-        UserError: If MuJoCo is not installed.
-    """
+    """Make a task's environment, actions in [-1, 1]; `UserError` if MuJoCo is not installed."""
     try:
         return make_environment(task.env, continuous=True)
     except UserError as error:

@@ -44,13 +44,21 @@ def compute_tables(config: Config, context: Context) -> Findings:
             online = count == 1 and METHODS[method].online
             published = {"published": TASKS[task].published if online else ""}
             cells.append(label | {"runs": len(cell)} | _pooled(cell) | published)
+    ablated = matching(runs, task=ABLATED[0], trajectories=ABLATED[1])
+    varied = any(row["method"] in VARIANTS for row in ablated)
     tables = {
         "cells": cells,
         "experts": experts,
         "runs": runs,
         "differences": with_holm(tests),
-        "ablations": ablation_rows(runs),
-        "ablation_differences": ablation_difference_rows(runs),
+        "ablations": [
+            {"method": name, "runs": len(of_method)} | _pooled(of_method)
+            for name in ("online", *VARIANTS)
+            if varied and (of_method := matching(ablated, method=name))
+        ],
+        "ablation_differences": with_holm(
+            [row for name in VARIANTS for row in _paired({}, ablated, name, "online")]
+        ),
     }
     summary = nested(tables["cells"], "task", "trajectories", "method")
     summary |= {"experts": nested(experts, "task")}
@@ -102,13 +110,6 @@ def _pooled(runs: Sequence[Row]) -> Row:
     return dict(zip(names, map(float, values), strict=True))
 
 
-def ablation_difference_rows(runs: Sequence[Row]) -> list[Row]:
-    """Test each variant's share against that of no change, paired over seeds, Holm over all."""
-    task, count = ABLATED
-    cell = matching(runs, task=task, trajectories=count)
-    return with_holm([row for name in VARIANTS for row in _paired({}, cell, name, "online")])
-
-
 def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Row]:
     """Return the test of a method's share against another's; none below two seeds with both."""
     cells = [matching(cell, method=method) for method in (first, second)]
@@ -118,14 +119,3 @@ def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Ro
         return []
     sides = ([of_seed[seed] for seed in seeds] for of_seed in shares)
     return [paired_row(label | {"first": first, "second": second}, *sides)]
-
-
-def ablation_rows(runs: Sequence[Row]) -> list[Row]:
-    """Return the means of online imitation and of its variants, in the ablations' cell."""
-    task, count = ABLATED
-    cell = matching(runs, task=task, trajectories=count)
-    if not any(row["method"] in VARIANTS for row in cell):
-        return []
-    names = [name for name in ("online", *VARIANTS) if matching(cell, method=name)]
-    of_methods = {name: matching(cell, method=name) for name in names}
-    return [{"method": n, "runs": len(rows)} | _pooled(rows) for n, rows in of_methods.items()]

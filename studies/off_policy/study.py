@@ -86,10 +86,8 @@ def compute_tables(config: Any, context: Context) -> Findings:
             label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
             rows += _estimates(label, evaluation, truth)
     pooled = [_pooled(values, group) for values, group in groups(rows, *_KEYS).items()]
-    return Findings(
-        {"estimates": rows, "pooled": pooled},
-        {"pooled": nested(pooled, "world", "explored", "estimator")},
-    )
+    tables = {"estimates": rows, "pooled": pooled}
+    return Findings(tables, {"pooled": nested(pooled, *_KEYS)})
 
 
 def _estimates(label: Row, evaluation: OffPolicy, truth: float) -> Iterator[Row]:

@@ -88,10 +88,7 @@ def _train(
     data: Demonstrations,
     on_stage: StageCallback,
 ) -> list[Row]:
-    """Train the three targets of a kind, or the baseline, and return a row for each run.
-
-    `equal_at` lists the updates with the thesis' sequence.
-    """
+    """Train the targets of a kind, or the baseline; return a row for each run."""
     numbers, angles = presets.TABLE_C1_NUMBERS, MODES
     stage = f"5x5 targets, {kind}, V(s') {static.next_value}"
     if kind == "none":

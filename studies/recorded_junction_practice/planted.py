@@ -27,12 +27,7 @@ _EVERY = 0.5  # s between the moments looked at
 def blocked(
     observation: Float[np.ndarray, "row feature"], seconds: float
 ) -> tuple[Bool[np.ndarray, " row"], Float[np.ndarray, " row"]]:
-    """Return whether another vehicle comes into the strip in front of the ego, and its speed, m/s.
-
-    Args:
-        observation: Of a recorded junction.
-        seconds: How far ahead others are moved at their present velocities, as the ego is.
-    """
+    """Return whether another vehicle comes into the strip before the ego in some seconds; m/s."""
     vehicles = observation.reshape(len(observation), -1, len(FEATURES))
     ego, neighbours = vehicles[:, 0], vehicles[:, 1:]
     speed = -ego[:, 4] * SPEED_RANGE

@@ -79,11 +79,7 @@ class Config:
         check_not_negative(self, ("checked",))
 
     def contents(self) -> dict[str, str]:
-        """Return the SHA-256 of each scenario by its file's name.
-
-        Raises:
-            UserError: If there is none.
-        """
+        """Return the SHA-256 of each scenario by its file's name; `UserError` without any."""
         paths = sorted(Path(self.recordings).glob(self.files))
         if not paths:
             raise UserError(
@@ -203,10 +199,7 @@ def train(
 def compared(
     world: RecordedWorld, dial: DialPolicy, critics: Critic, unit: Any, config: Training
 ) -> Row:
-    """Return the critics' r_env beside that of rollouts, in states that a dial visits.
-
-    In some of them the choice decides whether a collision at fault follows.
-    """
+    """Return the critics' r_env beside that of rollouts, in states that a dial visits."""
     policy, seeds = dial.at(config.angle), np.arange(config.checked) + config.first_checked
     batch = JunctionBatch(world, config.checked)
     visited = visit(batch, lambda observations: policy.predict(observations)[0], seeds)
@@ -230,10 +223,7 @@ def compared(
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive the dials of a mixture at every angle, and the clones; without one the references.
-
-    The references are calibrated drivers, constant ones and the planted ones.
-    """
+    """Drive the dials of a mixture and the clones; without one calibrated and planted drivers."""
     world = RecordedWorld.load(inputs["world"] / WORLD)
     drivers: list[Reference] = []
     for trained in (path for name, path in inputs.items() if name != "world"):

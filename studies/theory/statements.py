@@ -145,11 +145,7 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def primal_rows(cases: Sequence[Case]) -> list[Row]:
-    """Return the loss of primal value when another occupancy is mixed into the minimum's.
-
-    The others are the demonstrators' occupancy, and the minima at λ = 0, at three times λ, and at
-    the opposite target.
-    """
+    """Return the loss of primal value when another occupancy is mixed into the minimum's."""
     rows = []
     for case in cases:
         problem = case.problem
@@ -174,10 +170,7 @@ def primal_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def shaping_rows(cases: Sequence[Case], targets: Mapping[str, Sequence[Case]]) -> list[Row]:
-    """Return the largest difference of a probability from the policy of instantaneous targets.
-
-    `targets` has the same cases with other targets, by the target's name.
-    """
+    """Return the largest differences of a probability from the policy of instantaneous targets."""
     rows = []
     for number, case in enumerate(cases):
         problem, rng = case.problem, np.random.default_rng(number)

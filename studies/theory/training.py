@@ -79,11 +79,7 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
 def trained_rows(
     ground: Ground, config: Any, datasets: Sequence[Demonstrations], on_stage: StageCallback
 ) -> tuple[list[Row], list[Row]]:
-    """Train every gradient and target; return a row for each run and for each seed's flip.
-
-    `config` has `target_kinds`, of `TARGETS`, `units` (λ ‖T_⊥‖ of the grid, the same for every
-    target), `seeds`, each with its own data set, and `updates`.
-    """
+    """Train every gradient and target; return a row for each run and for each seed's flip."""
     runs: list[Row] = []
     for next_value in NEXT_VALUES:
         for kind in config.target_kinds:
@@ -151,10 +147,7 @@ def _runs(
 
 
 def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> Demonstrations:
-    """Return the rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy.
-
-    These sampled advantages are a shaping of each row, so that only the networks can differ.
-    """
+    """Return the rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy."""
     policy = semi_gradient.demonstrated_policy(problem)
     policy = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
     world, reachable = ground.table.world, ground.part
@@ -187,10 +180,7 @@ def _error(row: Row) -> float:
 
 
 def flip_counts(rows: list[Row], next_value: str) -> dict[str, Any]:
-    """Return hits and misses of a gradient, over all states and over each case's earliest flip.
-
-    Ties in the data, which flip at λ = 0, are counted separately.
-    """
+    """Return hits and misses of a gradient, over states and over firsts; ties at λ = 0 apart."""
     rows = matching(rows, next_value=next_value)
     flips = [row for row in rows if not row["tie"]]
     predicted = [row for row in flips if row["predicted"] != ""]

@@ -53,7 +53,41 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
         "crossing7_front": _front_rows(table),
         "crossing7_separability": _separability(table, config.episodes, config.seeds[0]),
     }
-    return Findings(tables, _summary(table, tables))
+    experts = {mode: _stationary(table, angle)._asdict() for mode, angle in MODES.items()}
+    steps = sum(metrics["length"] for metrics in experts.values())
+    variants = tables["crossing7_readings"]
+    five = _world_summary(tabulate(make_grid("crossing5"))) | {
+        "experts": tables["crossing5_readings"][0],
+        "exact_trigonometry": tables["crossing5_ties"][2],
+    }
+    seven = _world_summary(table) | {
+        "slots": 2,
+        "spawn_probability": table.world.options.spawn_probability,
+        "experts": experts,
+        "share_of_transitions": {mode: row["length"] / steps for mode, row in experts.items()},
+        "optimal_angles_by_reading": {
+            row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES} for row in variants
+        },
+        "optimum_angle_by_angle": {
+            f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
+        },
+        "largest_collision": max(variants[0][f"{mode}_collision"] for mode in MODES),
+        "separability": {
+            f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}
+            for row in tables["crossing7_separability"]
+        },
+    }
+    numbers = dataclasses.asdict(presets.TABLE_C1_NUMBERS) | dataclasses.asdict(presets.TABLE_C1)
+    kinds = {"poc": presets.POC, "grid": presets.GRID, "lambda-sweep": presets.SWEEP}
+    settings = {
+        "table_c1": numbers,
+        "strengths_of_the_sweep": len(presets.SWEEP_STRENGTHS),
+        "target_kinds": {name: preset.target_kind for name, preset in kinds.items()},
+    }
+    names = ("crossing5", "crossing7")
+    options = {name: dataclasses.asdict(make_grid(name).options) for name in names}
+    summary = {"crossing5": five, "crossing7": seven, "options": options, "presets": settings}
+    return Findings(tables, summary)
 
 
 def _crossing5_row(options: dict[str, str]) -> Row:
@@ -135,52 +169,6 @@ def _separability(table: Table, episodes: int, seed: int) -> list[Row]:
         }
         for first, second in pairs
     ]
-
-
-def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
-    experts = {mode: _stationary(table, angle)._asdict() for mode, angle in MODES.items()}
-    steps = sum(metrics["length"] for metrics in experts.values())
-    variants = tables["crossing7_readings"]
-    return {
-        "crossing5": _world_summary(tabulate(make_grid("crossing5")))
-        | {
-            "experts": tables["crossing5_readings"][0],
-            "exact_trigonometry": tables["crossing5_ties"][2],
-        },
-        "crossing7": _world_summary(table)
-        | {
-            "slots": 2,
-            "spawn_probability": table.world.options.spawn_probability,
-            "experts": experts,
-            "share_of_transitions": {
-                mode: metrics["length"] / steps for mode, metrics in experts.items()
-            },
-            "optimal_angles_by_reading": {
-                row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES} for row in variants
-            },
-            "optimum_angle_by_angle": {
-                f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
-            },
-            "largest_collision": max(variants[0][f"{mode}_collision"] for mode in MODES),
-            "separability": {
-                f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}
-                for row in tables["crossing7_separability"]
-            },
-        },
-        "options": {
-            name: dataclasses.asdict(make_grid(name).options) for name in ("crossing5", "crossing7")
-        },
-        "presets": {
-            "table_c1": dataclasses.asdict(presets.TABLE_C1_NUMBERS)
-            | dataclasses.asdict(presets.TABLE_C1),
-            "strengths_of_the_sweep": len(presets.SWEEP_STRENGTHS),
-            "target_kinds": {
-                "poc": presets.POC.target_kind,
-                "grid": presets.GRID.target_kind,
-                "lambda-sweep": presets.SWEEP.target_kind,
-            },
-        },
-    }
 
 
 def _world_summary(table: Table) -> dict[str, Any]:
