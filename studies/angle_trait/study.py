@@ -41,11 +41,9 @@ INFERENCES = (("planner", "returns"), ("dial", "returns"), ("dial", "another dia
 MIXED = 10
 """Angles of the dial whose policies are the base predictor of dials; that of planners is even."""
 
-RANDOM = 0.05
-"""Share of random actions in it."""
+RANDOM = 0.05  # share of random actions in it
 
-CONFIDENCE = 0.9
-"""Of the drivers' intervals."""
+CONFIDENCE = 0.9  # of the drivers' intervals
 
 
 class Population(NamedTuple):

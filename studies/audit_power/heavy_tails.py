@@ -40,8 +40,7 @@ def scale_of(mean: float, limit: float, cut_mean: Callable[[float], float]) -> f
     return low
 
 
-SIGMA, SHAPE = 2.0, 1.5
-"""Of the lognormal and of the Pareto tails."""
+SIGMA, SHAPE = 2.0, 1.5  # of the lognormal and of the Pareto tails
 _DEVIATION = 1.5  # of the light tails
 
 
@@ -94,14 +93,11 @@ the scale."""
 TIMES = {"well within": 0.2, "at the margin": 1.0, "at 1.5 x the margin": 1.5}
 """True regret, in margins."""
 
-TOO_LOW = 0.2
-"""Declared share of the limit, where the declaration is false."""
+TOO_LOW = 0.2  # declared share of the limit, where the declaration is false
 
-SIZES = (250, 500, 1000, 2000, 4000, 8000)
-"""Numbers of episodes in the table of the price."""
+SIZES = (250, 500, 1000, 2000, 4000, 8000)  # numbers of episodes in the table of the price
 
-LONGER = 8
-"""Factor of the episodes of a long audit."""
+LONGER = 8  # factor of the episodes of a long audit
 
 _TAILS = 6108  # makes these draws independent of others from the same seed
 

@@ -20,8 +20,7 @@ from socialiq.types import Row
 from socialiq.worlds.highway.options import Contact
 from socialiq_lab.study import StageCallback, silent, tracked
 
-ANGLES = np.array([0.0, 30.0, 60.0, 90.0])
-"""Target angles of the references in degrees."""
+ANGLES = np.array([0.0, 30.0, 60.0, 90.0])  # target angles of the references in degrees
 ACHIEVED = np.array([-20.0, 5.0, 60.0, 130.0])
 """Their true α̂ in degrees, which differs from the target angle."""
 _LENGTH = 4.0  # of the references' true mean totals

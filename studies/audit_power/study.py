@@ -10,6 +10,7 @@ from studies.audit_power import grinding, heavy_tails, power
 KEYS = {
     "coverage": ("interval",),
     "verdicts": ("case",),
+    "grinding": ("policy", "way"),
     "heavy_tails": ("losses", "regret"),
     "long_audits": ("losses",),
     "false_bounds": ("losses",),
@@ -34,11 +35,10 @@ def compute_tables(config: Any, context: Context) -> Findings:
         "price": heavy_tails.price_rows(max(1, number // 8), seed, *resampling),
     }
     off = [abs(row["covered"] - row["nominal"]) for row in tables["coverage"] if row["exact"]]
-    summary: dict[str, Any] = {
-        name: {", ".join(str(row[key]) for key in keys): row for row in tables[name]}
-        for name, keys in KEYS.items()
-    }
-    last = [row for row in tables["grinding"] if row["tries"] == grinding.TRIES]
-    summary["grinding"] = {f"{row['policy']}, {row['way']}": row for row in last}
-    summary["farthest_off"] = max(off)
+    summary: dict[str, Any] = {}
+    for name, keys in KEYS.items():
+        rows = [row for row in tables[name] if row.get("tries", grinding.TRIES) == grinding.TRIES]
+        summary[name] = {", ".join(str(row[key]) for key in keys): row for row in rows}
+        if name == "verdicts":
+            summary["farthest_off"] = max(off)
     return Findings(tables, summary)

@@ -24,8 +24,7 @@ from studies.classic_control.tasks import TASKS, CartPole, Task, make_env, retur
 PROTOCOLS = ("rows", "stride", "whole")
 """One random row of each block, the first row of each block, or all rows."""
 
-CHUNK = 250
-"""Updates between two rounds of acting, in environments outside compiled programs."""
+CHUNK = 250  # updates between two rounds of acting, in environments outside compiled programs
 
 ROWS = "rows.json"
 
@@ -34,10 +33,8 @@ ROWS = "rows.json"
 class Method(Recipe):
     """A learner with its settings, a table `[method.NAME]` of STUDY.toml."""
 
-    mirrored: bool = False
-    """Whether the mirror images of the demonstrations are given."""
-    scaled: bool = True
-    """Whether the features are multiplied by the task's common factor."""
+    mirrored: bool = False  # whether the mirror images of the demonstrations are given
+    scaled: bool = True  # whether the features are multiplied by the task's common factor
 
 
 _FEW, _FEW_NUMBERS = presets.PRESETS["few-offline"]

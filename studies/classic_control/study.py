@@ -24,8 +24,7 @@ from studies.classic_control import runs
 from studies.classic_control.runs import METHODS, PROTOCOLS, PUBLISHED, VARIANTS, Source
 from studies.classic_control.tasks import TASKS, make_env
 
-SOLVED = 475.0
-"""Mean return at which Gymnasium calls CartPole-v1 solved."""
+SOLVED = 475.0  # mean return at which Gymnasium calls CartPole-v1 solved
 
 PAIRS = (
     ("iq_learn", "cloning"),
@@ -34,46 +33,35 @@ PAIRS = (
 )
 """Methods that are compared, with the same demonstrations."""
 
-KEYS = ("task", "protocol", "trajectories")
-"""Columns that name a source of demonstrations."""
+KEYS = ("task", "protocol", "trajectories")  # columns that name a source of demonstrations
 
 
 @dataclass(frozen=True)
 class Config:
     """Configuration of the study; the defaults are the committed results."""
 
-    seeds: tuple[int, ...] = (10, 11, 12)
-    """Training seeds; 100 to 102 were used in development."""
-    tasks: tuple[str, ...] = tuple(TASKS)
-    """Names of `TASKS`; LunarLander needs the extra box2d."""
+    seeds: tuple[int, ...] = (10, 11, 12)  # training seeds; 100 to 102 were used in development
+    tasks: tuple[str, ...] = tuple(TASKS)  # names of `TASKS`; LunarLander needs the extra box2d
     protocols: tuple[str, ...] = PROTOCOLS
     """Rows kept of a trajectory of CartPole; of the other tasks always one of each block."""
     trajectories: tuple[int, ...] = (1, 5)
     """Trajectories of a set of demonstrations of CartPole, one row of each block."""
-    protocol_trajectories: tuple[int, ...] = (1, 5)
-    """The same with the other protocols."""
-    other_trajectories: tuple[int, ...] = (1, 5)
-    """Trajectories of a set of the other environments."""
-    methods: tuple[str, ...] = tuple(METHODS)
-    """Names of `METHODS`."""
+    protocol_trajectories: tuple[int, ...] = (1, 5)  # the same with the other protocols
+    other_trajectories: tuple[int, ...] = (1, 5)  # trajectories of a set of the other environments
+    methods: tuple[str, ...] = tuple(METHODS)  # names of `METHODS`
     published: tuple[str, ...] = tuple(PUBLISHED)
     """Names of `PUBLISHED`: on CartPole, one thinned trajectory."""
     variants: tuple[str, ...] = tuple(VARIANTS)
     """Names of `VARIANTS`, ablations: on CartPole, one trajectory, one row of each block."""
-    sets: int = 12
-    """Sets of demonstrations of CartPole, each of trajectories of its own."""
+    sets: int = 12  # sets of demonstrations of CartPole, each of trajectories of its own
     other_sets: int = 6
     """Sets of the other environments, and first ones of CartPole's for the ablations."""
-    episodes: int = 20
-    """Evaluation episodes of each policy."""
-    updates: int = 0
-    """Gradient steps of each learner; 0 for those of its settings."""
+    episodes: int = 20  # evaluation episodes of each policy
+    updates: int = 0  # gradient steps of each learner; 0 for those of its settings
     data_seed: int = 7_000
     """Seed of the first trajectory; 50,000,000 and later ones were used in development."""
-    evaluation_seed: int = 9_000
-    """Seed of the evaluation's first states."""
-    shrinkages: tuple[float, ...] = (1e-4, 1e-2)
-    """Penalties of the linear fits."""
+    evaluation_seed: int = 9_000  # seed of the evaluation's first states
+    shrinkages: tuple[float, ...] = (1e-4, 1e-2)  # penalties of the linear fits
 
     def __post_init__(self) -> None:
         """Refuse unknown names and empty sizes."""

@@ -40,11 +40,9 @@ class Task:
 
     env: str
     expert: Controller
-    every: int
-    """Length of the blocks, and the stride, by which its trajectories are thinned."""
+    every: int  # length of the blocks, and the stride, by which its trajectories are thinned
     symmetry: Symmetry
-    input_scale: float = 1.0
-    """One over the typical size of a feature."""
+    input_scale: float = 1.0  # one over the typical size of a feature
 
 
 def _balance(*gains: float) -> Task:
@@ -118,8 +116,7 @@ def returns(
     return total
 
 
-GRAVITY, CART, POLE, HALF_LENGTH = 9.8, 1.0, 0.1, 0.5
-"""m/s², kg, kg, m."""
+GRAVITY, CART, POLE, HALF_LENGTH = 9.8, 1.0, 0.1, 0.5  # m/s², kg, kg, m
 FORCE, SECONDS = 10.0, 0.02
 TRACK, LEAN = 2.4, 0.2094395
 """Largest |x| in m and |θ| in radians (12 degrees) of an episode that goes on."""

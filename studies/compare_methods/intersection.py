@@ -41,11 +41,9 @@ FIRST_DEVELOPMENT, FIRST_FRESH = 50_000_000, 70_000_000
 SPEED, POLICIES = "speed.csv", "policies.csv"
 """Files of a training job: updates per second; the file of the policy of each run and angle."""
 
-DEMONSTRATORS = "references/intersection"
-"""Job that drives the demonstrators."""
+DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
 
-ENVIRONMENTS = 12
-"""Intersections side by side in which a learner acts."""
+ENVIRONMENTS = 12  # intersections side by side in which a learner acts
 
 
 @dataclasses.dataclass(frozen=True)

@@ -44,8 +44,7 @@ def _preset(name: str) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
     return dataclasses.replace(preset.structure, redraw_times=0), preset.numbers
 
 
-BEST = 3
-"""One episode in so many is cloned by `clone_of_best`, those with the greatest R(α)."""
+BEST = 3  # one episode in so many is cloned by `clone_of_best`, those with the greatest R(α)
 
 
 def best_episodes(data: Demonstrations, angle: float) -> Demonstrations:

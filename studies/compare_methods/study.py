@@ -33,13 +33,11 @@ TOLD = ("labels", "ranks", "rewards", "environment")
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
-FASTER = 3
-"""Factor on the rates of Table C.1, as in `compare priors`."""
+FASTER = 3  # factor on the rates of Table C.1, as in `compare priors`
 
 KEYS = ("world", "method", "setting", "target_angle", "readout")
 
-READOUT = "greedy"
-"""Action selection by which settings are chosen and methods compared."""
+READOUT = "greedy"  # action selection by which settings are chosen and methods compared
 
 
 @dataclass(frozen=True)
@@ -48,10 +46,8 @@ class Config:
 
     worlds: tuple[str, ...] = GRIDWORLDS
     """Worlds of the comparison; the intersection takes long and is left out if not named."""
-    methods: tuple[str, ...] = tuple(METHODS)
-    """Names of the methods of STUDY.toml."""
-    angles: tuple[float, ...] = ANGLES
-    """Target angles in degrees."""
+    methods: tuple[str, ...] = tuple(METHODS)  # names of the methods of STUDY.toml
+    angles: tuple[float, ...] = ANGLES  # target angles in degrees
     development_angles: tuple[float, ...] = (15.0, 45.0, 75.0)
     """Angles at which settings are chosen; 0 and 90 are those of demonstrators."""
     development_seeds: tuple[int, ...] = (100,)
@@ -63,8 +59,7 @@ class Config:
     network that serves several angles has theirs together."""
     learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
     """Of methods whose grid has none."""
-    polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak
-    """Of methods whose grid has none."""
+    polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak  # of methods whose grid has none
     episodes: int = 1000
     """Evaluation episodes of each policy in the intersection; each training seed has its own."""
     intersection_updates: int = 1_000

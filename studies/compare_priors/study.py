@@ -99,22 +99,17 @@ def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
 class Config:
     """One budget and the same seeds for every method of a world."""
 
-    worlds: tuple[str, ...] = GRIDWORLDS
-    """Worlds of the comparison."""
-    methods: tuple[str, ...] = tuple(METHODS)
-    """Names of the methods of STUDY.toml."""
+    worlds: tuple[str, ...] = GRIDWORLDS  # worlds of the comparison
+    methods: tuple[str, ...] = tuple(METHODS)  # names of the methods of STUDY.toml
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """Target angles in degrees."""
-    development_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
-    """Angles at which λ is chosen."""
-    strengths: tuple[float, ...] = (1.0, 3.0, 10.0)
-    """λ that can be chosen, or 1/τ_w, ascending."""
+    development_angles: tuple[float, ...] = (0.0, 45.0, 90.0)  # angles at which λ is chosen
+    strengths: tuple[float, ...] = (1.0, 3.0, 10.0)  # λ that can be chosen, or 1/τ_w, ascending
     development_seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     """Training seeds on which λ is chosen, each with its own data set."""
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds of the table, each with its own data set."""
-    updates: int = presets.GRID.updates // FASTER
-    """Gradient steps, and as many steps in the world."""
+    updates: int = presets.GRID.updates // FASTER  # gradient steps, and as many steps in the world
     learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
     polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak
 

@@ -25,8 +25,7 @@ from studies.intersection import plan
 from studies.intersection import tables as thesis_tables
 from studies.intersection.plan import jobs
 
-PolicyRows = Mapping[tuple[str, str], Row]
-"""Rows of policies by (policy, readout)."""
+PolicyRows = Mapping[tuple[str, str], Row]  # rows of policies by (policy, readout)
 
 
 def compute_tables(config: Any, context: Context) -> Findings:

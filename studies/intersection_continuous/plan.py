@@ -126,8 +126,7 @@ class Runs:
     options: Options
     environments: int
     mixture: str
-    size: int
-    """Transitions of each expert in a mixture, for what learns from demonstrations."""
+    size: int  # transitions of each expert in a mixture, for what learns from demonstrations
 
 
 def run_file(angle: float, seed: int) -> str:

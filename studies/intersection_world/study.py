@@ -42,8 +42,7 @@ VARIANTS: tuple[dict[str, Any], ...] = (
     {"population": "thesis"},
 )
 """Options of each interpretation of the reward."""
-EPISODE_SEED = 3
-"""Seed of the drawn episode."""
+EPISODE_SEED = 3  # seed of the drawn episode
 
 
 def compute_tables(config: Any, context: Context) -> Findings:

@@ -31,18 +31,15 @@ from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 class Config:
     """Configuration of the study; the defaults are the committed results."""
 
-    tasks: tuple[str, ...] = tuple(TASKS)
-    """Names of `TASKS`."""
+    tasks: tuple[str, ...] = tuple(TASKS)  # names of `TASKS`
     methods: tuple[str, ...] = METHODS
     """Names of `METHODS`, ours. Peers are read from `pieces`."""
     seeds: tuple[int, ...] = (200, 201, 202, 203, 204)
     """Training seeds of ours. 100 to 199 were used in development; the peers' are 300 to 304."""
-    steps: int = 0
-    """Steps of a method in the environment; 0 for those of each task."""
+    steps: int = 0  # steps of a method in the environment; 0 for those of each task
     pieces: str = ""
     """Folder of finished pieces, which are not made again; by default the committed ones."""
-    again: bool = False
-    """Whether ours are trained again although they are there."""
+    again: bool = False  # whether ours are trained again although they are there
     train: bool = True
     """Whether what is missing of ours is trained; else the tables are of what is there."""
 

@@ -27,18 +27,14 @@ class Task:
     """A two-objective task, and what all methods have in common there."""
 
     env: str
-    steps: int
-    """Steps in the environment that a method may take, those of its experts included."""
-    reference: tuple[float, float]
-    """Reference point of the hypervolume."""
+    steps: int  # steps in the environment that a method may take, those of its experts included
+    reference: tuple[float, float]  # reference point of the hypervolume
     discount: float
     hidden: tuple[int, ...]
     batch_size: int
     episodes: int
-    first_episode: int
-    """Seed of the first evaluation episode."""
-    peers: tuple[str, ...]
-    """Methods of morl-baselines that are run on it."""
+    first_episode: int  # seed of the first evaluation episode
+    peers: tuple[str, ...]  # methods of morl-baselines that are run on it
     exact: bool = False
     """Whether it is finite and deterministic, so that its exact front is computed."""
     continuous: bool = False
@@ -62,8 +58,7 @@ class Task:
         return limit
 
 
-TASKS: dict[str, Task] = {}
-"""Tasks by name."""
+TASKS: dict[str, Task] = {}  # tasks by name
 
 for _name, _row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_text()).items():
     _fields: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in _row.items()}
@@ -124,16 +119,13 @@ class Piece:
     task: str
     method: str
     seed: int
-    steps: int
-    """Steps taken in the environment to learn, those of its experts included."""
-    evaluation_steps_while_training: int
-    """Steps of evaluations that decide what is trained next."""
+    steps: int  # steps taken in the environment to learn, those of its experts included
+    evaluation_steps_while_training: int  # steps of evaluations that decide what is trained next
     angles: list[float] | None
     """Angle of each policy that can be turned, in degrees; None for a set of policies."""
     totals: list[list[float]]
     """Mean totals (first, second reward) of each angle, or of each policy of the set."""
-    settings: dict[str, Any]
-    """Settings that are not the method's own defaults."""
+    settings: dict[str, Any]  # settings that are not the method's own defaults
     seconds: float
     versions: dict[str, str]
 

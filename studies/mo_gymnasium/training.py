@@ -38,8 +38,7 @@ steps; the last two learn from episodes of such experts, whose steps count too. 
 actions, `STANDARDISED` first takes steps at random, by which its networks' inputs are scaled."""
 
 EXPERT_ANGLES = (0.0, 45.0, 90.0)
-SHOWN_EPISODES = 2
-"""Episodes that each expert shows."""
+SHOWN_EPISODES = 2  # episodes that each expert shows
 
 LIBRARIES = ("socialiq", "mo-gymnasium", "gymnasium", "jax", "numpy")
 

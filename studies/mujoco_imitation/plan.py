@@ -17,8 +17,7 @@ from socialiq_lab.jobs import Job, ProgressCallback
 from studies.mujoco_imitation import runs
 from studies.mujoco_imitation.runs import METHODS, POLICY, RECORD, TASKS, VARIANTS
 
-COUNTS = (1, 5, 25)
-"""Trajectories of a set of demonstrations, as in the tables."""
+COUNTS = (1, 5, 25)  # trajectories of a set of demonstrations, as in the tables
 
 
 @dataclass(frozen=True)
@@ -28,43 +27,29 @@ class Config:
     A piece is an expert, or one run: a task, a method, a number of trajectories and a seed.
     """
 
-    tasks: tuple[str, ...] = tuple(TASKS)
-    """Names of `TASKS`; MuJoCo is the extra mujoco."""
-    methods: tuple[str, ...] = tuple(METHODS)
-    """Names of `METHODS`."""
+    tasks: tuple[str, ...] = tuple(TASKS)  # names of `TASKS`; MuJoCo is the extra mujoco
+    methods: tuple[str, ...] = tuple(METHODS)  # names of `METHODS`
     variants: tuple[str, ...] = tuple(VARIANTS)
     """Names of `VARIANTS`, ablations of online imitation: on Hopper, from five trajectories."""
-    ablate: bool = True
-    """Whether the ablations belong to the plan."""
-    trajectories: tuple[int, ...] = COUNTS
-    """Trajectories of a set of demonstrations."""
+    ablate: bool = True  # whether the ablations belong to the plan
+    trajectories: tuple[int, ...] = COUNTS  # trajectories of a set of demonstrations
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     """Seeds of imitation, each with a set of demonstrations of its own; 100 to 199 were used in
     development."""
-    pieces: str = ""
-    """Folder of results whose pieces are taken over and not made again."""
+    pieces: str = ""  # folder of results whose pieces are taken over and not made again
     new: bool = True
     """Whether pieces that are missing are made; else the tables are of those that are there."""
-    expert_seed: int = 10
-    """Training seed of the experts."""
-    expert_updates: int = 0
-    """Updates of an expert; 0 for those of its task."""
-    updates: int = 0
-    """Updates of each imitation; 0 for those of its method."""
-    every: int = 20_000
-    """Updates between two checkpoints of an expert."""
-    judged: int = 10
-    """Episodes by which the best of them is chosen."""
+    expert_seed: int = 10  # training seed of the experts
+    expert_updates: int = 0  # updates of an expert; 0 for those of its task
+    updates: int = 0  # updates of each imitation; 0 for those of its method
+    every: int = 20_000  # updates between two checkpoints of an expert
+    judged: int = 10  # episodes by which the best of them is chosen
     judging_seed: int = 30_000
     """Seed of the first of these; 50,000,000 and later ones were used in development."""
-    expert_episodes: int = 50
-    """Episodes of an expert's reported return."""
-    data_seed: int = 10_000
-    """Seed of the first demonstrated trajectory."""
-    episodes: int = 10
-    """Evaluation episodes of each policy."""
-    evaluation_seed: int = 20_000
-    """Seed of the evaluation's first states."""
+    expert_episodes: int = 50  # episodes of an expert's reported return
+    data_seed: int = 10_000  # seed of the first demonstrated trajectory
+    episodes: int = 10  # evaluation episodes of each policy
+    evaluation_seed: int = 20_000  # seed of the evaluation's first states
 
     def __post_init__(self) -> None:
         """Refuse unknown names and empty sizes."""
@@ -122,8 +107,7 @@ def committed(folder: str) -> Pieces:
     return pieces
 
 
-ABLATED = ("Hopper", 5)
-"""Task and number of trajectories of the ablations."""
+ABLATED = ("Hopper", 5)  # task and number of trajectories of the ablations
 
 
 @dataclass(frozen=True)

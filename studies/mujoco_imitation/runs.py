@@ -50,8 +50,7 @@ class Task:
     online_updates: int
     published: float
     """Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of another expert."""
-    forces: range = range(0)
-    """Features that are contact forces."""
+    forces: range = range(0)  # features that are contact forces
 
 
 def _wide(updates: int) -> ExpertSettings:
@@ -100,15 +99,11 @@ episode."""
 class Method(Recipe):
     """A learner with its settings, a table `[method.NAME]` of STUDY.toml."""
 
-    clone: str = ""
-    """Cloning that it is tested against."""
-    absorbing: bool = False
-    """Whether terminal states are absorbing ones that the observation shows."""
+    clone: str = ""  # cloning that it is tested against
+    absorbing: bool = False  # whether terminal states are absorbing ones that the observation shows
     standardised: bool = False
-    updates: int = 0
-    """Of online imitation; 0 for those of the task."""
-    forces: bool = True
-    """Whether the networks see contact forces, of tasks that have them."""
+    updates: int = 0  # of online imitation; 0 for those of the task
+    forces: bool = True  # whether the networks see contact forces, of tasks that have them
 
 
 _SHAPE: dict[str, Any] = {"hidden": (64, 64), "batch_size": 128}

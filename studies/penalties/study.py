@@ -19,8 +19,7 @@ from socialiq.types import Row
 from socialiq_lab.declared import State
 from socialiq_lab.tables import groups, mean, nested
 
-CLOSE = 0.05
-"""A deviation |r̂ - λR(α)| below this share of the largest |λR(α)| counts as a match."""
+CLOSE = 0.05  # a deviation |r̂ - λR(α)| below this share of the largest |λR(α)| counts as a match
 
 
 def l1(reward: Array, target: Array, strength: Array) -> Array:

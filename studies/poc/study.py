@@ -24,8 +24,7 @@ from socialiq_lab.gridworld_runs import sequence, train_runs
 from socialiq_lab.study import Context, Findings, StageCallback
 from socialiq_lab.tables import groups
 
-CHUNK = 1000
-"""Updates between two evaluations of the greedy sequences."""
+CHUNK = 1000  # updates between two evaluations of the greedy sequences
 
 THESIS = {
     "baseline": "WWWWGGGG",

@@ -25,8 +25,7 @@ _SIDES = ("r_env", "r_social")
 
 __all__ = ["Config", "compute_tables", "jobs"]
 
-CLONE = "clone: "
-"""Beginning of the name of a clone, before its mixture's."""
+CLONE = "clone: "  # beginning of the name of a clone, before its mixture's
 
 
 def compute_tables(config: Config, context: Context) -> Findings:

@@ -17,8 +17,7 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from studies.theory.statements import KINDS, Case
 
-COLD = 1e-4
-"""Temperature used for τ → 0, in units of reward."""
+COLD = 1e-4  # temperature used for τ → 0, in units of reward
 _PER_OCTAVE = 4
 _TIE = 1e-9  # λ of a flip that is a tie in the data
 

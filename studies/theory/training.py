@@ -164,8 +164,7 @@ def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> D
     return dataclasses.replace(data, rewards=RewardPair(*shaped))
 
 
-CLOSE = 0.15
-"""Largest relative error of a hit."""
+CLOSE = 0.15  # largest relative error of a hit
 
 _PREDICTIONS = ("occupancy", "rows", "solved", "replay")
 

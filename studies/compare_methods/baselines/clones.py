@@ -89,8 +89,7 @@ def scaling(
 class OutcomeConditioned(ConditionedClone):
     """Clone of demonstrations given their episodes' outcomes."""
 
-    scales: Any = None
-    """Mean and spread of the outcomes of each set, (set, 2, 2)."""
+    scales: Any = None  # mean and spread of the outcomes of each set, (set, 2, 2)
     Hyperparameters: ClassVar[type] = OutcomeHyperparameters
     name: ClassVar[str] = "outcome_conditioned"
     target_kind: ClassVar[str] = "trajectory"
@@ -131,8 +130,7 @@ class GuidanceHyperparameters(settings.LearnerHyperparameters):
 
     guidance: settings.NotNegative = 3.0
     """w: 0 is the plain clone, 1 the clone of actions with o = 1."""
-    dropped: settings.Share = 0.2
-    """Share of rows that are learned without their condition."""
+    dropped: settings.Share = 0.2  # share of rows that are learned without their condition
 
 
 class GuidedCloning(ConditionedClone):
@@ -184,16 +182,14 @@ def guided(plain: QPolicy, optimal: QPolicy, guidance: float) -> QPolicy:
     return dataclasses.replace(plain, weights=tuple(combined), biases=tuple(shifts))
 
 
-CLIPPED = 0.1, 0.9
-"""Bounds of DWBC's d in the weights, as in the paper."""
+CLIPPED = 0.1, 0.9  # bounds of DWBC's d in the weights, as in the paper
 
 
 @dataclasses.dataclass(frozen=True)
 class DWBCConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
-    parts: settings.Count = 3
-    """One part in so many of the episodes are the expert's."""
+    parts: settings.Count = 3  # one part in so many of the episodes are the expert's
 
 
 @dataclasses.dataclass(frozen=True)

@@ -36,16 +36,14 @@ from socialiq.learners.state import Runs, stack
 from socialiq.nn.q_network import QNetwork
 from studies.compare_methods.baselines import shared
 
-LARGEST_WEIGHT = 100.0
-"""Bound of IQL's exp(β (Q - V)), as in the paper."""
+LARGEST_WEIGHT = 100.0  # bound of IQL's exp(β (Q - V)), as in the paper
 
 
 @dataclass(frozen=True)
 class ValueConfig(settings.LearnerConfig):
     """Choices that shape the program."""
 
-    endings: Endings = field(default_factory=Endings)
-    """Value of V(s') after each kind of ending."""
+    endings: Endings = field(default_factory=Endings)  # value of V(s') after each kind of ending
 
 
 @dataclass(frozen=True)
@@ -54,8 +52,7 @@ class IQLHyperparameters(settings.LearnerHyperparameters):
 
     expectile: settings.Share = 0.7
     """Expectile of Q over demonstrated actions that V is: 0.5 the mean, towards 1 the maximum."""
-    inverse_temperature: settings.Positive = 3.0
-    """β of the policy's weights."""
+    inverse_temperature: settings.Positive = 3.0  # β of the policy's weights
 
 
 class IQLNetworks(NamedTuple):
@@ -111,10 +108,8 @@ class ImplicitQLearning(shared.Baseline):
 class SPRINQLConfig(ValueConfig):
     """Choices that shape the program."""
 
-    levels: settings.Count = 3
-    """Levels of expertise, of equal numbers of episodes."""
-    pairs: settings.Count = 8
-    """Pairs of episodes of an update."""
+    levels: settings.Count = 3  # levels of expertise, of equal numbers of episodes
+    pairs: settings.Count = 8  # pairs of episodes of an update
 
 
 @dataclass(frozen=True)
@@ -123,8 +118,7 @@ class SPRINQLHyperparameters(settings.LearnerHyperparameters):
 
     reference_weight: settings.NotNegative = 0.5
     """a of the squared distance to the reference reward."""
-    conservatism: settings.NotNegative = 0.0
-    """β of the conservative term."""
+    conservatism: settings.NotNegative = 0.0  # β of the conservative term
 
 
 class SPRINQLNetworks(NamedTuple):
@@ -212,16 +206,14 @@ def row_weights(
 class IntentionConfig(ValueConfig):
     """Choices that shape the program."""
 
-    intentions: settings.Count = 3
-    """K."""
+    intentions: settings.Count = 3  # K
 
 
 @dataclass(frozen=True)
 class IntentionHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced; `angle` has no effect, the policy takes every angle."""
 
-    chi2_alpha: settings.Positive = 0.5
-    """α_χ of term 3."""
+    chi2_alpha: settings.Positive = 0.5  # α_χ of term 3
 
 
 @dataclass(frozen=True)

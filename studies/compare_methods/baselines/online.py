@@ -47,8 +47,7 @@ class LSIQConfig(config.IQLearnConfig):
 class LSIQHyperparameters(config.IQLearnHyperparameters):
     """Numbers of one run, all traced."""
 
-    regularisation: settings.Positive = 0.5
-    """c: rewards lie between -1/c and 1/c."""
+    regularisation: settings.Positive = 0.5  # c: rewards lie between -1/c and 1/c
 
 
 class LSIQ(IQLearn):
@@ -86,8 +85,7 @@ class LSIQ(IQLearn):
 class TREXConfig(config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
-    pairs: settings.Count = 8
-    """Pairs of episodes of an update."""
+    pairs: settings.Count = 8  # pairs of episodes of an update
 
 
 class TREXNetworks(eqx.Module):

@@ -59,10 +59,8 @@ class Pairs(NamedTuple):
     """Pairs of episodes whose ranks are known; both episodes' rows are (2, pair, step) leading."""
 
     rows: Batch
-    inside: Array
-    """Whether an element is a row of the episode."""
-    better: Array
-    """By how much the first episode is better than the second; 0 leaves the pair out."""
+    inside: Array  # whether an element is a row of the episode
+    better: Array  # by how much the first episode is better than the second; 0 leaves the pair out
 
 
 def preference_loss(reward: Callable[[Array], Array], pairs: Pairs) -> Float[Array, ""]:
