@@ -44,14 +44,18 @@ def compute_tables(config: Any, context: Context) -> Findings:
             audited.exact_in_gridworld(trained)
             audited.trained_in_gridworld(trained, config.training_seed, updates, context.on_stage)
             rows += audit_rows(list(audited.of_gridworld(trained, config.dial_angles)), *how)
-    margin = MARGINS["intersection"]
-    tables = {
-        "audits": rows,
-        "published_returns": published.return_rows(margin, ERROR, config.episodes),
-        "published_angles": published.learner_angle_rows(margin),
-        "published_floor": published.floor_rows(ERROR, config.episodes),
-    }
+    tables = {"audits": rows, **published_tables(config.episodes)}
     return Findings(tables, _summary(tables))
+
+
+def published_tables(episodes: int) -> dict[str, list[Row]]:
+    """Return the tables of the printed numbers, for this many episodes where none are stated."""
+    margin = MARGINS["intersection"]
+    return {
+        "published_returns": published.return_rows(margin, ERROR, episodes),
+        "published_angles": published.learner_angle_rows(margin),
+        "published_floor": published.floor_rows(ERROR, episodes),
+    }
 
 
 def audit_rows(
