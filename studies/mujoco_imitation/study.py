@@ -56,9 +56,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
             for name in ("online", *VARIANTS)
             if varied and (of_method := matching(ablated, method=name))
         ],
-        "ablation_differences": with_holm(
-            [row for name in VARIANTS for row in _paired({}, ablated, name, "online")]
-        ),
+        "ablation_differences": ablation_difference_rows(ablated),
     }
     summary = nested(tables["cells"], "task", "trajectories", "method")
     summary |= {"experts": nested(experts, "task")}
@@ -108,6 +106,11 @@ def _pooled(runs: Sequence[Row]) -> Row:
     returned, share = column(runs, "mean_return"), column(runs, "share")
     values = (np.mean(returned), min(returned), np.mean(share), min(share))
     return dict(zip(names, map(float, values), strict=True))
+
+
+def ablation_difference_rows(ablated: Sequence[Row]) -> list[Row]:
+    """Test each variant's share against that of no change, paired over seeds, Holm over all."""
+    return with_holm([row for name in VARIANTS for row in _paired({}, ablated, name, "online")])
 
 
 def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Row]:
