@@ -19,8 +19,7 @@ from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 from socialiq.types import Row
-from socialiq.worlds.intersection.options import ACTIONS, Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection import options, world
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import groups, mean
 from socialiq_recordings.prediction.choices import ChoiceTable
@@ -71,7 +70,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
     After its first action a rollout follows the dial at its middle, for every driver the same.
     """
     size = len(population.angle) * episodes
-    batch = Batch(Options(), size)
+    batch = world.Batch(options.Options(), size)
     rng = np.random.default_rng(first_episode)
     batch.reset(first_episode)
     middle = dial.at((dial.low + dial.high) / 2)
@@ -108,11 +107,11 @@ def base_of(
     mixed: list[QPolicy], observation: Float[np.ndarray, "row feature"]
 ) -> Float[np.ndarray, "row action"]:
     """Return log p by the mixture of policies, a share `RANDOM` at random; even without any."""
-    even = np.full((len(observation), len(ACTIONS)), 1 / len(ACTIONS))
+    even = np.full((len(observation), len(options.ACTIONS)), 1 / len(options.ACTIONS))
     if not mixed:
         return np.log(even)
     chosen = [
-        np.eye(len(ACTIONS))[policy.predict(observation[:, : policy.n_features])[0]]
+        np.eye(len(options.ACTIONS))[policy.predict(observation[:, : policy.n_features])[0]]
         for policy in mixed
     ]
     return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
@@ -132,7 +131,7 @@ def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
     time = np.empty(len(row))
     time[order] = np.arange(len(row))
     half = (episode >= used // 2).astype(np.int64)
-    grid = np.arange(len(ACTIONS), dtype=np.float64) - 1.0
+    grid = np.arange(len(options.ACTIONS), dtype=np.float64) - 1.0
     off = grid[action] - np.exp(log_base) @ grid
     return ChoiceTable(
         driver=driver,

@@ -12,9 +12,7 @@ import numpy as np
 
 from socialiq.audit.look import spend
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, draw, reveal
-from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision, regret_test
-from socialiq.audit.verdict.verdict import enough_resamples, join_tests
+from socialiq.audit.verdict import bounds, decision, verdict
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
 from socialiq_lab.study import StageCallback, silent, tracked
@@ -148,10 +146,10 @@ class Audit:
 
     def _passes(self, error: float) -> bool:
         if error not in self._tested:
-            count = enough_resamples(error, self._least)
-            regrets = Regrets(self._evidence, self._seed, count)
+            count = verdict.enough_resamples(error, self._least)
+            regrets = bounds.Regrets(self._evidence, self._seed, count)
             angle = self._truth.declared
-            test = regret_test(regrets, angle, MARGIN, error, error / 2)
-            joined = join_tests(test, self._evidence.policy, FLOOR, error)
-            self._tested[error] = joined.decision is Decision.PASS
+            test = decision.regret_test(regrets, angle, MARGIN, error, error / 2)
+            joined = verdict.join_tests(test, self._evidence.policy, FLOOR, error)
+            self._tested[error] = joined.decision is decision.Decision.PASS
         return self._tested[error]

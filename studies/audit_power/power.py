@@ -14,8 +14,7 @@ from socialiq.audit.verdict.calibration import calibrate, preimage
 from socialiq.audit.verdict.decision import Decision, RegretTest, floor_tests, regret_test
 from socialiq.audit.verdict.verdict import join_tests
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq.statistics.hotelling import confidence_ellipse
-from socialiq.statistics.intervals import wilson
+from socialiq.statistics import hotelling, intervals
 from socialiq.types import Row
 from socialiq.worlds.highway.options import Contact
 from socialiq_lab.study import StageCallback, silent, tracked
@@ -103,7 +102,7 @@ def shares(number: int, **counts: int) -> Row:
     """Return shares of a number of audits, each with its 99 % interval."""
     row: Row = {}
     for name, count in counts.items():
-        share = wilson(count, number, 0.99)
+        share = intervals.wilson(count, number, 0.99)
         row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
     return row
 
@@ -176,7 +175,7 @@ def coverage_rows(
         alike = calibrate(evidence, truth.declared, 10.0, True, draws, ERROR, resamples)
         assert alike.low is not None and alike.high is not None
         # Of centred totals, the region contains the origin where it would contain the true mean.
-        centred = confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
+        centred = hotelling.confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
         tests = floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)
         floor = {test.name: test for test in tests}
         towards_first = float((truth.references[1] - truth.policy) @ along)

@@ -11,8 +11,7 @@ from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
 from socialiq.audit.request import ATLAS
-from socialiq.evaluation.exact import Ground
-from socialiq.evaluation.rollout import MODES, trajectory_datasets
+from socialiq.evaluation import exact, rollout
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
@@ -56,7 +55,7 @@ def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
     cells: list[tuple[str, str, float, float | None]] = [
         (f"{family}, {mode}", f"{prefix}{mode}", angle, angle)
         for family, prefix in families.items()
-        for mode, angle in MODES.items()
+        for mode, angle in rollout.MODES.items()
     ]
     cells += [
         ("learner without a prior", "baseline", 45.0, None),
@@ -78,8 +77,8 @@ def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
 
 def exact_in_gridworld(folder: Path) -> None:
     """Write the exact experts of thesis 5.2 to a folder."""
-    ground = Ground.of(GRIDWORLD)
-    for mode, angle in MODES.items():
+    ground = exact.Ground.of(GRIDWORLD)
+    for mode, angle in rollout.MODES.items():
         policy = TabularPolicy(ground.table.world, expert_policy(ground.table, angle))
         policy.save(folder / f"exact_{mode}.safetensors")
 
@@ -88,13 +87,13 @@ def trained_in_gridworld(
     folder: Path, seed: int, updates: tuple[int, int], on_stage: StageCallback
 ) -> None:
     """Write three trained targets, their baseline and a dial `online`, of these updates each."""
-    ground = Ground.of(GRIDWORLD)
-    data = trajectory_datasets(ground.table, [seed], _EPISODES_EACH)
+    ground = exact.Ground.of(GRIDWORLD)
+    data = rollout.trajectory_datasets(ground.table, [seed], _EPISODES_EACH)
     steered = dataclasses.replace(presets.GRID, updates=updates[0])
     numbers = presets.TABLE_C1_NUMBERS
-    runs = grid_of(list(MODES.values()), [presets.GRID_STRENGTH], [seed], numbers)
+    runs = grid_of(list(rollout.MODES.values()), [presets.GRID_STRENGTH], [seed], numbers)
     trio = train_runs(ground, steered, runs, data, on_stage("7x7 trio"))
-    for run, mode in enumerate(MODES):
+    for run, mode in enumerate(rollout.MODES):
         trio.policy(run).save(folder / f"learner_{mode}.safetensors")
     alone, plain = grid_of([0.0], [0.0], [seed], numbers), presets.baseline(steered)
     baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
@@ -102,7 +101,7 @@ def trained_in_gridworld(
     static, dial_numbers, clock, _ = RUNS["online"]
     clocked = ground.with_clock(clock)
     world = clocked.table.world
-    data = trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
+    data = rollout.trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
     static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates[1])
     run = dataclasses.replace(dial_numbers, seed=seed)
     callbacks = Callbacks(on_report=on_stage("7x7 dial"))
@@ -117,7 +116,7 @@ def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[Audit
     cells: list[tuple[str, str, float, float | None]] = [
         (f"{name}, {mode}", f"{family}_{mode}", angle, angle)
         for family, name in names.items()
-        for mode, angle in MODES.items()
+        for mode, angle in rollout.MODES.items()
     ]
     cells.append(("learner without a prior", "baseline", 45.0, None))
     cells += [("dial", "dial", angle, angle) for angle in dial_angles]

@@ -25,7 +25,7 @@ from socialiq.worlds.intersection.world import Batch
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import demonstration_sets as recorded
-from socialiq_lab.intersection.driving import BATCH, EpisodesRun
+from socialiq_lab.intersection import driving
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from studies.compare_methods.learners import LEARNERS
@@ -55,7 +55,7 @@ class IntersectionRuns(GridRuns):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Driving(EpisodesRun):
+class Driving(driving.EpisodesRun):
     """Episodes of a method's greedy policies of one setting and seed, at every angle."""
 
     method: str
@@ -65,7 +65,7 @@ class Driving(EpisodesRun):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DemonstratorsRun(EpisodesRun):
+class DemonstratorsRun(driving.EpisodesRun):
     """Episodes of the demonstrators of these SHA-256, scored at every angle."""
 
     angles: tuple[float, ...]
@@ -178,8 +178,8 @@ def drive(
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
 
 
-def _driven(config: EpisodesRun, policy: Policy) -> Metrics:
-    return episodes_of(Batch(config.options, BATCH), policy, config.seeds).metrics()
+def _driven(config: driving.EpisodesRun, policy: Policy) -> Metrics:
+    return episodes_of(Batch(config.options, driving.BATCH), policy, config.seeds).metrics()
 
 
 def drive_demonstrators(

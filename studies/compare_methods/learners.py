@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 
 from socialiq import Demonstrations, RewardPair, UserError, score, weights
-from socialiq.evaluation.exact import Ground
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation import exact, rollout
 from socialiq.learners import acting, cql
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import offline as regularised
-from socialiq.learners.dial.train import train as train_dial
+from socialiq.learners.dial import train
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
@@ -64,7 +63,7 @@ def _clone_of_best(arena: Arena, runs: Sequence[Run]) -> list[Any]:
 
 def _multi_intention(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     """Train the intentions; an update of all three counts as three."""
-    share = dataclasses.replace(arena, updates=max(arena.updates // len(MODES), 1))
+    share = dataclasses.replace(arena, updates=max(arena.updates // len(rollout.MODES), 1))
     return offline(values.MultiIntention)(share, runs)
 
 
@@ -98,7 +97,7 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         setting = dict(run.setting)
         temperature = (("temperature", setting.pop("irl_temperature")),)
         for mode in ("egoistic", "altruistic"):
-            inferring_runs.append(run._replace(angle=MODES[mode], setting=temperature))
+            inferring_runs.append(run._replace(angle=rollout.MODES[mode], setting=temperature))
         dialling_runs.append(run._replace(setting=tuple(setting.items()), dataset=0))
     of_modes, placed = first.of_each_mode(inferring_runs)
     kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
@@ -124,7 +123,7 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         acting.dials(shape, dial_numbers),
     )
     options = second.callbacks(), second.chunk, collector
-    front = train_dial(shape, dial_numbers, [], None, second.sizes, *options)
+    front = train.train(shape, dial_numbers, [], None, second.sizes, *options)
     return [front.policy(number) for number in range(len(runs))]
 
 
@@ -198,7 +197,7 @@ def make_environment(
 
 def train_tabular(
     arena: Arena,
-    ground: Ground,
+    ground: exact.Ground,
     method: Method,
     runs: Sequence[Run],
     served: Mapping[float, Sequence[float]],
@@ -247,7 +246,7 @@ def request(arena: Arena, method: Method, run: Run, angles: Sequence[float]) -> 
     } | dict(run.setting)
 
 
-def world_arrays(ground: Ground) -> dict[str, np.ndarray]:
+def world_arrays(ground: exact.Ground) -> dict[str, np.ndarray]:
     """Return a gridworld's reachable part as named arrays; a peer needs nothing else of us."""
     mdp, world = ground.part.mdp, ground.part.world
     states = np.arange(mdp.n_states)
@@ -263,7 +262,7 @@ def world_arrays(ground: Ground) -> dict[str, np.ndarray]:
     }
 
 
-def checked(table: np.ndarray, ground: Ground) -> np.ndarray:
+def checked(table: np.ndarray, ground: exact.Ground) -> np.ndarray:
     """Return a peer's table as distributions; `UserError` if it is none of the world."""
     shape = (ground.part.mdp.n_states, ground.part.mdp.n_actions)
     chances = np.asarray(table, np.float64)

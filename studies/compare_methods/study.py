@@ -11,8 +11,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.exact import Ground
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation import exact, rollout
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.settings import check_counts, check_widths
 from socialiq.results_folder import Results, as_csv, from_csv
@@ -86,7 +85,7 @@ class Config:
 
 def updates_of(method: Method, updates: int) -> int:
     """Return the gradient steps of one network: all networks of a method have as many together."""
-    shares = {"angle": len(ANGLES), "mode": len(MODES), "all": 1}
+    shares = {"angle": len(ANGLES), "mode": len(rollout.MODES), "all": 1}
     return updates * len(ANGLES) // shares[method.serves]
 
 
@@ -130,7 +129,7 @@ def run_method(
     config: GridRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train every run and write a row for each policy, angle and action selection."""
-    ground, method = Ground.of(config.world), METHODS[config.method]
+    ground, method = exact.Ground.of(config.world), METHODS[config.method]
     arena = config.arena(ground, on_progress)
     served = method.served(config.angles)
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)

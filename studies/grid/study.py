@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.exact import action_table, evaluate_exactly
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation import exact, rollout
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results
@@ -26,8 +25,8 @@ def expert_rows(state: State) -> list[Row]:
     ground = state.ground
     reachable = ground.table.mdp.reachable()
     rows = []
-    for mode, angle in MODES.items():
-        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, angle)[reachable])
+    for mode, angle in rollout.MODES.items():
+        metrics = exact.evaluate_exactly(ground.part, expert_policy(ground.table, angle)[reachable])
         best = ground.optimum.attainable.optimum(angle)
         rows.append(
             {"mode": mode, "target_angle": angle}
@@ -47,16 +46,16 @@ def _is_of_figure(row: Row, config: Any) -> bool:
 
 def _visited(state: State) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Yield name, action table and visits of experts, and of the figures' policies over seeds."""
-    ground, names = state.ground, {angle: mode for mode, angle in MODES.items()}
+    ground, names = state.ground, {angle: mode for mode, angle in rollout.MODES.items()}
     tables = {
         f"expert {mode}": [expert_policy(ground.table, angle)[ground.table.mdp.reachable()]]
-        for mode, angle in MODES.items()
+        for mode, angle in rollout.MODES.items()
     }
     for learned in state.policies:
         if _is_of_figure(learned.label, state.config):
             is_baseline = learned.label["method"] == "baseline"
             name = "baseline" if is_baseline else names[learned.label["target_angle"]]
-            table = action_table(learned.policy, ground.part, "greedy")
+            table = exact.action_table(learned.policy, ground.part, "greedy")
             tables.setdefault(name, []).append(table)
     for name, of_seeds in tables.items():
         table = np.mean(of_seeds, axis=0)
@@ -135,7 +134,7 @@ def data_rows(state: State) -> list[Row]:
 def summary(state: State) -> dict[str, Any]:
     """Return pooled metrics of the figures' policies and the experts, by name."""
     chosen: dict[str, dict] = {}
-    names = {angle: mode for mode, angle in MODES.items()}
+    names = {angle: mode for mode, angle in rollout.MODES.items()}
     for row in state.tables["pooled"]:
         if not _is_of_figure(row, state.config):
             continue
@@ -151,7 +150,7 @@ def summary(state: State) -> dict[str, Any]:
 def comparison(results: Results) -> list[Row]:
     """Return target angle and achieved angle, the thesis' and the optimum's, by policy."""
     rows: list[Row] = []
-    for name, angle in {"baseline": None, **MODES}.items():
+    for name, angle in {"baseline": None, **rollout.MODES}.items():
         entry = results.summary["policies"][f"{name}_greedy"]
         expert = results.summary["experts"].get(name, {})
         rows.append(

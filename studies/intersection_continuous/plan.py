@@ -11,7 +11,7 @@ import numpy as np
 
 from socialiq import UserError
 from socialiq.evaluation import road_training as road
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation import rollout
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.acting import actors_together
 from socialiq.learners.collect import VectorCollector
@@ -161,7 +161,7 @@ def jobs(config: Config) -> list[Job]:
             seeds = (config.expert_seed,) if name == EXPERTS else config.learner_seeds
             numbers = [
                 dataclasses.replace(base, angle=angle, seed=seed)
-                for angle in (MODES.values() if POLICIES[name][1] else (0.0,))
+                for angle in (rollout.MODES.values() if POLICIES[name][1] else (0.0,))
                 for seed in seeds
             ]
         runs = Runs(

@@ -17,9 +17,8 @@ from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import iq_learn, settings
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.iq_learn import config as presets
-from socialiq.learners.settings import check_counts
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
@@ -80,7 +79,7 @@ class Config:
             raise UserError("every method angle must be among the angles of the dial")
         for method in self.methods:
             one_of("method", method, METHODS)
-        check_counts(self, COUNTS)
+        settings.check_counts(self, COUNTS)
 
     def program(self, seed: int) -> tuple[int, ...]:
         """Return the training seeds of a seed's program."""
@@ -105,8 +104,8 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
         angles = angles[:1] if method == "clone of all" else angles
     elif method != OWN:
         preset = "shifted" if method.endswith("shifted χ²") else "calibrated"
-        structure, numbers = presets.PRESETS[f"intersection-{preset}"]
-        structure = structure if "online" in method else presets.offline(structure)
+        structure, numbers = iq_learn.config.PRESETS[f"intersection-{preset}"]
+        structure = structure if "online" in method else iq_learn.config.offline(structure)
         form = "dueling" if "dueling" in method else "plain"
         structure = dataclasses.replace(structure, form=form, updates=config.updates, **network)
         if method.endswith("reweighted"):  # Eq B.2, by the weights of the clone

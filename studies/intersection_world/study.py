@@ -11,8 +11,7 @@ from socialiq.errors import one_of
 from socialiq.evaluation.episodes import Episodes, episodes_of, outcome_row, reward_row
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.highway.render import episode_scenes, filmstrip
-from socialiq.worlds.highway.sheet import picture
+from socialiq.worlds.highway import render, sheet
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import BackEnd, Intersection
@@ -115,9 +114,9 @@ def start_row(first: int, count: int, threads: int = 1) -> Row:
 def pictures(_results: Results) -> dict[str, Figure]:
     """Draw the intersection (thesis Fig 5.3) and an episode."""
     world = Intersection(Options())
-    scenes = episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
+    scenes = render.episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
     decisions = scenes[:: world.options.frames]
     return {
-        "fig_5_3": picture(scenes[4 * world.options.frames], world.view),
-        "gap_3s_episode": filmstrip(decisions[:10], world.view),
+        "fig_5_3": sheet.picture(scenes[4 * world.options.frames], world.view),
+        "gap_3s_episode": render.filmstrip(decisions[:10], world.view),
     }

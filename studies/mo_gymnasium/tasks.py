@@ -13,8 +13,7 @@ from jaxtyping import Float
 
 from socialiq import Ending, RewardPair, UserError, attainable_set, make_environment
 from socialiq.foreign import one_line
-from socialiq.mdp.front import AttainableSet
-from socialiq.mdp.tabular import TabularMDP
+from socialiq.mdp import front, tabular
 from socialiq.storage import read_json
 from socialiq_lab.comparison import as_file_name
 
@@ -65,7 +64,7 @@ for _name, _row in tomllib.loads(Path(__file__).with_name("tasks.toml").read_tex
     TASKS[_name] = Task(**_fields)
 
 
-def enumerated(env: Any) -> TabularMDP:
+def enumerated(env: Any) -> tabular.TabularMDP:
     """Return the finite MDP of deep-sea-treasure: its states are `current_state`."""
     inner: Any = env.unwrapped
     env.reset(seed=0)
@@ -87,7 +86,7 @@ def enumerated(env: Any) -> TabularMDP:
             first, second = info["reward_pair"]
             rows[-1].append((numbers[reached], int(kind), float(first), float(second)))
     successor, ending, first, second = np.moveaxis(np.array(rows), 2, 0)
-    return TabularMDP(
+    return tabular.TabularMDP(
         successor=successor.astype(np.int64)[..., None],
         probability=np.ones((*successor.shape, 1)),
         ending=ending.astype(np.int64)[..., None],
@@ -97,7 +96,7 @@ def enumerated(env: Any) -> TabularMDP:
 
 
 @cache
-def exact_set(name: str) -> AttainableSet:
+def exact_set(name: str) -> front.AttainableSet:
     """Return the attainable set of a finite task within its time limit."""
     task = TASKS[name]
     return attainable_set(enumerated(task.make()), task.time_limit())

@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 
 from socialiq import Demonstrations, UserError, acting_in, make_environment, rollout_env
-from socialiq.demonstrations import files
-from socialiq.demonstrations.variants import with_absorbing_states
+from socialiq.demonstrations import files, variants
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.acting import drawing
 from socialiq.learners.callbacks import Callbacks
@@ -19,8 +18,7 @@ from socialiq.learners.continuous import config
 from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.continuous.train import train
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.nn.actor_policy import ActorPolicy
-from socialiq.nn.q_network import network_of
+from socialiq.nn import actor_policy, q_network
 from socialiq.storage import read_json, write_json
 from socialiq.types import Policy
 from socialiq.worlds.environment import action_size, sizes
@@ -164,7 +162,7 @@ def train_expert(
             return {}
         record = read_json(folder / RECORD) if (folder / RECORD).is_file() else {"checkpoints": []}
         past = [entry for entry in record["checkpoints"] if entry["updates"] < done]
-        policy = ActorPolicy.of(network_of(state.network.actor, 0), {})
+        policy = actor_policy.ActorPolicy.of(q_network.network_of(state.network.actor, 0), {})
         seed = recipe.judging_seed + len(past) * recipe.judged
         mean = float(returns(task, policy, recipe.judged, seed).mean())
         if mean > max((entry["mean_return"] for entry in past), default=-np.inf):
@@ -192,7 +190,7 @@ def train_expert(
         before_chunk=acting_in(lambda: make_env(task), static, runs, static.updates_per_round),
     )
     checkpoint.unlink(missing_ok=True)
-    expert = ActorPolicy.load(folder / POLICY)
+    expert = actor_policy.ActorPolicy.load(folder / POLICY)
     episode_returns = returns(task, expert, recipe.episodes, recipe.evaluation_seed)
     described = dataclasses.asdict(recipe)
     described |= described.pop("settings")
@@ -271,7 +269,7 @@ def learn(
     datasets: Sequence[Demonstrations],
     seeds: Sequence[int],
     callbacks: Callbacks,
-) -> list[ActorPolicy]:
+) -> list[actor_policy.ActorPolicy]:
     """Train a run for each seed, each on its own set, all in one program; return the policies."""
 
     def environment() -> Any:
@@ -279,7 +277,7 @@ def learn(
         return AbsorbingStates(env) if method.absorbing else env
 
     if method.absorbing:
-        datasets = [with_absorbing_states(dataset) for dataset in datasets]
+        datasets = [variants.with_absorbing_states(dataset) for dataset in datasets]
     changes, makers = [], [environment] * len(seeds)
     if method.standardised:
         unseen = () if method.forces else task.forces

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq import Demonstrations, equal_trajectories, score, tabulate, weights
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.off_policy import Chances, Evaluator, Logged, OffPolicy
-from socialiq.evaluation.rollout import MODES, rollout_table
+from socialiq.evaluation import exact, off_policy, rollout
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
@@ -45,18 +43,18 @@ class Scene(NamedTuple):
     def data(self, episodes: int, explored: float, seed: int) -> Demonstrations:
         """Return equal numbers of episodes of each demonstrator."""
         demonstrations = {
-            mode: rollout_table(
+            mode: rollout.rollout_table(
                 self.part,
                 self.policy(angle, explored),
                 episodes,
-                seed=len(MODES) * seed + number,
+                seed=len(rollout.MODES) * seed + number,
                 mode=mode,
             ).transitions
-            for number, (mode, angle) in enumerate(MODES.items())
+            for number, (mode, angle) in enumerate(rollout.MODES.items())
         }
         return equal_trajectories(demonstrations, episodes, seed)
 
-    def chances(self, policy: np.ndarray) -> Chances:
+    def chances(self, policy: np.ndarray) -> off_policy.Chances:
         """Return a policy as a function of observations; an end's observation has no action."""
         n_actions, kind = policy.shape[1], self.part.states.dtype
         even = np.full(n_actions, 1.0 / n_actions)
@@ -77,11 +75,11 @@ def compute_tables(config: Any, context: Context) -> Findings:
         sets, context.on_stage, "off-policy evaluation", "data sets"
     ):
         scene = scenes[world]
-        logged = Logged.of(scene.data(config.episodes_each, explored, seed))
-        evaluator = Evaluator(logged, config.resamples, seed)
+        logged = off_policy.Logged.of(scene.data(config.episodes_each, explored, seed))
+        evaluator = off_policy.Evaluator(logged, config.resamples, seed)
         for angle in config.angles:
             policy = scene.policy(angle, config.random if explored else 0.0)
-            truth = evaluate_exactly(scene.part, policy).value(angle)
+            truth = exact.evaluate_exactly(scene.part, policy).value(angle)
             evaluation = evaluator.evaluate(scene.chances(policy))
             label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
             rows += _estimates(label, evaluation, truth)
@@ -90,7 +88,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     return Findings(tables, {"pooled": nested(pooled, *_KEYS)})
 
 
-def _estimates(label: Row, evaluation: OffPolicy, truth: float) -> Iterator[Row]:
+def _estimates(label: Row, evaluation: off_policy.OffPolicy, truth: float) -> Iterator[Row]:
     """Yield the row of each estimator: value and interval, empty where there is none."""
     for name, estimate, supported in (
         ("fitted Q", evaluation.fitted, evaluation.fitted_supported),

@@ -9,8 +9,7 @@ import numpy as np
 
 from socialiq import Ending, RewardPair, tabulate
 from socialiq.evaluation.prediction import Setting, problem_of
-from socialiq.mdp.solve import soft_value
-from socialiq.mdp.tabular import TabularMDP
+from socialiq.mdp import solve, tabular
 from socialiq.theory.closed_form import (
     centre,
     closed_form,
@@ -70,7 +69,7 @@ def random_cases(seeds: Sequence[int], kinds: Sequence[str] = KINDS) -> list[Cas
     for seed, kind in itertools.product(seeds, kinds):
         rng = np.random.default_rng(seed)
         shape = (_N_STATES, _N_ACTIONS, _N_OUTCOMES)
-        mdp = TabularMDP(
+        mdp = tabular.TabularMDP(
             successor=rng.integers(_N_STATES, size=shape),
             probability=rng.dirichlet(np.ones(_N_OUTCOMES), shape[:2]),
             ending=np.where(rng.random(shape) < 0.1, Ending.ARRIVAL, Ending.NONE),
@@ -215,7 +214,7 @@ def offline_rows(cases: Sequence[Case]) -> list[Row]:
         for _ in range(5):
             draw = rng.normal(scale=3.0, size=problem.support.shape)
             q, v = np.where(problem.support, draw, -np.inf), np.zeros(problem.mdp.n_states)
-            v[selected] = soft_value(q[selected], problem.temperature)
+            v[selected] = solve.soft_value(q[selected], problem.temperature)
             loss, compared = problem.loss(q, v), conservative_loss(problem, q, v) + offset(problem)
             error = log10(loss / compared - 1.0)
             row = {"loss": loss, "conservative": compared, "log10_error": error}

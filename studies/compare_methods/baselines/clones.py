@@ -27,8 +27,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from scipy.linalg import block_diag
 
 from socialiq import QPolicy, RewardPair, score, weights
-from socialiq.learners import settings
-from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners import expert_table, settings
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import Transitions
 from studies.compare_methods.baselines import shared
@@ -146,7 +145,7 @@ class GuidedCloning(ConditionedClone):
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "GuidedCloning":
         """Make the learner of sets of demonstrations, with their advantages."""
-        table = ExpertTable.of(datasets, static.advantage, 0.99)
+        table = expert_table.ExpertTable.of(datasets, static.advantage, 0.99)
         return cls(static, (int(datasets[0].observation.shape[1]), datasets[0].n_actions), table)
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:

@@ -25,10 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from socialiq import Ending, QPolicy, RewardPair, score
-from socialiq.learners import settings
-from socialiq.learners.collect import Source
-from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn import config, losses
+from socialiq.learners import collect, expert_table, iq_learn, settings
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Act, Transitions
@@ -36,7 +33,7 @@ from studies.compare_methods.baselines import shared
 
 
 @dataclass(frozen=True)
-class LSIQConfig(config.IQLearnConfig):
+class LSIQConfig(iq_learn.config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
     fixed_target: bool = True
@@ -44,7 +41,7 @@ class LSIQConfig(config.IQLearnConfig):
 
 
 @dataclass(frozen=True)
-class LSIQHyperparameters(config.IQLearnHyperparameters):
+class LSIQHyperparameters(iq_learn.config.IQLearnHyperparameters):
     """Numbers of one run, all traced."""
 
     regularisation: settings.Positive = 0.5  # c: rewards lie between -1/c and 1/c
@@ -69,7 +66,7 @@ class LSIQ(IQLearn):
             ("expert", "own"), batch[:2], (largest, -largest), strict=True
         ):
             q_next = jax.vmap(target_network)(rows.next_observation)
-            value = losses.soft_value(q_next, hyperparameters.temperature)
+            value = iq_learn.losses.soft_value(q_next, hyperparameters.temperature)
             ended = rows.ending != int(Ending.NONE)
             follows = jnp.where(ended, absorbing / (1.0 - discount), jnp.clip(value, -bound, bound))
             target = reward + discount * follows
@@ -82,7 +79,7 @@ class LSIQ(IQLearn):
 
 
 @dataclass(frozen=True)
-class TREXConfig(config.IQLearnConfig):
+class TREXConfig(iq_learn.config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
     pairs: settings.Count = 8  # pairs of episodes of an update
@@ -102,7 +99,7 @@ class TREXNetworks(eqx.Module):
 class TREXRows(NamedTuple):
     """The learner's own transitions, and pairs of demonstrated episodes."""
 
-    replay: Batch
+    replay: expert_table.Batch
     pairs: shared.Pairs
 
 
@@ -112,7 +109,7 @@ class TREX(IQLearn):
     episodes: Any = None
     StaticConfig: ClassVar[type] = TREXConfig
     name: ClassVar[str] = "trex"
-    Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
+    Hyperparameters: ClassVar[type] = iq_learn.config.IQLearnHyperparameters
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "TREX":
@@ -164,18 +161,18 @@ class Inferred(NamedTuple):
 
 @eqx.filter_jit
 def inferred_reward(
-    network: QNetwork, temperature: float, discount: float, batch: Batch
+    network: QNetwork, temperature: float, discount: float, batch: expert_table.Batch
 ) -> Float[Array, " batch"]:
     """Return r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6) of rows; nothing follows any ending."""
-    value = losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
+    value = iq_learn.losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
     follows = jnp.where(batch.ending == int(Ending.NONE), value, 0.0)
     return shared.of_taken(jax.vmap(network)(batch.observation), batch.action) - discount * follows
 
 
-def inferring(source: Source, rewards: Sequence[Inferred]) -> Source:
+def inferring(source: collect.Source, rewards: Sequence[Inferred]) -> collect.Source:
     """Return a source outside JAX whose (r_env, r_social) are the two inferred rewards."""
 
-    def relabelled(act: Act, rng: Any) -> Batch:
+    def relabelled(act: Act, rng: Any) -> expert_table.Batch:
         batch = source(act, rng)
         pair = RewardPair(*(inferred_reward(*reward, batch) for reward in rewards))
         return batch._replace(target=pair)

@@ -13,10 +13,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from socialiq import QPolicy, RewardPair, score
-from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
-from socialiq.learners.iq_learn import losses
+from socialiq.learners import expert_table, iq_learn, kernel
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.kernel import Learner
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import Transitions
 
@@ -36,16 +34,16 @@ def log_likelihood(
 
 
 def soft_continuation(
-    network: Any, batch: Batch, hyperparameters: Any, endings: Endings
+    network: Any, batch: expert_table.Batch, hyperparameters: Any, endings: Endings
 ) -> Float[Array, " batch"]:
     """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
     q_next = jax.vmap(network)(batch.next_observation)
     temperature, discount = hyperparameters.temperature, hyperparameters.discount
-    return losses.continuation(
-        losses.soft_value(q_next, temperature),
+    return iq_learn.losses.continuation(
+        iq_learn.losses.soft_value(q_next, temperature),
         batch.ending,
         endings.by_kind(),
-        losses.absorbing_value(q_next.shape[-1], temperature, discount),
+        iq_learn.losses.absorbing_value(q_next.shape[-1], temperature, discount),
     )
 
 
@@ -58,7 +56,7 @@ def totals_of(data: Transitions) -> Float[np.ndarray, "episode 2"]:
 class Pairs(NamedTuple):
     """Pairs of episodes whose ranks are known; both episodes' rows are (2, pair, step) leading."""
 
-    rows: Batch
+    rows: expert_table.Batch
     inside: Array  # whether an element is a row of the episode
     better: Array  # by how much the first episode is better than the second; 0 leaves the pair out
 
@@ -90,7 +88,7 @@ class Episodes(NamedTuple):
     bounds: Int[Array, " bound"]
 
     @staticmethod
-    def of(datasets: Sequence[Transitions], table: ExpertTable) -> "Episodes":
+    def of(datasets: Sequence[Transitions], table: expert_table.ExpertTable) -> "Episodes":
         """Lay out the episodes of the sets that a table was made of."""
         lengths = np.concatenate(
             [np.diff(data.episode_starts, append=len(data.action)) for data in datasets]
@@ -122,7 +120,7 @@ class Episodes(NamedTuple):
 
     def pairs(
         self,
-        table: ExpertTable,
+        table: expert_table.ExpertTable,
         key: PRNGKeyArray,
         dataset: Int[Array, ""],
         size: int,
@@ -130,7 +128,7 @@ class Episodes(NamedTuple):
     ) -> Pairs:
         """Draw pairs of episodes of one set with replacement, ranked by the episodes' scores."""
         bounds = self.bounds[dataset], self.bounds[dataset + 1]
-        sides = draw_between(key, 2 * size, *bounds).reshape(2, size)
+        sides = expert_table.draw_between(key, 2 * size, *bounds).reshape(2, size)
         rows = jax.tree.map(lambda column: column[self.rows[sides]], table.columns)
         first, second = scores[sides]
         return Pairs(rows, self.inside[sides], first - second)
@@ -143,7 +141,7 @@ class Carry(NamedTuple):
     known: Array
 
 
-class Baseline(Learner):
+class Baseline(kernel.Learner):
     """Base class of learners whose network has several parts, of which one is the policy."""
 
     table: Any = None
@@ -175,4 +173,4 @@ class EpisodeLearner(Baseline):
     def rows(self, key: PRNGKeyArray, dataset: Int[Array, ""]) -> Int[Array, " batch"]:
         """Draw the numbers of demonstrated rows of one set."""
         bounds = self.table.row_bounds[dataset], self.table.row_bounds[dataset + 1]
-        return draw_between(key, self.static.batch_size, *bounds)
+        return expert_table.draw_between(key, self.static.batch_size, *bounds)

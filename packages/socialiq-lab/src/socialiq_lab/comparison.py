@@ -10,8 +10,7 @@ import numpy as np
 
 from socialiq import Demonstrations, UserError
 from socialiq.errors import one_of
-from socialiq.evaluation.exact import READOUTS, Readout
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation import exact, rollout
 from socialiq.settings import changed
 
 GRIDWORLDS = ("crossing5", "crossing7")
@@ -65,9 +64,9 @@ class Method:
     peer: str = ""
 
     @property
-    def readouts(self) -> tuple[Readout, ...]:
+    def readouts(self) -> tuple[exact.Readout, ...]:
         """Evaluated action selections."""
-        return READOUTS if self.soft else READOUTS[:1]
+        return exact.READOUTS if self.soft else exact.READOUTS[:1]
 
     def setting_of(self, name: str) -> Setting:
         """Return the setting of that name in the grid."""
@@ -81,7 +80,7 @@ class Method:
             return {angle: (angle,) for angle in angles}
         served = {
             mode_angle: tuple(angle for angle in angles if nearest_mode(angle) == mode)
-            for mode, mode_angle in MODES.items()
+            for mode, mode_angle in rollout.MODES.items()
         }
         return {angle: group for angle, group in served.items() if group}
 
@@ -142,7 +141,7 @@ def declared_recipes(
 
 def nearest_mode(angle: float) -> str:
     """Return the mode of the nearest angle; of two equally near ones the more egoistic."""
-    return min(MODES, key=lambda mode: abs(MODES[mode] - angle))
+    return min(rollout.MODES, key=lambda mode: abs(rollout.MODES[mode] - angle))
 
 
 def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:

@@ -23,8 +23,7 @@ from socialiq.evaluation.exact import (
     mean_of,
 )
 from socialiq.evaluation.rollout import MODES, trajectory_datasets
-from socialiq.learners.collect import from_env
-from socialiq.learners.iq_learn import config as presets
+from socialiq.learners import collect, iq_learn
 from socialiq.plotting.style import figure
 from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row
@@ -81,12 +80,12 @@ class GridRuns:
         """Return the inputs of a method, with an equal mixture of trajectories for each seed."""
         rates = {"learning_rate": self.learning_rate, "polyak": self.polyak}
         return Arena(
-            presets.TABLE_C1,
-            dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
+            iq_learn.config.TABLE_C1,
+            dataclasses.replace(iq_learn.config.TABLE_C1_NUMBERS, **rates),
             self.updates,
             trajectory_datasets(ground.table, self.seeds, EPISODES_EACH[self.world]),
             ground.table.world,
-            lambda steps: from_env(GridWorldEnv(self.world), steps),
+            lambda steps: collect.from_env(GridWorldEnv(self.world), steps),
             lambda report: on_progress(0.9 * report.done / report.total),
             chunk=self.chunk,
         )

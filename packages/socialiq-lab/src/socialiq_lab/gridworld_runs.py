@@ -14,7 +14,6 @@ from socialiq.evaluation.rollout import trajectory_datasets, transition_datasets
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.iq_learn import config as presets
-from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.kernel import Trained
 from socialiq.settings import changed
 from socialiq.types import Row
@@ -28,8 +27,8 @@ def grid_of(
     angles: Sequence[float],
     strengths: Sequence[float],
     seeds: Sequence[int],
-    base: IQLearnHyperparameters,
-) -> list[IQLearnHyperparameters]:
+    base: presets.IQLearnHyperparameters,
+) -> list[presets.IQLearnHyperparameters]:
     """Return hyperparameters for every angle, strength and seed; seed i learns from data set i."""
     return [
         dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
@@ -41,8 +40,8 @@ def grid_of(
 
 def train_runs(
     ground: Ground,
-    static: IQLearnConfig,
-    hyperparameters: Sequence[IQLearnHyperparameters],
+    static: presets.IQLearnConfig,
+    hyperparameters: Sequence[presets.IQLearnHyperparameters],
     datasets: Sequence[Demonstrations],
     on_report: Callable[[Report], None] | None,
     chunk: int | None = None,

@@ -12,8 +12,7 @@ from socialiq.evaluation.episodes import episodes_of, outcome_row
 from socialiq.learners.settings import check_seeds
 from socialiq.storage import shipped
 from socialiq.types import Ending, Row
-from socialiq.worlds.highway.render import episode_scenes
-from socialiq.worlds.highway.sheet import save as film
+from socialiq.worlds.highway import render, sheet
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import study as experiment
@@ -62,9 +61,9 @@ class Demo(Printing):
                 if name == FILMED:  # the first episode in which it gives way and arrives
                     waits = (episodes.ending == Ending.ARRIVAL) & (episodes.stopped > 0)
                     seed = int(waits.argmax())
-                    scenes = episode_scenes(world.batch(1, traced=True), driver, seed)
+                    scenes = render.episode_scenes(world.batch(1, traced=True), driver, seed)
             rate = world.options.simulation_frequency
-            film(self.out / "intersection.gif", scenes, world.view, rate)
+            sheet.save(self.out / "intersection.gif", scenes, world.view, rate)
         return rows
 
     def run(self) -> int:

@@ -18,8 +18,7 @@ from socialiq.storage import read_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
-from socialiq_lab.intersection.driving import episodes_at, load_episodes
-from socialiq_lab.intersection.training import CURVE
+from socialiq_lab.intersection import driving, training
 from socialiq_lab.jobs import RECORD, Job
 
 _DEPTH = {"learners": 3, "highway": 1, "connected": 1}  # parts of a name that make a kind of job
@@ -36,7 +35,7 @@ def evaluated(jobs: Sequence[Job], work: Path) -> PolicyEpisodes:
     """Load the episodes of every evaluation of one policy; lookahead is greedy."""
     return {
         (job.name.removeprefix("evaluation/"), cell if isinstance(cell, str) else "greedy"): (
-            load_episodes(episodes_at(work / job.name, job.config.driver, cell))
+            driving.load_episodes(driving.episodes_at(work / job.name, job.config.driver, cell))
         )
         for job in jobs
         if job.stage == "evaluation"
@@ -52,7 +51,7 @@ def value_at(row: Row, angle: float) -> float:
 
 def valued(label: Row, file: Path, angle: float) -> Row:
     """Return a label, J(α) at an angle and the metrics of a file of episodes."""
-    row = policy_row("", "greedy", load_episodes(file))
+    row = policy_row("", "greedy", driving.load_episodes(file))
     metrics = {name: row[name] for name in row if name not in ("policy", "readout")}
     return label | {"value": value_at(row, angle)} | metrics
 
@@ -80,8 +79,8 @@ def curves(
     return [
         {"run": job.name} | {name: row[name] for name in columns}
         for job in jobs
-        if (work / job.name / CURVE).is_file()
-        for row in from_csv(work / job.name / CURVE)
+        if (work / job.name / training.CURVE).is_file()
+        for row in from_csv(work / job.name / training.CURVE)
     ]
 
 

@@ -13,14 +13,12 @@ import numpy as np
 from socialiq import QPolicy, UserError, acting_in, train
 from socialiq.demonstrations import files
 from socialiq.evaluation.exact import READOUTS, Ground, Metrics
-from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.extensions import find_learner
+from socialiq.learners import callbacks, extensions
 from socialiq.results_folder import Results
 from socialiq.storage import read_json, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds.environment import environment_maker
-from socialiq.worlds.registry import GRIDWORLDS
+from socialiq.worlds import environment, registry
 from socialiq_lab.gridworld_runs import evaluate
 from socialiq_lab.jobs import Job, ProgressCallback
 
@@ -71,21 +69,21 @@ def train_runs(
     if hashlib.sha256(path.read_bytes()).hexdigest() != config.sha256:
         raise UserError(f"{path} has changed since the sweep began: give the command again")
     data = files.load(path)
-    ground = Ground.of(config.world) if config.world in GRIDWORLDS else None
+    ground = Ground.of(config.world) if config.world in registry.GRIDWORLDS else None
     checkpoint = folder / "checkpoint.safetensors"
     learner = collector = None
     if config.learner:
-        learner = find_learner(config.learner, "learner", config.allow_code)
+        learner = extensions.find_learner(config.learner, "learner", config.allow_code)
     if config.world and not ground:  # the experience of an environment outside JAX
         sizes = (data.n_features, data.n_actions)
-        maker = environment_maker(config.world, sizes, config.allow_code)
+        maker = environment.environment_maker(config.world, sizes, config.allow_code)
         collector = acting_in(maker, config.static, config.hyperparameters, CHUNK)
     trained = train(
         config.static,
         config.hyperparameters,
         [data],
         ground.table.world if ground and not learner else None,
-        Callbacks(
+        callbacks.Callbacks(
             on_report=lambda report: on_progress(report.done / report.total),
             checkpoint=checkpoint,
             resume=checkpoint.is_file(),
