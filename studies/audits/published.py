@@ -35,21 +35,13 @@ def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
         turning = (abs(env) * social_sd + abs(social) * env_sd) / math.hypot(env, social) ** 2
         regret, rival = _regret(mode, angle)
         spread = _value_sd(mode, angle) + _value_sd(rival, angle)
-        rows.append(
-            {
-                "policy": f"expert {mode}",
-                "declared": angle,
-                "g_env": env,
-                "g_social": social,
-                "alpha_hat": angle_of(env, social),
-                "half_width": math.degrees(1.959964 * turning / math.sqrt(episodes)),
-                "best_of_the_others": rival,
-                "regret": regret,
-                "deciding_episodes": episodes_needed(margin.regret - regret, spread, error),
-                "explained": _explained(mode, margin.regret),
-                "best_at": _explained(mode, 0.0),
-            }
-        )
+        row: Row = {"policy": f"expert {mode}", "declared": angle, "g_env": env, "g_social": social}
+        row |= {"alpha_hat": angle_of(env, social)}
+        row |= {"half_width": math.degrees(1.959964 * turning / math.sqrt(episodes))}
+        row |= {"best_of_the_others": rival, "regret": regret}
+        row |= {"deciding_episodes": episodes_needed(margin.regret - regret, spread, error)}
+        row |= {"explained": _explained(mode, margin.regret), "best_at": _explained(mode, 0.0)}
+        rows.append(row)
     return rows
 
 

@@ -13,12 +13,11 @@ import numpy as np
 
 from socialiq import UserError
 from socialiq.learners.settings import check_counts
-from socialiq.results_folder import Results
 from socialiq.storage import read_json
 from socialiq.types import Row
 from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job
-from socialiq_lab.study import Context, Findings, View
+from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups, matching, nested, paired_row, with_holm
 from studies.classic_control import runs
 from studies.classic_control.runs import METHODS, PROTOCOLS, PUBLISHED, VARIANTS, Source
@@ -172,19 +171,13 @@ def pooled(rows: Sequence[Row], *keys: str) -> list[Row]:
         joint = column(matching(group, seed="ensemble"), "mean_return")
         returns = np.array(column(single, "mean_return"))
         of_sets = list(_set_means(single).values())
-        means.append(
-            dict(zip(keys, values, strict=True))
-            | {
-                "policies": len(returns),
-                "mean": float(returns.mean()),
-                "deviation_of_sets": float(np.std(of_sets, ddof=1)) if len(of_sets) > 1 else 0.0,
-                "worst": float(returns.min()),
-                "best": float(returns.max()),
-                "solved": float((returns >= SOLVED).mean()),
-                "ensemble_mean": float(np.mean(joint)),
-                "ensemble_worst": float(min(joint)),
-            }
-        )
+        entry: Row = dict(zip(keys, values, strict=True)) | {"policies": len(returns)}
+        entry |= {"mean": float(returns.mean())}
+        entry |= {"deviation_of_sets": float(np.std(of_sets, ddof=1)) if len(of_sets) > 1 else 0.0}
+        entry |= {"worst": float(returns.min()), "best": float(returns.max())}
+        entry |= {"solved": float((returns >= SOLVED).mean())}
+        entry |= {"ensemble_mean": float(np.mean(joint)), "ensemble_worst": float(min(joint))}
+        means.append(entry)
     return means
 
 
@@ -204,18 +197,3 @@ def differences(rows: Sequence[Row]) -> list[Row]:
                 label = dict(zip(KEYS, values, strict=True)) | {"first": first, "second": second}
                 tests.append(paired_row(label, *([of[key] for key in sorted(of)] for of in sides)))
     return with_holm(tests)
-
-
-def views(results: Results) -> Sequence[View]:
-    """Return the tables to print."""
-    tables, hidden = results.tables, ("best", "deviation_of_sets")
-    titles = {
-        "pooled": "Over all sets of demonstrations and seeds",
-        "differences": "Pairs of methods, over sets of demonstrations",
-        "ablations": "CartPole, one row of each block, one changed",
-    }
-    return [
-        View([{key: row[key] for key in row if key not in hidden} for row in tables[name]], title)
-        for name, title in titles.items()
-        if name in tables
-    ]

@@ -238,17 +238,12 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
         if len(group) < 3 or np.ptp(error) == 0 or np.ptp(regret) == 0:
             continue  # ranks need a difference
         test: Any = spearmanr(error, regret)
-        rows.append(
-            dict(zip(keys, values, strict=True))
-            | {
-                "policies": len(group),
-                "spearman": float(test.statistic),
-                "p": float(test.pvalue),
-                "error_at_least_regret": float(error[regret.argmin()]),
-                "regret_at_least_error": float(regret[error.argmin()]),
-                "least_regret": float(regret.min()),
-            }
-        )
+        entry: Row = dict(zip(keys, values, strict=True)) | {"policies": len(group)}
+        entry |= {"spearman": float(test.statistic), "p": float(test.pvalue)}
+        entry |= {"error_at_least_regret": float(error[regret.argmin()])}
+        entry |= {"regret_at_least_error": float(regret[error.argmin()])}
+        entry |= {"least_regret": float(regret.min())}
+        rows.append(entry)
     return with_holm(rows)
 
 

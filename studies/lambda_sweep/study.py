@@ -32,14 +32,11 @@ def adaptation_rows(state: State) -> list[Row]:
     table = []
     for values, steps in groups(state.tables["checkpoints"], *KEYS, "seed").items():
         near = [abs(angle_difference(row["angle"], goal)) < WITHIN for row in steps]
-        table.append(
-            dict(zip((*KEYS, "seed"), values, strict=True))
-            | {
-                "first_update_within": steps[near.index(True)]["updates"] if any(near) else "",
-                "settled_update": settled(column(steps, "updates"), near),
-                "within_at_end": int(near[-1]),
-            }
-        )
+        entry: Row = dict(zip((*KEYS, "seed"), values, strict=True))
+        entry |= {"first_update_within": steps[near.index(True)]["updates"] if any(near) else ""}
+        entry |= {"settled_update": settled(column(steps, "updates"), near)}
+        entry |= {"within_at_end": int(near[-1])}
+        table.append(entry)
     return table
 
 

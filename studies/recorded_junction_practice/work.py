@@ -249,12 +249,6 @@ def driven(folder: Path) -> dict[str, Outcomes]:
     """Return the outcomes in a job's folder, by driver."""
     arrays, header = load_arrays(folder / DRIVEN, _KIND, _VERSION)
     return {
-        name: Outcomes(
-            name,
-            arrays[f"{name}/totals"],
-            arrays[f"{name}/ending"],
-            arrays[f"{name}/contact"],
-            arrays[f"{name}/length"],
-        )
+        name: Outcomes(name, *(arrays[f"{name}/{column}"] for column in _COLUMNS))
         for name in header["drivers"]
     }

@@ -87,20 +87,15 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
         flips = found_flips(problem, SOLVERS[next_value], np.geomspace(low, high, steps).tolist())
         for flip in flips:
             first = predicted[flip.state]
-            rows.append(
-                case.label
-                | {
-                    "next_value": next_value,
-                    "state": flip.state,
-                    "before": first.before,
-                    "after": first.after if np.isfinite(first.strength) else "",
-                    "predicted": first.strength if np.isfinite(first.strength) else "",
-                    "within_reach": int(first.strength <= reach),
-                    "found": flip.strength if np.isfinite(flip.strength) else "",
-                    "found_after": flip.after if np.isfinite(flip.strength) else "",
-                    "tie": int(first.strength <= _TIE),
-                }
-            )
+            row: Row = case.label | {"next_value": next_value, "state": flip.state}
+            row |= {"before": first.before}
+            row |= {"after": first.after if np.isfinite(first.strength) else ""}
+            row |= {"predicted": first.strength if np.isfinite(first.strength) else ""}
+            row |= {"within_reach": int(first.strength <= reach)}
+            row |= {"found": flip.strength if np.isfinite(flip.strength) else ""}
+            row |= {"found_after": flip.after if np.isfinite(flip.strength) else ""}
+            row |= {"tie": int(first.strength <= _TIE)}
+            rows.append(row)
     return rows
 
 

@@ -62,17 +62,12 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
             def replay(problem: Problem, start: Any, way: NextValue = next_value) -> np.ndarray:
                 return equilibrium(problem, mdp, horizon, way, start)
 
-            predictions.append(
-                {
-                    "next_value": next_value,
-                    "target_kind": kind,
-                    "norm": target_norm(rows),
-                    "occupancy": response.flips(*lines_of(exact, next_value))[0].strength,
-                    "rows": response.flips(*lines_of(rows, next_value))[0].strength,
-                    "solved": first_flip(rows, SOLVERS[next_value], span),
-                    "replay": first_flip(rows, replay, span),
-                }
-            )
+            row: Row = {"next_value": next_value, "target_kind": kind, "norm": target_norm(rows)}
+            row |= {"occupancy": response.flips(*lines_of(exact, next_value))[0].strength}
+            row |= {"rows": response.flips(*lines_of(rows, next_value))[0].strength}
+            row |= {"solved": first_flip(rows, SOLVERS[next_value], span)}
+            row |= {"replay": first_flip(rows, replay, span)}
+            predictions.append(row)
     return predictions
 
 
