@@ -41,7 +41,6 @@ MIXED = 10
 """Angles of the dial whose policies are the base predictor of dials; that of planners is even."""
 
 RANDOM = 0.05  # share of random actions in it
-
 CONFIDENCE = 0.9  # of the drivers' intervals
 
 

@@ -19,7 +19,6 @@ from socialiq_lab.study import StageCallback, silent, tracked
 from studies.audit_power.power import ERROR, FLOOR, MARGIN, Truth, draw_evidence, share
 
 TRIES = 20
-
 COUNTED = (1, 2, 5, 10, TRIES)
 """Numbers of tries after which the owners that have passed are counted."""
 

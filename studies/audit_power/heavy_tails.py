@@ -94,11 +94,8 @@ TIMES = {"well within": 0.2, "at the margin": 1.0, "at 1.5 x the margin": 1.5}
 """True regret, in margins."""
 
 TOO_LOW = 0.2  # declared share of the limit, where the declaration is false
-
 SIZES = (250, 500, 1000, 2000, 4000, 8000)  # numbers of episodes in the table of the price
-
 LONGER = 8  # factor of the episodes of a long audit
-
 _TAILS = 6108  # makes these draws independent of others from the same seed
 
 

@@ -118,7 +118,6 @@ def _directions(angles: Float[np.ndarray, " angle"]) -> Float[np.ndarray, "angle
 
 
 _APART = 2**40  # between the seeds of resamples and of episodes, so that their streams differ
-
 ERROR = 0.05
 MARGIN = 0.25
 FLOOR = Floor(max_at_fault=0.08, max_struck=0.08, min_arrival=0.8, max_timeout=0.08)

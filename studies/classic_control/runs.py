@@ -25,7 +25,6 @@ PROTOCOLS = ("rows", "stride", "whole")
 """One random row of each block, the first row of each block, or all rows."""
 
 CHUNK = 250  # updates between two rounds of acting, in environments outside compiled programs
-
 ROWS = "rows.json"
 
 

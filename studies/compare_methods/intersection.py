@@ -31,7 +31,6 @@ from socialiq_lab.registry import declaration
 from studies.compare_methods.learners import LEARNERS
 
 WORLD = "intersection"
-
 METHODS = comparison.declared_methods(declaration("compare-methods"))
 """The comparison's rows by name."""
 
@@ -42,7 +41,6 @@ SPEED, POLICIES = "speed.csv", "policies.csv"
 """Files of a training job: updates per second; the file of the policy of each run and angle."""
 
 DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
-
 ENVIRONMENTS = 12  # intersections side by side in which a learner acts
 
 

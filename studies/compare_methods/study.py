@@ -31,11 +31,8 @@ TOLD = ("labels", "ranks", "rewards", "environment")
 """Inputs beside observations and actions; STUDY.toml explains them."""
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-
 FASTER = 3  # factor on the rates of Table C.1, as in `compare priors`
-
 KEYS = ("world", "method", "setting", "target_angle", "readout")
-
 READOUT = "greedy"  # action selection by which settings are chosen and methods compared
 
 

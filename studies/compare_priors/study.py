@@ -44,7 +44,6 @@ FASTER = 3
 """Factor on the learning rates of 6.2, with a third of its updates: the table costs a third."""
 
 KEYS = ("world", "method", "strength", "target_angle", "readout")
-
 DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
 """Hyperparameters that a dial has in common with the other rows."""
 

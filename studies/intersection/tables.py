@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from socialiq.demonstrations import files
@@ -53,18 +54,9 @@ def table_6_2(
 
 def group_spread(episodes: Episodes, config: Any, metric: str) -> float:
     """Return the standard deviation of a metric over groups of evaluation episodes."""
-
-    def group(number: int) -> Episodes:
-        chosen = slice(number * config.group_episodes, (number + 1) * config.group_episodes)
-        fields = episodes._asdict()
-        for name, value in fields.items():
-            if isinstance(value, tuple) and name != "signal_names":
-                fields[name] = type(value)(*(column[chosen] for column in value))
-            elif name != "signal_names":
-                fields[name] = value[chosen]
-        return Episodes(**fields)
-
-    rows = [outcome_row(group(number)) for number in range(config.evaluation_seeds)]
+    size, columns_of = config.group_episodes, episodes._replace(signal_names=())
+    groups = (slice(n * size, (n + 1) * size) for n in range(config.evaluation_seeds))
+    rows = [outcome_row(jax.tree.map(lambda values: values[group], columns_of)) for group in groups]
     return float(np.std([row[metric] for row in rows], ddof=1))
 
 

@@ -32,7 +32,6 @@ from studies.intersection_continuous import plan
 from studies.intersection_continuous.plan import Config, jobs
 
 __all__ = ["Config", "compute_tables", "jobs"]
-
 _PERCENT = ("collision", "arrival", "timeout", "stopped")
 _PAIRS = (
     (plan.CONTINUOUS, plan.DISCRETE),

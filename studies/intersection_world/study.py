@@ -16,10 +16,9 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import BackEnd, Intersection
 from socialiq_lab.study import Context, Findings, tracked
-from socialiq_lab.tables import nested
+from socialiq_lab.tables import nested, options_name
 
 BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
-
 POPULATIONS = ("highway_env", "thesis")
 DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
 REWARD_DRIVERS = ("go", "wait", "random", "stop_line", "gap_3s")
@@ -56,7 +55,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
             yield name, driver, drive(options, driver, seeds, *how)
 
     populations = ((name, {"population": name}, d) for name in POPULATIONS for d in DRIVERS)
-    variants = ((_name(variant), variant, d) for variant in VARIANTS for d in REWARD_DRIVERS)
+    variants = ((options_name(variant), variant, d) for variant in VARIANTS for d in REWARD_DRIVERS)
     fewer = min(config.reading_episodes, config.episodes)
     outcomes = [
         {"population": name, "driver": driver} | outcome_row(episodes)
@@ -76,10 +75,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
         "start": start_row(first, config.reading_episodes, config.threads),
     }
     return Findings({"outcomes": outcomes, "readings": readings}, summary)
-
-
-def _name(variant: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={value}" for name, value in variant.items()) or "default"
 
 
 def drive(

@@ -39,9 +39,7 @@ actions, `STANDARDISED` first takes steps at random, by which its networks' inpu
 
 EXPERT_ANGLES = (0.0, 45.0, 90.0)
 SHOWN_EPISODES = 2  # episodes that each expert shows
-
 LIBRARIES = ("socialiq", "mo-gymnasium", "gymnasium", "jax", "numpy")
-
 ROUND, ACTOR_ROUND = 100, 50
 """Steps, and as many updates, before a learner of values, or an actor, acts with newer weights."""
 

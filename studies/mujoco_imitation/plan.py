@@ -61,7 +61,6 @@ class Config:
 
 
 FOLDER = "pieces"
-
 Pieces = dict[str, bytes]
 """Content of the files of pieces by name: the record of each run, and two files of each expert."""
 

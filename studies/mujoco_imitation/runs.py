@@ -87,7 +87,6 @@ def returns(task: Task, policy: Policy, episodes: int, seed: int) -> np.ndarray:
 
 
 POLICY, RECORD, SHOWN = "expert.safetensors", "expert.json", "shown.safetensors"
-
 ROUND = 1000
 """Updates, and steps in the environment, between two rounds of acting: the greatest length of an
 episode."""
@@ -125,7 +124,6 @@ _BASES = {
     "cloning": Method(_CLONING, bc.CloningHyperparameters(learning_rate=1e-3)),
 }
 _DECLARED = declaration("mujoco-imitation")
-
 METHODS: dict[str, Method] = declared_recipes(_DECLARED["method"], _BASES)
 """Methods by name in the tables."""
 

@@ -35,7 +35,6 @@ THESIS = {
 """Sequences that the thesis prints."""
 
 KEYS = ("target_kind", "next_value", "policy")
-
 _COLORS = {"W": ("#d9d9d9", "#333333"), "G": ("#2166ac", "white")}
 
 

@@ -22,9 +22,7 @@ from studies.recorded_junction_practice import work as junction
 from studies.recorded_junction_practice.work import Config, jobs
 
 _SIDES = ("r_env", "r_social")
-
 __all__ = ["Config", "compute_tables", "jobs"]
-
 CLONE = "clone: "  # beginning of the name of a clone, before its mixture's
 
 

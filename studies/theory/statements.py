@@ -27,7 +27,6 @@ from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 KINDS = ("instantaneous", "to_go")
 ANGLES = (0.0, 45.0, 90.0)
-
 _DISCOUNT = 0.9  # of the random worlds
 _N_STATES, _N_ACTIONS, _N_OUTCOMES = 10, 3, 2
 

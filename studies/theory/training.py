@@ -160,7 +160,6 @@ def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> D
 
 
 CLOSE = 0.15  # largest relative error of a hit
-
 _PREDICTIONS = ("occupancy", "rows", "solved", "replay")
 
 

@@ -20,6 +20,7 @@ from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.gridworld_runs import sequence
 from socialiq_lab.study import Context, Findings
+from socialiq_lab.tables import options_name
 
 CROSSING5_VARIANTS: tuple[dict[str, str], ...] = (
     {},
@@ -93,7 +94,7 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
 def _crossing5_row(options: dict[str, str]) -> Row:
     table = tabulate(make_grid("crossing5", **options))
     experts = {mode: sequence(table, expert_policy(table, a)) for mode, a in MODES.items()}
-    return {"reading": _name(options)} | experts
+    return {"reading": options_name(options)} | experts
 
 
 def _tie_rows() -> list[Row]:
@@ -115,16 +116,12 @@ def _tie_rows() -> list[Row]:
 def _crossing7_row(options: dict[str, str]) -> Row:
     """Return angle, totals and collisions of the stationary optimum at the three angles."""
     table = tabulate(make_grid("crossing7", **options))
-    row: Row = {"reading": _name(options), "reachable": table.reachable_part().mdp.n_states}
+    row: Row = {"reading": options_name(options), "reachable": table.reachable_part().mdp.n_states}
     for mode, angle in MODES.items():
         metrics = _stationary(table, angle, "stochastic")
         columns = ("angle", "r_env", "r_social", "collision")
         row |= {f"{mode}_{name}": getattr(metrics, name) for name in columns}
     return row
-
-
-def _name(options: dict[str, str]) -> str:
-    return ", ".join(f"{name}={value}" for name, value in options.items()) or "default"
 
 
 def _stationary(table: Table, angle: float, variant: Variant = "deterministic") -> Metrics:

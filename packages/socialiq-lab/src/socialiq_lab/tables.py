@@ -169,6 +169,11 @@ def as_text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def options_name(options: Mapping[str, Any]) -> str:
+    """Return changed options as a name; "default" without any."""
+    return ", ".join(f"{name}={value}" for name, value in options.items()) or "default"
+
+
 def paired_row(label: Row, first: Sequence[float], second: Sequence[float]) -> Row:
     """Return the test of a difference that is paired over training seeds, as a row."""
     return label | paired_difference(first, second)._asdict()
