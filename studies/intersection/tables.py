@@ -55,8 +55,10 @@ def table_6_2(
 def group_spread(episodes: Episodes, config: Any, metric: str) -> float:
     """Return the standard deviation of a metric over groups of evaluation episodes."""
     size, columns_of = config.group_episodes, episodes._replace(signal_names=())
-    groups = (slice(n * size, (n + 1) * size) for n in range(config.evaluation_seeds))
-    rows = [outcome_row(jax.tree.map(lambda values: values[group], columns_of)) for group in groups]
+    rows = [
+        outcome_row(jax.tree.map(lambda values, n=n: values[n * size : (n + 1) * size], columns_of))
+        for n in range(config.evaluation_seeds)
+    ]
     return float(np.std([row[metric] for row in rows], ddof=1))
 
 
