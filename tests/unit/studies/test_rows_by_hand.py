@@ -177,9 +177,9 @@ def test_shares_have_the_interval_of_wilson():
     row = power.shares(100, passed=50, failed=0)
     assert row["passed"] == 0.5 and row["passed_low"] == pytest.approx(1 - row["passed_high"])
     assert row["failed"] == 0.0 == row["failed_low"] and row["failed_high"] > 0.05
-    one = power.share("covered", 50, 100)
-    assert list(one) == ["covered", "low", "high"]
-    assert (one["low"], one["high"]) == (row["passed_low"], row["passed_high"])
+    covered = power.share("covered", 50, 100)
+    assert list(covered) == ["covered", "low", "high"]
+    assert (covered["low"], covered["high"]) == (row["passed_low"], row["passed_high"])
 
 
 def episodes_with(endings):

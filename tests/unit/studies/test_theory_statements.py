@@ -23,8 +23,8 @@ def test_a_random_world_is_seeded_and_named(cases):
     np.testing.assert_array_equal(mdp.probability, again.probability)
     np.testing.assert_allclose(mdp.probability.sum(axis=2), 1.0)
     assert mdp.initial.sum() == pytest.approx(1.0) and mdp.rewards.env.shape == (10, 3)
-    other = statements.random_cases([1])[0].problem.mdp
-    assert (mdp.successor != other.successor).any()
+    second = statements.random_cases([1])[0].problem.mdp
+    assert (mdp.successor != second.successor).any()
 
 
 @pytest.mark.parametrize(
