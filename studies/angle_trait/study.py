@@ -1,11 +1,8 @@
 """Angles planted in simulated traffic: are they recovered, and do they predict.
 
-Drivers of known angles drive the intersection, each its own episodes. From the first half of its
-episodes the angle of each is inferred as from recordings (`recordings.trait`), and tested on the
-second half. Two kinds of drivers: planners, and policies of one trained dial. Angles are inferred
-from returns, where a candidate's rewards are those of a rollout that takes it first: planners
-choose by these very returns, so that the model is true, and dials don't. And from another dial,
-whose policies are the model of drivers: near the one that drives, and never equal to it.
+From the first half of each driver's episodes its angle is inferred as from recordings, and tested on
+the second half. Planners choose by the very returns of the model, so that it is true; policies of a
+dial don't, and are also inferred by another dial, near the one that drives and never equal to it.
 """
 
 from typing import Any, NamedTuple

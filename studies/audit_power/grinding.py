@@ -1,7 +1,6 @@
 """Wrong passes of owners who try up to 20 times, with and without a log of their tries.
 
-Every owner's policy is beyond the margin or exactly on it, so that every pass is a wrong one. A try
-is an audit, or a simulation of one at home.
+Every policy is beyond the margin or on it: every pass is wrong. A try is an audit, or one at home.
 """
 
 import hashlib
@@ -62,11 +61,7 @@ WAYS: Mapping[str, Way] = {
 
 
 def grinding_rows(
-    episodes: int,
-    owners: int,
-    seed: int,
-    resamples: int = 1000,
-    on_stage: StageCallback = silent,
+    episodes: int, owners: int, seed: int, resamples: int = 1000, on_stage: StageCallback = silent
 ) -> list[Row]:
     """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals."""
     first: dict[tuple[str, str], list[int]] = {

@@ -1,7 +1,6 @@
 """Audits of the thesis' printed tables and of this project's policies.
 
-The thesis says that a recovered angle allows others to verify a declared one (7.1, 9.2). Here the
-audit does so, from the declaration and either the printed numbers or driven episodes.
+The thesis says that a recovered angle allows others to verify a declared one (7.1, 9.2).
 """
 
 import datetime

@@ -1,8 +1,7 @@
 """IQ-Learn on classic control from few transitions, an outside check of the learner.
 
 The IQ-Learn paper (Garg et al. 2021, Fig 2) learns CartPole offline from every 20th transition of
-one expert trajectory. Its expert files are no longer public, so the experts here are hand-written
-controllers (`tasks`), and everything is repeated over several trajectories.
+one trajectory. Its experts are not public; these are hand-written, of several trajectories.
 """
 
 from collections.abc import Sequence

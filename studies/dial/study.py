@@ -14,12 +14,7 @@ import numpy as np
 
 from socialiq import Demonstrations, UserError
 from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
-from socialiq.evaluation.exact import (
-    READOUTS,
-    Ground,
-    action_table,
-    exact_regret,
-)
+from socialiq.evaluation.exact import READOUTS, Ground, action_table, exact_regret
 from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS, RUNS
@@ -162,12 +157,7 @@ _SETTING = (
 
 
 def _settings(
-    label: Row,
-    dial: DialPolicy,
-    ground: Ground,
-    config: Config,
-    swept: Sweep,
-    limit: AttainableSet,
+    label: Row, dial: DialPolicy, ground: Ground, config: Config, swept: Sweep, limit: AttainableSet
 ) -> list[Row]:
     """Return the mixture for each wanted angle, exact and estimated from rollouts."""
     best, points, seed = ground.optimum.attainable, swept.points, label["seed"]

@@ -1,9 +1,7 @@
 """The intersection with continuous actions: the main table, and a dial beside a discrete one.
 
-The ego drives straight on and chooses its acceleration. Experts are trained by soft actor-critic,
-learners from an equal mixture of them, and beside these clones and TD3+BC. Dials are trained by
-soft actor-critic at every angle, with two shares of high angles. Dials of discrete actions, of the
-same steps and updates, drive the same episodes.
+The ego drives straight on and chooses its acceleration. Learners have a mixture of the experts;
+dials of discrete actions, of the same steps and updates, drive the same episodes.
 """
 
 import itertools

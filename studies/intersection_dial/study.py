@@ -1,8 +1,7 @@
 """The dial in the intersection, beside agents trained for one angle each.
 
-Dials and agents differ only in their range of angles and in their number of updates; a dial with a
-clock and its ablations differ in what `ABLATIONS` names. All are evaluated on the intersection
-study's seeds.
+Dials and agents differ only in their range of angles and number of updates; a dial with a clock and
+its ablations in what `ABLATIONS` names. All drive the intersection study's episodes.
 """
 
 import dataclasses

@@ -1,8 +1,7 @@
 """Off-policy evaluation beside exact values: how often its intervals hold, and when it says no.
 
-Three demonstrators of a gridworld, for 0, 45 and 90 degrees, take the best first action of each
-state, or now and then a random one. From their episodes alone the policies of seven angles are
-evaluated, which drive in the same way. The truth is exact, so only the episodes are random.
+Three demonstrators take the best first action of each state, or a random one. From their episodes
+alone the policies of seven angles are evaluated. The truth is exact: only the episodes are random.
 """
 
 import itertools

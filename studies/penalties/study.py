@@ -1,8 +1,7 @@
 """L1 and KL in place of the quadratic prior (thesis 4.3.1), and how far r̂ stays from λR(α).
 
 The thesis argues against both without running them: L1 would match λR(α) exactly on most
-state-action pairs and deviate sharply on others; KL would need a softmax, which distorts the
-alignment. Both are priors of a user here.
+state-action pairs and deviate sharply on others; KL would need a softmax.
 """
 
 from typing import Any

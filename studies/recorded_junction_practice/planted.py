@@ -1,9 +1,7 @@
 """Planted drivers: rules of different courtesy that see what a policy sees, and nothing else.
 
-A rule looks ahead for some seconds: if another vehicle, at its present velocity, comes into the
-strip in front of the ego, the ego brakes, or waits if it stands; otherwise it accelerates. The
-longer it looks, the more it yields. They are no people, and their courtesy is known; what they earn
-by both rewards is measured.
+If another vehicle, at its present velocity, comes into the strip in front of the ego within some
+seconds, the ego brakes, or waits; otherwise it accelerates. The longer it looks, the more it yields.
 """
 
 from dataclasses import dataclass

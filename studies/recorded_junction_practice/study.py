@@ -1,9 +1,7 @@
 """A dial at a recorded junction from recorded drivers alone, without and with practice.
 
-The world is made of recordings (`recordings.world`). Recorded drivers show few of the states that
-their dials get into. With practice the dials drive in this world and learn again from what they
-met. The dials, clones of the same rows, the calibrated drivers and rules of known courtesy drive
-the same episodes.
+Recorded drivers show few of the states that their dials get into. With practice the dials drive in
+this world and learn again from what they met. All drivers drive the same episodes.
 """
 
 from collections.abc import Sequence

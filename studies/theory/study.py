@@ -80,11 +80,7 @@ def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
             "from_baseline": {row["world"]: row["largest_difference"] for row in tables["zero"]},
             "log10_from_baseline_sixth": largest("zero", "log10_from_baseline_sixth"),
         },
-        "slopes": {
-            "cases": len(slopes),
-            "least_ratio": min(slopes),
-            "largest_ratio": max(slopes),
-        },
+        "slopes": {"cases": len(slopes), "least_ratio": min(slopes), "largest_ratio": max(slopes)},
         "flips": {way: training.flip_counts(tables["flips"], way) for way in NEXT_VALUES},
         "lengths": training.growth(tables["lengths"]),
         "training": training.trained_summary(tables),

@@ -111,10 +111,7 @@ def _runs(
     problem = rows_problem(ground, kind)
     strengths = [0.0, *(unit / target_norm(problem) for unit in config.units)]
     static = dataclasses.replace(
-        presets.SWEEP,
-        next_value=next_value,
-        target_kind=_target_kind(kind),
-        updates=config.updates,
+        presets.SWEEP, next_value=next_value, target_kind=_target_kind(kind), updates=config.updates
     )
     numbers: list[IQLearnHyperparameters] = []
     for dataset, seed in enumerate(config.seeds):
