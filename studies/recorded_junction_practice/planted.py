@@ -1,7 +1,7 @@
 """Planted drivers: rules of different courtesy that see what a policy sees, and nothing else.
 
 If another vehicle, at its present velocity, comes into the strip in front of the ego within some
-seconds, the ego brakes, or waits; otherwise it accelerates. The longer it looks, the more it yields.
+seconds, the ego brakes or waits; otherwise it accelerates. The longer it looks, the more it yields.
 """
 
 from dataclasses import dataclass
