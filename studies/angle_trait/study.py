@@ -1,8 +1,8 @@
 """Angles planted in simulated traffic: are they recovered, and do they predict.
 
 From the first half of each driver's episodes its angle is inferred as from recordings, and tested
-on the second half. Planners choose by the very returns of the model, so that it is true; policies of
-a dial don't, and are also inferred by another dial, near the one that drives and never equal to it.
+on the second half. Planners choose by the very returns of the model, so that it is true; policies
+of a dial don't, and are also inferred by another dial, near the one that drives, never equal to it.
 """
 
 from typing import Any, NamedTuple
