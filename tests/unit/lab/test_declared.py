@@ -149,6 +149,11 @@ FIGURE = {"name": "a", "table": "policies", "x": "angle", "y": "regret"}
             "unknown table 'runs': choose one of policies",
         ),
         ({"table": [{"name": "a", "from": "a"}]}, "unknown table 'a': choose one of policies"),
+        (
+            {"train": [TRAIN | {"runs": {"angle": 0.0}}]},
+            "angle must be a list, or .modes., got 0.0",
+        ),
+        ({"train": [TRAIN | {"reciprocal": {"temperature": "strength"}}]}, "number of the runs"),
         ({"table": [{"from": "policies"}]}, "give each table name"),
         ({"table": [{"python": "rows"}]}, "give each table name"),
         ({"table": [{"name": "a", "python": "rows"}]}, "beside it has no function rows"),
@@ -172,6 +177,15 @@ def test_what_the_grammar_lacks_is_refused_before_anything_is_trained(changes, l
     with pytest.raises(UserError, match=line):
         study.tables(study.Config(), Context((), pathlib.Path(), stages.append))
     assert len(stages) <= 1  # the program of a training may begin, and no more
+
+
+def test_a_declaration_without_a_world_and_a_condition_without_a_column_are_refused():
+    study = declared_study("a-study", {"config": {"seeds": [0]}, "train": [TRAIN]})
+    with pytest.raises(UserError, match="name its world, or compute its tables"):
+        study.tables(study.Config(), Context((), pathlib.Path(), silent))
+    with pytest.raises(UserError, match="unknown column 'methode': choose one of method, str"):
+        where(ROWS, {"methode": "ours"})
+    assert where([], {"methode": "ours"}) == []
 
 
 def test_a_study_that_computes_its_tables_derives_others_from_them():

@@ -143,6 +143,8 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
     from socialiq_lab import gridworld_runs
 
     computes = hasattr(module, "compute_tables")
+    if not computes and "world" not in content:
+        raise UserError("STUDY.toml: name its world, or compute its tables in study.py beside it")
     trainings = variants(content, config)
     tables = resolved(content.get("table", []), config)
     summary = resolved(content.get("summary", {}), config)
@@ -225,8 +227,11 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
             bound = SimpleNamespace(**dataclasses.asdict(config) | values)
             result = resolved(variant, bound)
             result["runs"] = _product(result.get("runs", {}))
-            for run in result["runs"]:
-                run |= {name: 1.0 / run[of] for name, of in result.get("reciprocal", {}).items()}
+            for run, (name, of) in itertools.product(
+                result["runs"], result.get("reciprocal", {}).items()
+            ):
+                one_of("number of the runs", of, tuple(run))
+                run[name] = 1.0 / run[of]
             if result.get("targets") == "modes":
                 result["targets"] = list(MODES.values())
             if result.pop("if", True):
@@ -239,6 +244,9 @@ def _product(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     from socialiq.evaluation.rollout import MODES
 
     lists = [list(MODES.values()) if values == "modes" else values for values in columns.values()]
+    for name, values in zip(columns, lists, strict=True):
+        if not isinstance(values, list | tuple):
+            raise UserError(f'STUDY.toml: {name} must be a list, or "modes", got {values!r}')
     return [dict(zip(columns, values, strict=True)) for values in itertools.product(*lists)]
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.errors import one_of
 from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.types import Row
 
@@ -24,6 +25,8 @@ def matching(rows: Sequence[Row], **wanted: Any) -> list[Row]:
 
 def where(rows: Sequence[Row], conditions: Mapping[str, Any]) -> list[Row]:
     """Return the rows that meet every condition: a column's value, or a list of its values."""
+    for name in conditions if rows else ():
+        one_of("column", name, tuple(rows[0]))
     allowed = {
         name: list(value) if isinstance(value, list | tuple) else [value]
         for name, value in conditions.items()
