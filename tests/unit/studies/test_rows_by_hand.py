@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from socialiq.errors import UserError
+from socialiq import QPolicy, UserError
 from socialiq.evaluation.episodes import Episodes
 from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
 from socialiq.types import Ending, RewardPair
 from socialiq_lab.declared import State
 from socialiq_lab.tables import options_name
+from socialiq_recordings.trait import traits
 from studies.angle_trait import study as angles
 from studies.audit_power import power
 from studies.audits import study as audits
@@ -400,22 +401,17 @@ def test_choices_are_of_chains_of_drivers_whose_first_half_infers():
     assert of_first[0] < of_first[2] < of_first[1]  # both decisions of episode 0, then episode 1
 
 
-class Constant:
-    """A policy that always takes one action."""
-
-    n_features = 2
-
-    def __init__(self, action):
-        self.action = action
-
-    def predict(self, observation):
-        return np.full(len(observation), self.action), None
+def always(action):
+    """A policy that always takes one action of three."""
+    return QPolicy(
+        (np.zeros((3, 2), np.float32),), (np.eye(3, dtype=np.float32)[action],), "relu", 1.0, {}
+    )
 
 
 def test_a_mixture_has_a_share_of_random_actions_and_no_policy_is_even():
     observation = np.zeros((4, 3))
     np.testing.assert_allclose(np.exp(angles.base_of([], observation)), 1 / 3)
-    chances = np.exp(angles.base_of([Constant(0), Constant(0), Constant(2)], observation))
+    chances = np.exp(angles.base_of([always(0), always(0), always(2)], observation))
     np.testing.assert_allclose(chances.sum(axis=1), 1.0)
     expected = 0.95 * np.array([2 / 3, 0.0, 1 / 3]) + 0.05 / 3
     np.testing.assert_allclose(chances[0], expected)
@@ -423,14 +419,14 @@ def test_a_mixture_has_a_share_of_random_actions_and_no_policy_is_even():
 
 def test_a_family_of_policies_gives_chances_and_mean_candidates():
     values = np.array([[[0.0, 1.0], [0.0, 0.0], [-np.inf, -np.inf]]])  # decision, candidate, angle
-    trait = SimpleNamespace(shared=np.array([0.0, 1.0]))
+    trait = traits.family_trait(np.array([0.0, 90.0]), scale=1.0)
     table = angles.tabulate_family(values, np.array([-1.0, 0.0, 1.0]), trait, random=0.1)
     chances = np.exp(table.log_p[0])  # candidate, β, angle
-    np.testing.assert_allclose(chances[:2, 0], 0.5)  # β = 0 is even among the two candidates
-    up = np.e / (1 + np.e)
-    assert chances[0, 1, 1] == pytest.approx(0.9 * up + 0.05)
+    np.testing.assert_allclose(chances[:2, :, 0], 0.5)  # both candidates are worth as much
+    up = 1 / (1 + np.exp(-trait.shared))
+    np.testing.assert_allclose(chances[0, :, 1], 0.9 * up + 0.05)
     np.testing.assert_allclose(chances[2], 0.0, atol=1e-300)
-    assert table.mean[0, 1, 1] == pytest.approx(-(0.9 * up + 0.05))
+    np.testing.assert_allclose(table.mean[0, :, 1], -(0.9 * up + 0.05))
 
 
 def test_the_scale_of_values_ignores_what_is_no_candidate():
