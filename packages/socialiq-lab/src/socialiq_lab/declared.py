@@ -239,7 +239,7 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
     return expanded
 
 
-def _product(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+def _product(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return every combination, the last name varying fastest; "modes" are the experts' angles."""
     from socialiq.evaluation.rollout import MODES
 
