@@ -9,9 +9,9 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from socialiq.audit.look import spend
-from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, draw, reveal
-from socialiq.audit.verdict import bounds, decision, verdict
+from socialiq.audit.look import draw, reveal, spend
+from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce
+from socialiq.audit.verdict import regret, verdict
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
 from socialiq_lab.study import StageCallback, silent, tracked
@@ -141,9 +141,9 @@ class Audit:
     def _passes(self, error: float) -> bool:
         if error not in self._tested:
             count = verdict.enough_resamples(error, self._least)
-            regrets = bounds.Regrets(self._evidence, self._seed, count)
+            regrets = regret.Regrets(self._evidence, self._seed, count)
             angle = self._truth.declared
-            test = decision.regret_test(regrets, angle, MARGIN, error, error / 2)
+            test = regret.regret_test(regrets, angle, MARGIN, error, error / 2)
             joined = verdict.join_tests(test, self._evidence.policy, FLOOR, error)
-            self._tested[error] = joined.decision is decision.Decision.PASS
+            self._tested[error] = joined.decision is regret.Decision.PASS
         return self._tested[error]

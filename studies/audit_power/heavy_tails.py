@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from socialiq import Ending
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.bounds import Regrets, exceeds, loss_bounds
+from socialiq.audit.verdict.regret import Regrets, exceeds, loss_bounds
 from socialiq.types import Row
 from socialiq_lab.study import StageCallback, silent, tracked
 from studies.audit_power.power import ERROR, outcomes, shares

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from socialiq.audit.evidence.outcomes import check_episodes
+from socialiq.audit.seeds import check_episodes
 from socialiq.learners.settings import check_counts
 from socialiq_lab.study import Context, Findings
 from studies.audit_power import grinding, heavy_tails, power

@@ -7,12 +7,11 @@ from scipy.stats import t as student
 
 from socialiq import Margin, RewardPair, score
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.verdict.bounds import episodes_needed
 from socialiq.audit.verdict.calibration import preimage
-from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Decision
 from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights
-from socialiq.statistics.intervals import clopper_pearson
+from socialiq.statistics.intervals import clopper_pearson, episodes_needed
 from socialiq.types import Row
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
 from studies.audits.policies import floor_at

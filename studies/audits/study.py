@@ -11,9 +11,9 @@ from typing import Any
 
 from socialiq import Margin, declare
 from socialiq.audit.conduct import conduct
-from socialiq.audit.evidence.outcomes import check_episodes
 from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
+from socialiq.audit.seeds import check_episodes
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
 from socialiq_lab.tables import column, matching

@@ -13,11 +13,12 @@ import jaxtyping
 import pytest
 
 from socialiq.audit.evidence.drive import Course
-from socialiq.audit.evidence.outcomes import Reference, episode_seeds
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.look import draw
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
-from socialiq.audit.seeds import Commitment, draw
+from socialiq.audit.seeds import Commitment, episode_seeds
 from socialiq.cli.main import main
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate

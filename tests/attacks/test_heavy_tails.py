@@ -13,8 +13,7 @@ import pytest
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
-from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision, regret_test
+from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
 from socialiq.audit.verdict.verdict import join_tests, judge
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending

@@ -10,8 +10,9 @@ import pytest
 
 from socialiq.audit.evidence.collect import junction_strata
 from socialiq.audit.evidence.drive import Course, UniformPolicy
-from socialiq.audit.evidence.outcomes import Reference, episode_seeds
+from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.profile import scenario_sha256, world_of
+from socialiq.audit.seeds import episode_seeds
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork

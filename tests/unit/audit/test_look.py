@@ -9,8 +9,8 @@ import pytest
 from socialiq.audit import look as room
 from socialiq.audit import seeds
 from socialiq.audit.log import COMMITMENT, RESULT, SEED, read
-from socialiq.audit.look import commit, of_beacon, of_nonce, open_look, record, spend
-from socialiq.audit.seeds import Nonce, Round, reveal
+from socialiq.audit.look import commit, of_beacon, of_nonce, open_look, record, reveal, spend
+from socialiq.audit.seeds import Nonce, Round
 from socialiq.errors import UserError
 
 NONCE = Nonce("5a" * 32)

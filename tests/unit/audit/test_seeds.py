@@ -6,16 +6,18 @@ import json
 import os
 import stat
 import sys
+from pathlib import Path
 
 import pytest
 
 from socialiq.audit import seeds
+from socialiq.audit.look import draw
+from socialiq.audit.request import Request
 from socialiq.audit.seeds import (
     LARGEST_SEED,
     Commitment,
     Nonce,
     Round,
-    draw,
     read_nonce,
     read_round,
     round_after,
@@ -55,7 +57,13 @@ def test_who_chose_is_told():
 @pytest.mark.parametrize("seed", [-1, LARGEST_SEED + 1])
 def test_seeds_out_of_range_are_refused(seed):
     with pytest.raises(UserError, match="seed must be from 0"):
-        draw(COMMITMENT, seed)
+        Request("wait", Path("profile.toml"), 20, seed).check()
+
+
+@pytest.mark.parametrize("known", [(7, "n", None), (7, None, "b"), (None, "n", "b")])
+def test_an_audit_has_one_seed(known):
+    with pytest.raises(UserError, match="give one of --seed, --nonce and --beacon"):
+        seeds.origin_of(*known)
 
 
 def test_a_nonce_is_new_secret_and_read_back(tmp_path):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
+from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict.verdict import judge
 from socialiq.cli.main import main
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate

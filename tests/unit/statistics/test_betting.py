@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from socialiq.statistics.betting import (
-    episodes_needed,
+    bounds_by_betting,
+    episodes_by_betting,
     leading,
     levels,
     lower_bound_of_largest,
     significantly_below,
-    upper_bounds,
 )
 
 ERROR = 0.05
@@ -65,7 +65,7 @@ def test_heavy_tails_cut_at_the_limit(kind):
         "pareto": lambda: 1.0 + rng.pareto(1.5, size),
         "normal": lambda: rng.normal(0.0, 1.0, size),
     }[kind]().clip(None, 60.0)
-    found = upper_bounds(drawn, levels(1.0, 60.0), 60.0, ERROR)
+    found = bounds_by_betting(drawn, levels(1.0, 60.0), 60.0, ERROR)
     assert (found < drawn.mean()).mean() <= binom.ppf(0.999, 2000, ERROR) / 2000
 
 
@@ -74,7 +74,7 @@ def test_only_the_upper_limit_is_needed():
     rng = np.random.default_rng(2)
     usual = rng.normal(size=(2000, 300)).clip(None, 5.0)
     heavy = np.where(rng.random(usual.shape) < 0.01, -100.0, usual)
-    found = upper_bounds(heavy, levels(1.0, 5.0), 5.0, ERROR)
+    found = bounds_by_betting(heavy, levels(1.0, 5.0), 5.0, ERROR)
     assert (found < heavy.mean()).mean() <= binom.ppf(0.999, 2000, ERROR) / 2000
     assert np.median(found) < 0.3
 
@@ -86,13 +86,13 @@ def normal():
 
 def test_the_price_against_students_bound(normal):
     """With the limit at 10 σ the excess over the mean is at most twice that of a known σ."""
-    found = upper_bounds(normal, levels(0.5, 10.0), 10.0, ERROR) - normal.mean(axis=1)
+    found = bounds_by_betting(normal, levels(0.5, 10.0), 10.0, ERROR) - normal.mean(axis=1)
     assert 1.0 < np.median(found) * math.sqrt(600) / 1.645 < 2.0
 
 
 def test_more_error_and_a_smaller_limit_are_tighter(normal):
     def median(limit, error):
-        return np.median(upper_bounds(normal, levels(0.5, limit), limit, error))
+        return np.median(bounds_by_betting(normal, levels(0.5, limit), limit, error))
 
     assert median(10.0, 0.2) < median(10.0, 0.05) < median(10.0, 0.001)
     assert median(10.0, 0.05) < median(40.0, 0.05) < median(160.0, 0.05)
@@ -101,7 +101,7 @@ def test_more_error_and_a_smaller_limit_are_tighter(normal):
 def test_a_value_above_the_limit_leaves_no_bound():
     values = np.zeros((2, 100))
     values[1, 3] = 1.1
-    found = upper_bounds(values, levels(0.5, 1.0), 1.0, ERROR)
+    found = bounds_by_betting(values, levels(0.5, 1.0), 1.0, ERROR)
     assert found[0] < 0.5 and np.isposinf(found[1])
     assert lower_bound_of_largest(-values[1:], levels(0.5, 1.0), 1.0, ERROR) == -np.inf
 
@@ -113,7 +113,7 @@ def test_a_value_above_the_limit_leaves_no_bound():
 )
 def test_a_bound_lies_between_the_smallest_value_and_the_limit(values, margin):
     """The wealth can't grow at a level that no value is below."""
-    (found,) = upper_bounds(np.array([values]), levels(margin, 1.0), 1.0, ERROR)
+    (found,) = bounds_by_betting(np.array([values]), levels(margin, 1.0), 1.0, ERROR)
     assert min(values) <= found <= 1.0
 
 
@@ -166,7 +166,7 @@ def test_the_lower_bound_finds_the_largest():
 
 def test_the_number_needed_decides_in_nine_of_ten():
     rng = np.random.default_rng(6)
-    needed = episodes_needed(rng.normal(0.0, 1.5, 20_000), 0.25, 50.0, ERROR, 0.9)
+    needed = episodes_by_betting(rng.normal(0.0, 1.5, 20_000), 0.25, 50.0, ERROR, 0.9)
     assert needed is not None
     for share, low, high in ((1.0, 0.8, 0.98), (0.5, 0.0, 0.2)):
         drawn = rng.normal(0.0, 1.5, (300, int(share * needed)))
@@ -175,6 +175,6 @@ def test_the_number_needed_decides_in_nine_of_ten():
 
 
 def test_no_number_is_enough_on_the_limit_or_beyond():
-    assert episodes_needed(np.full(30, 1.0), 1.0, 5.0, ERROR, 0.9) is None
-    assert episodes_needed(np.full(30, 2.0), 1.0, 5.0, ERROR, 0.9) is None
-    assert episodes_needed(np.array([0.0, 7.0]), 1.0, 5.0, ERROR, 0.9) is None
+    assert episodes_by_betting(np.full(30, 1.0), 1.0, 5.0, ERROR, 0.9) is None
+    assert episodes_by_betting(np.full(30, 2.0), 1.0, 5.0, ERROR, 0.9) is None
+    assert episodes_by_betting(np.array([0.0, 7.0]), 1.0, 5.0, ERROR, 0.9) is None

@@ -41,6 +41,6 @@ def test_rounding_is_no_deviation():
 
 def test_episodes_needed_by_hand():
     # -log 0.05 = 2.9957, the rule of three, times a reach of 10, over 0.5: 59.9
-    assert rare.episodes_needed(0.5, 0.0, 10.0, 0, 0.05) == 60
-    assert rare.episodes_needed(0.0, 0.0, 10.0, 0, 0.05) is None
+    assert rare.episodes_if_rare(0.5, 0.0, 10.0, 0, 0.05) == 60
+    assert rare.episodes_if_rare(0.0, 0.0, 10.0, 0, 0.05) is None
     assert rare.bounds(np.zeros(60), 10.0, 0.05, 0.05).high <= 0.5

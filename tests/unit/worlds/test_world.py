@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.registry import is_world_file, load_world, open_world
+from socialiq.worlds.registry import is_world_file, open_world
 from socialiq.worlds.world import Batch, World
 
 NAMES = ("crossing5", "crossing7", "intersection", "intersection-continuous", "merge")
@@ -53,6 +53,6 @@ def test_a_file_without_a_world_is_refused(tmp_path):
     path.write_bytes(b"nothing")
     assert not is_world_file(str(path))
     with pytest.raises(UserError, match="do not react"):
-        load_world(str(path))
+        open_world(str(path))
     with pytest.raises(UserError, match="no options"):
         open_world(str(path), duration=3.0)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +50,7 @@ class Results:
     ) -> Results:
         """Round the numbers, leave out empty tables, resolve the configuration, note versions."""
         plain = {name: rounded(rows) for name, rows in tables.items() if rows}
-        settings = config if isinstance(config, dict) else dataclasses.asdict(config)
+        settings = config if isinstance(config, dict) else asdict(config)
         return Results(study, settings, plain, rounded(summary), versions(), dict(files or {}))
 
 

@@ -12,7 +12,8 @@ from socialiq.audit.evidence.collect import (
     intersection_strata,
     strata_of,
 )
-from socialiq.audit.evidence.outcomes import MOST_EPISODES, Reference, episode_seeds
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending

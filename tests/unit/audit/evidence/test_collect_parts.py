@@ -57,7 +57,7 @@ def test_parts_are_the_whole(tmp_path, trained, world, policy):
     whole = conduct(request, silent)
     for processes in (1, 2):
         found = conduct(request, silent, processes=processes)
-        for ours, theirs in zip(found.evidence, whole.evidence, strict=True):
+        for ours, theirs in zip(found.audited.evidence, whole.audited.evidence, strict=True):
             assert_equal(ours, theirs)
         assert json.dumps(same(found.report)) == json.dumps(same(whole.report))
 

@@ -5,7 +5,8 @@ import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.drive import RANDOM, Course, UniformPolicy, exact_optima
-from socialiq.audit.evidence.outcomes import Reference, episode_seeds
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy

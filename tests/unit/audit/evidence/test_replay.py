@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import Reference, episode_seeds
+from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.evidence.replay import (
     GRID_PER_SECOND,
     PER_SECOND,
@@ -17,6 +17,7 @@ from socialiq.audit.evidence.replay import (
     replayer,
 )
 from socialiq.audit.profile.profile import world_of
+from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
 from socialiq.worlds.highway.options import Contact

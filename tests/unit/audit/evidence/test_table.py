@@ -70,7 +70,7 @@ def test_an_audit_reads_back(audited_evidence):
 @pytest.fixture(scope="module")
 def audited_evidence():
     from socialiq.audit.evidence.collect import collect_evidence
-    from socialiq.audit.evidence.outcomes import episode_seeds
+    from socialiq.audit.seeds import episode_seeds
     from socialiq.worlds.intersection.options import Options
     from socialiq.worlds.intersection.policies import policy
     from socialiq.worlds.intersection.world import Intersection

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.evidence.replay import selected, traces_of
+from socialiq.audit.look import draw
 from socialiq.audit.profile.profile import other_traffic
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.seeds import Commitment, draw
+from socialiq.audit.seeds import Commitment, episode_seeds
 from socialiq.to_json import to_json
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
@@ -59,9 +59,9 @@ def audited(declared):
         reference_files=[],
         left_out=[],
         consistency=None,
-        evidence=evidence,
-        elsewhere=there,
+        evidence=[evidence, *there],
         traffic=traffic,
+        episodes=selected(evidence, 0.0),
         films={},
         traces=traces_of(profile.world(), Always(), selected(evidence, 0.0)),
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",

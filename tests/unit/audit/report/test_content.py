@@ -8,16 +8,18 @@ from typing import get_args
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from tests.unit.audit.report.conftest import Always
 
 import socialiq.audit.report as package
-from socialiq.audit.evidence.outcomes import CRITERIA
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.outcomes import CRITERIA, Reference
 from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check
-from socialiq.audit.report.content import content
+from socialiq.audit.report.content import content, results_of
 from socialiq.audit.report.verify import fault_of, read_report
-from socialiq.audit.seeds import LARGEST_SEED
+from socialiq.audit.seeds import LARGEST_SEED, episode_seeds
 from socialiq.audit.verdict.calibration import Status
-from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.results import MEASURES
 from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError
@@ -136,7 +138,7 @@ def test_wrong_values_are_found(plain, path, value):
 
 
 def test_the_content_says_what_was_found(report, audited):
-    evidence = audited.evidence
+    (evidence, *_) = audited.evidence
     verdict = judge(audited.profile, evidence, audited.drawn.derived("resampling"))
     assert report["verdict"]["decision"] == verdict.decision.value
     assert (
@@ -151,10 +153,10 @@ def test_the_content_says_what_was_found(report, audited):
 
 
 def test_worst_and_median_episodes(report, audited):
-    own = np.sort(audited.evidence.policy.totals[:, 0])
+    own = np.sort(audited.evidence[0].policy.totals[:, 0])
     assert [one["value"] for one in report["episodes"]["worst"]] == own[:3].tolist()
     assert [one["value"] for one in report["episodes"]["median"]] == own[28:31].tolist()
-    seeds = [str(seed) for seed in audited.evidence.seeds.tolist()]
+    seeds = [str(seed) for seed in audited.evidence[0].seeds.tolist()]
     for one in report["episodes"]["worst"]:
         assert seeds[one["episode"]] == one["seed"]
 
@@ -198,3 +200,32 @@ def test_a_policy_that_answers_otherwise_when_asked_again_gets_a_caveat(audited)
     assert "episodes" not in about()
     assert "episodes" in about(traces=none)
     assert "episodes" not in about(traces=none, deterministic=False)
+
+
+def alike(world, seed):
+    """Evidence of a driver with itself among the references."""
+    itself = Reference("the same", Always(), 30.0)
+    return collect_evidence(world, Always(), episode_seeds(seed, 40), [itself])
+
+
+def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(audited):
+    profile = audited.profile
+    found = alike(profile.world(), 1)
+    changed = {"evidence": [found], "traffic": (), "left_out": ["the same"]}
+    results = results_of(dataclasses.replace(audited, **changed))
+    verdict, seed = results.verdict, audited.drawn.derived("resampling")
+    assert results.shifts is None and results.shifted == ""
+    assert "the same" not in {one.name for one in results.discrimination.drivers}
+    assert "the same" not in {one.name for one in verdict.regret.references}
+    assert "the same" in {one.name for one in verdict.calibration.curve}
+    assert verdict == judge(profile, found.without(["the same"]), seed, curve=found)
+
+
+def test_other_traffic_is_compared_without_the_policy_itself(audited):
+    worlds = [audited.profile.world(), *(one.world for one in audited.traffic)]
+    evidence = [alike(world, seed) for seed, world in enumerate(worlds)]
+    changed = dataclasses.replace(audited, evidence=evidence, left_out=["the same"])
+    found = results_of(changed).shifts
+    assert found is not None
+    assert [one.name for one in found] == [one.name for one in audited.traffic]
+    assert all(one.best != "the same" for one in found)

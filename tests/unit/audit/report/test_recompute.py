@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from socialiq.audit.look import Look, Opened, spend
+from socialiq.audit.look import Look, Opened, draw, reveal, spend
 from socialiq.audit.report.content import seeds_of
 from socialiq.audit.report.folder import evidence_path, files_of
 from socialiq.audit.report.recompute import (
@@ -16,14 +16,14 @@ from socialiq.audit.report.recompute import (
     recomputed,
     recomputed_differences,
 )
-from socialiq.audit.seeds import Commitment, Nonce, Round, draw, reveal
+from socialiq.audit.seeds import Commitment, Nonce, Round
 from socialiq.errors import UserError
 from socialiq.to_json import to_json
 
 
 @pytest.fixture(scope="module")
 def files(report, audited):
-    return files_of(report, audited.profile, [audited.evidence, *audited.elsewhere])
+    return files_of(report, audited.profile, audited.evidence)
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from socialiq.to_json import to_json
 
 @pytest.fixture(scope="module")
 def files(report, audited):
-    return files_of(report, audited.profile, [audited.evidence, *audited.elsewhere])
+    return files_of(report, audited.profile, audited.evidence)
 
 
 @pytest.fixture

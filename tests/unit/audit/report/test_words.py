@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.look import Look
+from socialiq.audit.look import Look, draw, reveal
 from socialiq.audit.report.words import (
     caveats,
     caveats_of_loss,
@@ -10,9 +10,8 @@ from socialiq.audit.report.words import (
     plain_name,
 )
 from socialiq.audit.request import GAPS
-from socialiq.audit.seeds import Commitment, Draw, Nonce, draw, reveal
-from socialiq.audit.verdict.bounds import Regrets
-from socialiq.audit.verdict.decision import Decision, regret_test
+from socialiq.audit.seeds import Commitment, Draw, Nonce
+from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
 from socialiq.audit.verdict.results import Discrimination, OtherDriver
 from socialiq.worlds.intersection.world import Intersection
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.verdict.calibration import calibrate, points_of, preimage
-from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Decision
 
 
 def at(shown, sought, angle=(0.0, 30.0, 60.0, 90.0)):

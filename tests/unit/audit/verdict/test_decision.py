@@ -5,15 +5,10 @@ import pytest
 from scipy.stats import binom, binomtest
 
 from socialiq.audit.profile.profile import Floor
-from socialiq.audit.verdict.bounds import Regrets, episodes_needed
-from socialiq.audit.verdict.decision import (
-    Decision,
-    compatible_angles,
-    floor_tests,
-    joint_decision,
-    regret_test,
-)
-from socialiq.statistics.intervals import clopper_pearson, wilson
+from socialiq.audit.verdict.calibration import compatible_angles
+from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
+from socialiq.audit.verdict.verdict import floor_tests, joint_decision
+from socialiq.statistics.intervals import clopper_pearson, episodes_needed, wilson
 from socialiq.types import Ending, RewardPair
 
 

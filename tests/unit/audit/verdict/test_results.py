@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import Answers, Consistency, Reference, episode_seeds
-from socialiq.audit.profile.profile import Floor, Margin, other_traffic
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import (
-    conclude,
-    dependence,
-    discriminate,
-    results_of,
-    stratified,
-)
-from socialiq.audit.verdict.verdict import judge
+from socialiq.audit.evidence.outcomes import Answers, Consistency
+from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.results import discriminate, stratified
+from socialiq.audit.verdict.verdict import conclude, dependence, judge
 from socialiq.types import Ending
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy
 
@@ -29,30 +24,6 @@ class Always:
 @pytest.fixture(scope="module")
 def profile(declared):
     return declared("crossing7", 0.0)
-
-
-def evidence(world, purpose):
-    itself = Reference("the same", Always(), 30.0)
-    return collect_evidence(world, Always(), episode_seeds(purpose, 40), [itself])
-
-
-def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(profile):
-    found = evidence(profile.world(), 1)
-    verdict, discrimination, shifts = results_of(profile, found, ["the same"], 5)
-    assert shifts is None
-    assert "the same" not in {one.name for one in discrimination.drivers}
-    assert "the same" not in {one.name for one in verdict.regret.references}
-    assert "the same" in {one.name for one in verdict.calibration.curve}
-    assert verdict == judge(profile, found.without(["the same"]), 5, curve=found)
-
-
-def test_other_traffic_is_compared_without_the_policy_itself(profile):
-    traffic = other_traffic(profile)
-    there = [evidence(one.world, 2) for one in traffic]
-    found = results_of(profile, evidence(profile.world(), 1), ["the same"], 5, traffic, there)
-    assert found.shifts is not None
-    assert [one.name for one in found.shifts] == [one.name for one in traffic]
-    assert all(one.best != "the same" for one in found.shifts)
 
 
 FINDINGS = ["It excludes nothing.", "Answers differ."]

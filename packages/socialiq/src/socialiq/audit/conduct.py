@@ -13,7 +13,7 @@ from typing import Any
 
 from socialiq.audit.evidence import replay
 from socialiq.audit.evidence.collect import Collection
-from socialiq.audit.evidence.outcomes import Evidence, episode_seeds, joined
+from socialiq.audit.evidence.outcomes import Evidence, joined
 from socialiq.audit.log import Subject
 from socialiq.audit.look import Look, Opened, Plan, commit, open_look, record
 from socialiq.audit.profile.profile import Traffic, other_traffic
@@ -21,7 +21,7 @@ from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
 from socialiq.audit.request import Request, Trust, command_of, resolve_policy
-from socialiq.audit.seeds import Commitment, Draw
+from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
 from socialiq.policies.isolation import IsolationMode
@@ -38,19 +38,10 @@ class Conducted:
     audited: Audited  # what it was made from
     log: Path | None  # folder of the audit log
 
-    @property
-    def evidence(self) -> list[Evidence]:
-        """Evidence of the verdict, then that of each other traffic; of all references."""
-        return [self.audited.evidence, *self.audited.elsewhere]
-
     def write(self, out: Path, replace: bool) -> None:
-        """Write the report's folder, and record the verdict in the log.
-
-        Raises:
-            UserError: If one of them can't be written.
-        """
+        """Write the report's folder, and the verdict into the log; `UserError` if that fails."""
         profile, look = self.audited.profile, self.audited.look
-        files = files_of(self.report, profile, self.evidence, self.audited.films)
+        files = files_of(self.report, profile, self.audited.evidence, self.audited.films)
         write_folder(out, files, replace)
         if self.log is not None and look is not None:
             decision = self.report["verdict"]["decision"]
@@ -59,11 +50,9 @@ class Conducted:
 
 
 def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
-    """Commit to a policy and a declaration before the seed can be known, without an audit.
+    """Commit to policy and declaration of a later audit, which has a log, before its seed is known.
 
-    Args:
-        request: Request of the later audit, with its log.
-        source: Origin of the seed: `look.of_nonce` or `of_beacon`.
+    `source` is the origin of the seed: `look.of_nonce` or `of_beacon`.
 
     Raises:
         UserError: If the request is invalid, or the log is damaged or can't be written.
@@ -109,10 +98,10 @@ def conduct(
     request.check()
     clock, started = time.monotonic(), datetime.datetime.now(datetime.UTC)
     profile = load(request.profile)
-    origin, world = request.origin(), profile.world(request.trust.allow_code)
+    world = profile.world(request.trust.allow_code)
+    traffic = other_traffic(profile) if request.shift else ()
     if request.films:
         replay.check_filmed(world)
-    traffic = other_traffic(profile) if request.shift else ()
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
         closing.enter_context(loaded)
@@ -126,7 +115,7 @@ def conduct(
         plan = _plan(collections[0])
         if repeated is None:
             print_line(f"committed to policy and declaration: {plan.commitment.sha256}")
-        draw, look = repeated or open_look(request.log, plan, origin)
+        draw, look = repeated or open_look(request.log, plan, request.seed)
         if repeated is None and look is not None:
             print_line(f"look {look.number} of {look.log}")
         if repeated is None:
@@ -151,16 +140,17 @@ def _audited(
     stage: Stage | None,
 ) -> Audited:
     """Run all drivers in each traffic, by this process or several, and some episodes again."""
-    declared, evidence = collections[0], []
+    declared = collections[0]
     request, world, loaded = declared.request, declared.world, declared.loaded
-    for collection in collections:
+
+    def driven(collection: Collection) -> Evidence:
         purpose = "episodes" if collection.traffic is None else f"shift {collection.traffic}"
         seeds = episode_seeds(draw.derived(purpose), request.episodes)
-        if processes:
-            on_report = stage("episodes") if stage else None
-            evidence.append(collection.collect_in_parts(seeds, processes, on_report))
-        else:
-            evidence.append(collection.collect(seeds))
+        if not processes:
+            return collection.collect(seeds)
+        return collection.collect_in_parts(seeds, processes, stage("episodes") if stage else None)
+
+    evidence = list(map(driven, collections))
     episodes = replay.selected(evidence[0], declared.profile.angle)
     films = replay.films_of(world, loaded.policy, episodes) if request.films else {}
     return Audited(
@@ -173,9 +163,9 @@ def _audited(
         reference_files=list(request.references),
         left_out=declared.references.itself,
         consistency=joined([drivers.consistency for drivers in evidence]),
-        evidence=evidence[0],
-        elsewhere=evidence[1:],
+        evidence=evidence,
         traffic=traffic,
+        episodes=episodes,
         films=films,
         traces=replay.traces_of(world, loaded.policy, episodes, not request.soft),
         command=command_of(request, draw.seed),

@@ -106,11 +106,7 @@ class AuditLog:
         return next((entry for entry in entries if entry["commitment"] == commitment), None)
 
     def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
-        """Write one more line, on the disk when this returns.
-
-        Raises:
-            UserError: If it can't be written.
-        """
+        """Write one more line, on the disk when this returns; `UserError` if that fails."""
         entry = {
             "number": len(self.entries) + 1,
             "kind": kind,
@@ -225,13 +221,13 @@ def _entry(line: bytes) -> Entry | None:
         content = {name: value for name, value in entry.items() if name != "sha256"}
         same = entry["sha256"] == _sha256(_line(content)) and _line(entry).encode() == line
         typed = all(type(entry[name]) is kind for name, kind in fields.items())
-        timed = time_of(entry).tzinfo is not None
+        timed = written_at(entry).tzinfo is not None
         return entry if same and typed and timed else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
-def time_of(entry: Entry) -> datetime.datetime:
+def written_at(entry: Entry) -> datetime.datetime:
     """Return the time of a line."""
     return datetime.datetime.fromisoformat(entry["time"])
 

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from socialiq.audit import log as logs
 from socialiq.audit import seeds
-from socialiq.audit.log import (
-    COMMITMENT,
-    RESULT,
-    SEED,
-    AuditLog,
-    Entry,
-    Subject,
-    locked,
-    now,
-    time_of,
-)
+from socialiq.audit.log import AuditLog, Entry, Subject, now
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, draw, reveal
-from socialiq.audit.verdict.verdict import whole_error
+from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, Round
 from socialiq.errors import UserError
 
 SMALLEST_ERROR = 1e-4
@@ -37,11 +29,7 @@ def spend(error: float, look: int) -> float:
     after all results before it, so it keeps its level whatever those were, and whatever decided
     that there is another look. By Boole's inequality the chance that any look of a log passes
     wrongly is therefore at most `error`. This is error spending (Lan and DeMets 1983) with a
-    spending function for an unlimited number of looks.
-
-    Args:
-        error: Error of the whole log, 1 - confidence.
-        look: Number of the look, from 1.
+    spending function for an unlimited number of looks. The error is that of the whole log.
     """
     return error / (look * (look + 1))
 
@@ -95,22 +83,18 @@ class Opened(NamedTuple):
 def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
     """Record a commitment, which counts as a look from now on, whether or not it is continued.
 
-    Args:
-        folder: Folder of the logs.
-        plan: What is committed to.
-        source: Origin of the seed as fields of the line: `of_nonce`, `of_beacon`, or of no
-            parameter that is known later.
+    `source` is the origin of the seed as fields of the line: `of_nonce` or `of_beacon`.
 
     Raises:
         UserError: If the log is damaged, can't be written, or has too many looks.
     """
-    with locked(folder, plan.subject) as log:
+    with logs.locked(folder, plan.subject) as log:
         return _commit(log, plan, source)
 
 
 def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
     look = log.looks + 1
-    error = spend(whole_error(plan.profile.confidence), look)
+    error = spend(plan.profile.error, look)
     if error < SMALLEST_ERROR:
         raise UserError(
             f"look {look} of this log could use an error of {error:.2g} only, which is "
@@ -123,22 +107,18 @@ def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
         raise UserError(
             f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
         )
-    entry = log.append(COMMITMENT, {**plan.fields(), "seed": dict(source)})
+    entry = log.append(logs.COMMITMENT, {**plan.fields(), "seed": dict(source)})
     return _look(log, plan, entry)
 
 
 def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
     look = log.look_of(entry["sha256"])
-    error = spend(whole_error(plan.profile.confidence), look)
+    error = spend(plan.profile.error, look)
     return Look(look, error, log.path.name, entry["previous"], entry["sha256"], entry["time"])
 
 
 def of_nonce(sha256: str) -> dict[str, Any]:
-    """Return the origin of a seed that the auditor's nonce will give.
-
-    Raises:
-        UserError: If it is not a hash.
-    """
+    """Return the origin of a nonce's seed, by the nonce's hash; `UserError` if it is none."""
     if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise UserError(
             "--nonce-sha256 must be 64 hexadecimal digits in lower case, as `socialiq audit nonce` "
@@ -147,21 +127,15 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     return {"source": "auditor's nonce", "nonce_sha256": sha256}
 
 
-def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
-    """Return the origin of a seed as a commitment names it; it is given as for `open_look`."""
+def of_revealed(origin: Nonce | Round) -> dict[str, Any]:
+    """Return the origin of a seed as the commitment names it that precedes a nonce or a round."""
     if isinstance(origin, Nonce):
         return of_nonce(origin.sha256)
-    if isinstance(origin, Round):
-        return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": origin.number}
-    return {"source": "system entropy"}
+    return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": origin.number}
 
 
 def of_beacon(number: int) -> dict[str, Any]:
-    """Return the origin of a seed that a beacon's round will give.
-
-    Raises:
-        UserError: If the round is published already.
-    """
+    """Return the origin of a seed of a beacon's round; `UserError` if it is published already."""
     time = seeds.time_of(number)
     if time <= now():
         raise UserError(
@@ -171,14 +145,36 @@ def of_beacon(number: int) -> dict[str, Any]:
     return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": number}
 
 
+def draw(commitment: Commitment, seed: int | None = None) -> Draw:
+    """Draw the audit's seed from the operating system's entropy, or take the auditor's.
+
+    The commitment must precede the draw.
+    """
+    if seed is None:
+        return Draw(commitment, secrets.randbelow(LARGEST_SEED + 1), "system entropy")
+    return Draw(commitment, seed, "auditor's seed")
+
+
+def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -> Draw:
+    """Derive the seed from a nonce or a beacon's round, and the logged commitment.
+
+    The hash of the commitment's line in the log covers everything that was committed to, and all
+    that the log held before, so two commitments never meet the same episodes, even by one nonce or
+    round. The seed is the lowest 53 bits of a hash: uniform over all seeds.
+    """
+    nonce = isinstance(revealed, Nonce)
+    secret = revealed.value if nonce else revealed.randomness
+    purpose = f"socialiq audit, seed of a {'nonce' if nonce else 'beacon'} 1"
+    sha256 = hashlib.sha256(f"{purpose}\n{entry_sha256}\n{secret}\n".encode()).hexdigest()
+    seed = int(sha256, 16) % (LARGEST_SEED + 1)
+    return Draw(commitment, seed, "auditor's nonce" if nonce else "beacon", revealed)
+
+
 def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | None = None) -> Opened:
     """Commit and learn the seed, or continue the commitment that names the nonce or the round.
 
-    Args:
-        folder: Folder of the logs; None for no log.
-        plan: What is committed to.
-        origin: The auditor's seed, which is no look; a revealed nonce, a published round; None
-            draws the seed from the system's entropy.
+    Without a folder there is no log. The origin is the auditor's seed, which is no look, a revealed
+    nonce or a published round; None draws the seed from the system's entropy.
 
     Raises:
         UserError: If the log is damaged or can't be written, no open commitment of the same plan
@@ -192,21 +188,21 @@ def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | Non
         raise UserError(
             "a log has only audits whose seed no one knew before: leave out --seed, or --log"
         )
-    with locked(folder, plan.subject) as log:
+    with logs.locked(folder, plan.subject) as log:
         if isinstance(origin, Nonce | Round):
             entry = _committed(log, plan, origin)
             look = _look(log, plan, entry)
             seed_draw = reveal(plan.commitment, look.entry, origin)
         else:
-            look = _commit(log, plan, origin_of(None))
+            look = _commit(log, plan, {"source": "system entropy"})
             seed_draw = draw(plan.commitment)
-        log.append(SEED, {"commitment": look.entry, "seed": seed_draw.seed})
+        log.append(logs.SEED, {"commitment": look.entry, "seed": seed_draw.seed})
     return Opened(seed_draw, look)
 
 
 def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
     """Return the open commitment that names a nonce or a round, if it is of this plan."""
-    naming = [entry for entry in log.commitments if entry["seed"] == origin_of(origin)]
+    naming = [entry for entry in log.commitments if entry["seed"] == of_revealed(origin)]
     if not naming:
         nonce = isinstance(origin, Nonce)
         option = f"--nonce-sha256 {origin.sha256}" if nonce else f"--beacon-round {origin.number}"
@@ -214,12 +210,13 @@ def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
             f"no commitment in {log.path} names it: the owner runs `socialiq audit commit ... "
             f"{option}` first"
         )
-    unopened = [entry for entry in naming if log.following(SEED, entry["sha256"]) is None]
+    opened = {entry["commitment"] for entry in log.entries if entry["kind"] == logs.SEED}
+    unopened = [entry for entry in naming if entry["sha256"] not in opened]
     if not unopened:
         raise UserError(
             f"the commitment in {log.path} was opened already, and its seed is known: commit again"
         )
-    if isinstance(origin, Round) and time_of(unopened[0]) >= origin.time:
+    if isinstance(origin, Round) and logs.written_at(unopened[0]) >= origin.time:
         raise UserError(
             f"the commitment in {log.path} was made after round {origin.number} was published: "
             "commit again, to a later round"
@@ -246,11 +243,7 @@ _WORDS = {
 
 
 def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha256: str) -> None:
-    """Record the verdict of a look: pass, fail or inconclusive, and the hash of `report.json`.
-
-    Raises:
-        UserError: If the log is damaged or can't be written.
-    """
-    with locked(folder, subject) as log:
+    """Record the decision of a look and its report's hash; `UserError` if the log is damaged."""
+    with logs.locked(folder, subject) as log:
         outcome = {"decision": decision, "report_sha256": report_sha256}
-        log.append(RESULT, {"commitment": look.entry, **outcome})
+        log.append(logs.RESULT, {"commitment": look.entry, **outcome})

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from socialiq.audit.evidence.outcomes import Reference, check_episodes
-from socialiq.audit.seeds import Nonce, Round, check_seed, read_nonce, read_round
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.seeds import LARGEST_SEED, Nonce, Round, check_episodes
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import MODES
 from socialiq.foreign import one_line
@@ -61,7 +61,7 @@ class Request:
     policy: str  # a specification as for `resolve_policy`
     profile: Path  # file of the declaration
     episodes: int  # of every driver
-    seed: int | None = None  # the auditor's seed, or None to draw it
+    seed: int | Nonce | Round | None = None  # what the auditor gives (`origin_of`); None draws it
     references: tuple[str, ...] = ()  # files, or "python:MODULE:ATTRIBUTE"
     soft: bool = False  # whether the policy draws its actions
     trust: Trust = dataclasses.field(default_factory=Trust)
@@ -69,18 +69,12 @@ class Request:
     films: bool = False  # whether to draw six episodes
     shift: bool = False  # whether to run the policy in other traffic too
     log: Path | None = None  # folder of the audit log; None keeps none
-    nonce: Path | None = None  # file of the auditor's nonce, which a commitment in the log names
-    beacon: Path | None = None  # file of a beacon's round, which a commitment in the log names
 
     def check(self) -> None:
-        """Check the numbers and options before any work is done.
-
-        Raises:
-            UserError: If one is out of range, or two exclude each other.
-        """
+        """Refuse, by a `UserError`, numbers and options that no audit can have."""
         check_episodes(self.episodes)
-        if self.seed is not None:
-            check_seed(self.seed)  # it is used only after the commitment
+        if isinstance(self.seed, int) and not 0 <= self.seed <= LARGEST_SEED:
+            raise UserError(f"seed must be from 0 to {LARGEST_SEED}, got {self.seed}")
         if self.films and self.soft:
             raise UserError("films show a policy's best actions: leave out --films or --soft")
         self.trust.limits.check()
@@ -88,18 +82,6 @@ class Request:
             raise UserError("--files is of a process or Python: leave it out")
         if self.threads < 1:
             raise UserError(f"threads must be at least 1, got {self.threads}")
-        if sum(origin is not None for origin in (self.seed, self.nonce, self.beacon)) > 1:
-            raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
-
-    def origin(self) -> int | Nonce | Round | None:
-        """Return the auditor's seed, nonce or round of a beacon; None draws the seed.
-
-        Raises:
-            UserError: If its file can't be read, or a round's signature is not the beacon's.
-        """
-        if self.nonce is not None:
-            return read_nonce(self.nonce)
-        return self.seed if self.beacon is None else read_round(self.beacon)
 
 
 def command_of(request: Request, seed: int) -> str:
@@ -128,28 +110,21 @@ def is_code(spec: str) -> bool:
 
 
 def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
-    """Load the policy under audit.
+    """Load the policy under audit; a dial is set at the declared angle in degrees.
 
-    Args:
-        spec: As for `policies.load.load_policy`, `atlas:NAME`, or a rule-based driver's name.
-        world: World of the declaration.
-        angle: Declared angle in degrees, at which a dial is set.
-        trust: Permissions.
+    It is named as for `policies.load.load_policy`, by `atlas:NAME`, or as a rule-based driver.
 
     Raises:
         UserError: If it can't be read, or doesn't fit the world.
     """
-    if spec.startswith(ATLAS):
-        name = spec.removeprefix(ATLAS)
-        if world.name in INTERSECTIONS:
-            path = atlas.path_for(name, cast(Any, world).options)
-        else:
-            path = atlas.path_of(name, _studies(world))
-        loaded = _file(str(path), world, angle, trust)
-        return dataclasses.replace(loaded, record=dataclasses.replace(loaded.record, source=spec))
     if spec in world.drivers:
         return rule_of(spec, world)
-    if ":" not in spec and not Path(spec).exists():
+    file, name = spec, spec.removeprefix(ATLAS)
+    if name != spec and world.name in INTERSECTIONS:
+        file = str(atlas.path_for(name, cast(Any, world).options))
+    elif name != spec:
+        file = str(atlas.path_of(name, _studies(world)))
+    elif ":" not in spec and not Path(spec).exists():
         if Path(spec).suffix in SUFFIXES:
             raise UserError(f"no such file: {one_line(spec)}")
         choices = list(KINDS)
@@ -157,7 +132,9 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
         if world.drivers:
             choices.append(f"a rule-based driver ({', '.join(world.drivers)})")
         raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(choices)}")
-    return _file(spec, world, angle, trust)
+    loaded = _file(file, world, angle, trust)
+    record = loaded.record if file == spec else dataclasses.replace(loaded.record, source=spec)
+    return dataclasses.replace(loaded, record=record)
 
 
 class References(NamedTuple):
@@ -178,15 +155,10 @@ def resolve_references(
     trust: Trust,
     closing: contextlib.ExitStack,
 ) -> References:
-    """Load the drivers to compare with.
+    """Load the drivers to compare with, and say which are the policy under audit, by its record.
 
-    Args:
-        world: World of the episodes.
-        specs: The user's references: files, of which a dial gives one for every 15 degrees from 0
-            to 90, or "python:MODULE:ATTRIBUTE".
-        policy: Record of the policy under audit.
-        trust: Permissions of Python modules.
-        closing: Ends the processes of those in Python.
+    The user's references are files, of which a dial gives one for every 15 degrees from 0 to 90, or
+    "python:MODULE:ATTRIBUTE"; `closing` ends the processes of these.
     """
     drivers = _shipped(world) if world.name in INTERSECTIONS else []
     for spec in specs:
@@ -198,11 +170,7 @@ def resolve_references(
 
 
 def reference_dial(specs: Sequence[str | Path]) -> DialPolicy:
-    """Return the one dial among the user's references, with which a declared rule is tested.
-
-    Raises:
-        UserError: If there is none, or more than one.
-    """
+    """Return the dial by which a rule is tested; `UserError` unless the references have one."""
     dials = [Path(spec) for spec in specs if kind_of(Path(spec)) == "dial"]
     if len(dials) != 1:
         raise UserError(
@@ -289,10 +257,7 @@ def _named(
 
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """Load a policy's file; where the world `shows_time`, its input may have the time too."""
-    interface = Interface.of(world)
-    code: dict[str, Any] = {}
-    if is_code(spec):
-        code = {"isolation": isolation_of(trust.isolation), "files": trust.files}
+    interface, code = Interface.of(world), is_code(spec)
     return load_policy(
         spec,
         interface.n_features,
@@ -301,8 +266,9 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
         allow_code=trust.allow_code,
         limits=trust.limits,
         action_size=interface.action_size,
+        isolation=isolation_of(trust.isolation) if code else None,
+        files=trust.files if code else (),
         clock=world.shows_time,
-        **code,
     )
 
 

@@ -1,4 +1,4 @@
-"""Seeds that come after the commitment: nonce, beacon, commitment, worth of each source."""
+"""Seeds: the auditor's nonce, a beacon's round, the draw after a commitment, those of episodes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
+from jaxtyping import Int64
 
 from socialiq.errors import UserError
 from socialiq.foreign import optional
@@ -34,11 +37,7 @@ class Nonce:
 
 
 def write_nonce(path: Path) -> Nonce:
-    """Draw a nonce and write it to a new file that only its user can read.
-
-    Raises:
-        UserError: If the file exists or can't be written.
-    """
+    """Draw a nonce into a new file that only its user can read; `UserError` if there is one."""
     nonce, created = Nonce(secrets.token_hex(32)), False
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -55,11 +54,7 @@ def write_nonce(path: Path) -> Nonce:
 
 
 def read_nonce(path: Path) -> Nonce:
-    """Read a file of `write_nonce`.
-
-    Raises:
-        UserError: If it is missing or something else.
-    """
+    """Read a file of `write_nonce`; `UserError` if it is missing or something else."""
     content = read_json(path, _LARGEST)
     value = content.get("nonce") if isinstance(content, dict) else None
     if not isinstance(value, str) or not _SHA256.fullmatch(value):
@@ -99,11 +94,7 @@ def chain_sha256() -> str:
 
 
 def time_of(number: int) -> datetime.datetime:
-    """Return the time at which a round is published: genesis + (number - 1) periods.
-
-    Raises:
-        UserError: If the number, from 1, is out of range.
-    """
+    """Return the time of a round: genesis + (number - 1) periods; `UserError` out of range."""
     if not 1 <= number <= LARGEST_ROUND:
         raise UserError(f"a beacon's round must be from 1 to {LARGEST_ROUND}, got {number}")
     return datetime.datetime.fromtimestamp(GENESIS + (number - 1) * PERIOD, datetime.UTC)
@@ -137,11 +128,7 @@ class Round:
         return time_of(self.number)
 
     def is_genuine(self) -> bool:
-        """Whether the network signed this round: e(signature, g2) = e(H(number), key).
-
-        Raises:
-            UserError: If the library is not installed.
-        """
+        """Whether the network signed this round: e(signature, g2) = e(H(number), key)."""
         bls = optional("py_arkworks_bls12381", "beacon", "a beacon's signature")
         message = hashlib.sha256(self.number.to_bytes(8)).digest()
         try:  # reading a point checks that it lies on the curve and in the subgroup
@@ -180,6 +167,21 @@ def read_round(path: Path) -> Round:
     return beacon
 
 
+def origin_of(
+    seed: int | None, nonce: Path | None, beacon: Path | None
+) -> int | Nonce | Round | None:
+    """Return the auditor's seed, or the nonce or the round of a file; None draws the seed.
+
+    Raises:
+        UserError: If there are several, or a file can't be read or is something else.
+    """
+    if sum(origin is not None for origin in (seed, nonce, beacon)) > 1:
+        raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
+    if nonce is not None:
+        return read_nonce(nonce)
+    return seed if beacon is None else read_round(beacon)
+
+
 LARGEST_SEED = 2**53 - 1
 """Largest seed of an auditor: the largest integer that all JSON readers keep exactly."""
 
@@ -199,7 +201,8 @@ class Commitment:
     @property
     def sha256(self) -> str:
         """SHA-256 of three lines: the purpose, the policy's hash, the profile's."""
-        return _sha256_of_lines(_PURPOSE, self.policy_sha256, self.profile_sha256)
+        text = f"{_PURPOSE}\n{self.policy_sha256}\n{self.profile_sha256}\n"
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -221,72 +224,33 @@ class Draw:
         return int.from_bytes(hashlib.sha256(text.encode()).digest())
 
 
-def draw(commitment: Commitment, seed: int | None = None) -> Draw:
-    """Draw the audit's seed from the operating system's entropy, or take the auditor's.
+_AUDIT = 7212  # makes these draws independent of other draws from the same seed
 
-    The commitment must precede the draw.
+FEWEST_EPISODES = 20
+"""With fewer, no bound of the audit is informative."""
 
-    Raises:
-        UserError: If the seed is out of range.
-    """
-    if seed is None:
-        return Draw(commitment, secrets.randbelow(LARGEST_SEED + 1), "system entropy")
-    check_seed(seed)
-    return Draw(commitment, seed, "auditor's seed")
+MOST_EPISODES = 1_000_000
 
 
-def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -> Draw:
-    """Derive the seed from a nonce or a beacon's round, and the logged commitment.
+def episode_seeds(seed: int, episodes: int) -> Int64[np.ndarray, " episode"]:
+    """Draw the seeds of the episodes from the whole range of seeds, by the auditor's seed.
 
-    The hash of the commitment's line in the log covers everything that was committed to, and all
-    that the log held before, so two commitments never meet the same episodes, even by one nonce or
-    round. The seed is the lowest 53 bits of a hash: uniform over all seeds.
-    """
-    nonce = isinstance(revealed, Nonce)
-    purpose = f"socialiq audit, seed of a {'nonce' if nonce else 'beacon'} 1"
-    secret = revealed.value if nonce else revealed.randomness
-    seed = int(_sha256_of_lines(purpose, entry_sha256, secret), 16) % (LARGEST_SEED + 1)
-    return Draw(commitment, seed, "auditor's nonce" if nonce else "beacon", revealed)
-
-
-def check_seed(seed: int) -> None:
-    """Check the range of a seed.
+    They are not 0, 1, 2, ..., to which a policy might have been tuned.
 
     Raises:
-        UserError: If it is out of range.
+        UserError: If the seed is negative, or the number of episodes is out of range.
     """
-    if not 0 <= seed <= LARGEST_SEED:
-        raise UserError(f"seed must be from 0 to {LARGEST_SEED}, got {seed}")
+    if seed < 0:
+        raise UserError(f"seed must be at least 0, got {seed}")
+    check_episodes(episodes)
+    rng = np.random.default_rng([_AUDIT, seed])
+    seeds = np.unique(rng.integers(2**62, size=episodes + 16))  # 16 more, in case of repeats
+    return rng.permutation(seeds)[:episodes]
 
 
-def _sha256_of_lines(*lines: str) -> str:
-    return hashlib.sha256("".join(f"{line}\n" for line in lines).encode()).hexdigest()
-
-
-_WORTH: dict[Source, str] = {
-    "system entropy": (
-        "The seed was drawn by the computer that ran the audit. This is self-attested: "
-        "those who ran it could have drawn again."
-    ),
-    "auditor's seed": (
-        "The seed was given in advance. An owner who knew it before the commitment can have "
-        "searched for a policy or a declaration that passes on its episodes."
-    ),
-    "auditor's nonce": (
-        "The seed comes from the commitment and a nonce of the auditor, whose hash the commitment "
-        "names. Neither owner nor auditor could choose it alone, provided that the auditor "
-        "revealed the nonce only after the commitment's hash was in the auditor's hands."
-    ),
-}
-
-
-def worth(drawn: Draw) -> str:
-    """Return what a seed is worth as evidence that no one chose the episodes."""
-    if isinstance(drawn.revealed, Round):
-        return (
-            f"The seed comes from the commitment and round {drawn.revealed.number:,} of the public "
-            f"beacon drand {NETWORK}, whose signature was checked. No one could choose it, "
-            "provided that someone other than the owner held the commitment's hash before "
-            f"{drawn.revealed.time:%Y-%m-%d %H:%M:%S} UTC, when the round was published."
+def check_episodes(episodes: int) -> None:
+    """Check the number of episodes of an audit; `UserError` if it is out of range."""
+    if not FEWEST_EPISODES <= episodes <= MOST_EPISODES:
+        raise UserError(
+            f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {episodes}"
         )
-    return _WORTH[drawn.source]

@@ -116,7 +116,7 @@ class Audit(Printing):
             policy=self.policy,
             profile=self.profile,
             episodes=self.episodes,
-            seed=self.seed,
+            seed=seeds.origin_of(self.seed, self.nonce, self.beacon),
             references=tuple(self.reference),
             soft=self.soft,
             trust=self.code.trust,
@@ -124,8 +124,6 @@ class Audit(Printing):
             films=self.films,
             shift=self.shift,
             log=conduct.log_folder(self.out, self.log, self.no_log, self.seed),
-            nonce=self.nonce,
-            beacon=self.beacon,
         )
         if self.processes:
             with Display() as display:

@@ -151,7 +151,7 @@ class Verify(Printing):
             )
             done = conduct(request, say, opened_of(report))
         fresh = json.loads(json.dumps(done.report))
-        tables = tables_of(done.evidence)
+        tables = tables_of(done.audited.evidence)
         differing = [name for name in tables if files.get(name) != tables[name]]
         return [
             f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -222,7 +221,7 @@ class Evaluate(Printing):
         with Display() as display:
             played = parts.in_parts(play, blocks, self.processes, display.stage("episodes"))
         table = concatenate([rollout.transitions for rollout in played])
-        table = dataclasses.replace(table, source=played[0].transitions.source)
+        table = replace(table, source=played[0].transitions.source)
         return Rollout(table, np.concatenate([rollout.speed for rollout in played]))
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def significantly_below(
     return wealth >= 0.0
 
 
-def upper_bounds(
+def bounds_by_betting(
     values: Series, means: Levels, limit: float, error: float
 ) -> Float[np.ndarray, " series"]:
     """Return a one-sided upper bound of each mean, for any distribution up to the limit.
@@ -112,7 +112,7 @@ def lower_bound_of_largest(values: Series, means: Levels, limit: float, error: f
         error: One-sided error.
     """
     followed = values[leading(values), np.arange(values.shape[1])][None]
-    return -float(upper_bounds(-followed, -means[::-1], limit, error)[0])
+    return -float(bounds_by_betting(-followed, -means[::-1], limit, error)[0])
 
 
 def leading(values: Series) -> Int64[np.ndarray, " episode"]:
@@ -121,7 +121,7 @@ def leading(values: Series) -> Int64[np.ndarray, " episode"]:
     return np.append(0, totals.argmax(axis=0)).astype(np.int64)
 
 
-def episodes_needed(
+def episodes_by_betting(
     values: Float[np.ndarray, " episode"], mean: float, limit: float, error: float, power: float
 ) -> int | None:
     """Return the number of values with which a mean is found to be below a level.

@@ -111,7 +111,7 @@ def bounds(
     return Bounds(common - below * (reach + common), common + above * (reach - common))
 
 
-def episodes_needed(
+def episodes_if_rare(
     distance: float, common: float, reach: float, count: int, error: float
 ) -> int | None:
     """Return the number of episodes for which a bound is within a distance of the common value.
@@ -133,6 +133,25 @@ def episodes_needed(
     # The exact upper bound of a Poisson count.
     most = float(chi2.isf(error, 2 * (count + 1))) / 2
     return math.ceil(most * (reach + abs(common)) / abs(distance))
+
+
+POWER = 0.9
+"""Chance of a decision with the number of `episodes_needed`, if the estimate is true."""
+
+
+def episodes_needed(distance: float, deviation: float, error: float) -> int | None:
+    """Return the number of episodes with which a one-sided test decides (normal approximation).
+
+    n = ((z_{1-error} + z_power) σ / distance)², with σ the deviation of one episode; None if the
+    distance between value and limit is 0, where no number is enough.
+    """
+    from scipy.stats import norm
+
+    if distance == 0.0:
+        return None
+    quantiles = float(norm.isf(error)) + float(norm.ppf(POWER))
+    episodes = (quantiles * deviation / distance) ** 2
+    return max(1, math.ceil(episodes)) if episodes < 1e12 else None
 
 
 @cache  # an audit asks for few different ones at hundreds of angles

@@ -54,17 +54,6 @@ def is_world_file(name: str) -> bool:
     return kind_of(Path(name)) in _loaders()
 
 
-def load_world(name: str) -> World:
-    """Read a world from a file; refuse what is none, is damaged, or lacks its distribution."""
-    loader = _loaders().get(kind_of(Path(name)))
-    if loader is None:
-        refuse_file(name)
-        raise UserError(
-            f"{one_line(name)} is no file of a world: name one of `socialiq data world`"
-        )
-    return loaded(loader, one_line(name))(name)
-
-
 def loaded(entry: EntryPoint, file: str) -> Any:
     """Return the object of an entry point, which reads a file; its distribution may be missing."""
     try:
@@ -74,27 +63,37 @@ def loaded(entry: EntryPoint, file: str) -> Any:
         raise UserError(f"{file} needs {missing}: pip install {missing}") from error
 
 
+_NO_WORLD = (
+    "a recording can't be driven in: its neighbours do not react, so their losses of speed "
+    "are fixed whatever the policy does, and the angle would be biased; name a world that "
+    "reacts (intersection, or one that `socialiq data world` makes of it)"
+)
+
+
 def refuse_file(name: str) -> None:
     """Refuse a name of a file that holds no world."""
     if name.lower().endswith(_FILES) and not is_world_file(name):
-        raise UserError(
-            "a recording can't be driven in: its neighbours do not react, so their losses of speed "
-            "are fixed whatever the policy does, and the angle would be biased; name a world that "
-            "reacts (intersection, or one that `socialiq data world` makes of it)"
-        )
+        raise UserError(_NO_WORLD)
 
 
 def open_world(name: str, **options: Any) -> World:
     """Return any world: one of `NAMES` or a scene with options, or one from a file, which has none.
 
     Raises:
-        UserError: If the world, an option or a value is unknown, or a file is damaged.
+        UserError: If the world, an option or a value is unknown, or a file holds no world, is
+            damaged, or lacks its distribution.
     """
-    if is_world_file(name) or name.lower().endswith(_FILES):
-        if options:
-            raise UserError(f"the world of a file takes no options, got {', '.join(options)}")
-        return load_world(name)
-    return world_of(name, **options) if name in SCENES else make(name, **options)
+    loader = _loaders().get(kind_of(Path(name)))
+    if loader is None and not name.lower().endswith(_FILES):
+        return world_of(name, **options) if name in SCENES else make(name, **options)
+    if options:
+        raise UserError(
+            f"the world of a file takes no options, got {', '.join(options)}: "
+            "`socialiq data world` makes another world"
+        )
+    if loader is None:
+        raise UserError(_NO_WORLD)
+    return loaded(loader, one_line(name))(name)
 
 
 def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
@@ -103,10 +102,9 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
     Raises:
         UserError: If the world, an option or an option's value is unknown.
     """
-    if name in CONTINUOUS:
-        return intersection.Intersection(continuous_options(name, options))
     one_of("world", name, NAMES)
-    chosen = parse_options(name, WORLDS[name].Options, options)
+    kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
+    chosen = parse_options(name, kind, CONTINUOUS.get(name, {}) | options)
     if name in GRIDWORLDS:
         return _grid(name, chosen, repr(chosen))
     return intersection.Intersection(chosen)

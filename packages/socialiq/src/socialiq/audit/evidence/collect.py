@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float32, Int64
 
+from socialiq.audit import request as requested
 from socialiq.audit.evidence import drive
-from socialiq.audit.evidence.outcomes import (
-    AS_DECLARED,
-    Evidence,
-    Recorder,
-    Reference,
-    joined,
-)
+from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Recorder, Reference, joined
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.profile import Profile, other_traffic
 from socialiq.audit.profile.reader import load
-from socialiq.audit.request import (
-    References,
-    Request,
-    is_code,
-    reference_dial,
-    resolve_policy,
-    resolve_references,
-)
+from socialiq.audit.request import References, Request, resolve_policy
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.episodes import CONFLICT_SECONDS
@@ -69,13 +56,10 @@ class Collection:
         loaded: Loaded,
         closing: contextlib.ExitStack,
     ) -> Collection:
-        """Resolve the references in the world; their processes end with `closing`.
-
-        Raises:
-            UserError: If one can't be read, or a declared rule doesn't fit the request.
-        """
+        """Resolve the references in the world; their processes end with `closing`."""
         specs, by_rule = request.references, None
-        references = resolve_references(world, specs, loaded.record, request.trust, closing)
+        drivers = (world, specs, loaded.record, request.trust, closing)
+        references = requested.resolve_references(*drivers)
         if profile.rule is not None:
             if loaded.record.kind == "dial":
                 raise UserError(
@@ -83,18 +67,14 @@ class Collection:
                 )
             if request.soft:
                 raise UserError("a declared rule is tested with best actions: leave out --soft")
-            dial = None if world.is_exact else reference_dial(specs)
+            dial = None if world.is_exact else requested.reference_dial(specs)
             by_rule = drive.ByRule(profile.rule, dial)
             if dial is not None:
                 ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
         return Collection(request, profile, traffic, world, loaded, references, by_rule)
 
     def check_parts(self) -> None:
-        """Refuse a stochastic policy whose draws depend on the order of all episodes.
-
-        Raises:
-            UserError: If parts of the episodes would give other evidence than all at once.
-        """
+        """Refuse, by a `UserError`, what would give other evidence in parts than all at once."""
         draws_by_seed = self.world.draws_by_seed and isinstance(self.loaded.policy, SoftPolicy)
         if self.by_rule is not None:
             raise UserError("a declared rule is tested in one process: leave out --processes")
@@ -108,7 +88,8 @@ class Collection:
 
         Policies that are data run by this package's code, and drawn actions differ by design.
         """
-        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
+        request = self.request
+        checked = requested.is_code(request.policy) and not request.soft
         policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
         evidence = collect_evidence(
             self.world,
@@ -123,7 +104,7 @@ class Collection:
         if isinstance(policy, Recorder):
             angle = self.profile.angle
             with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
-                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
+                evidence = replace(evidence, consistency=policy.check(fresh.policy))
         self.loaded.check_unchanged()
         return evidence
 
@@ -132,13 +113,7 @@ class Collection:
     ) -> Evidence:
         """Run all drivers by several processes; the evidence is the same in however many.
 
-        Args:
-            seeds: Seeds of the episodes.
-            processes: Number of processes.
-            on_report: Called with the progress after each part.
-
-        Raises:
-            UserError: If a part fails.
+        `on_report` is called with the progress after each part, which may fail by a `UserError`.
         """
         hashes = (self.loaded.record.sha256, self.profile.sha256)
         size = min(drive.SIDE_BY_SIDE, len(seeds))
@@ -147,32 +122,26 @@ class Collection:
         played = parts.in_parts(play, blocks, processes, on_report)
         first, drivers = played[0], []
         for column in zip(*(evidence.drivers for evidence in played), strict=True):
-            names = ("totals", "ending", "contact", "length")
             joint = {
                 name: np.concatenate([getattr(outcomes, name) for outcomes in column])
-                for name in names
+                for name in ("totals", "ending", "contact", "length")
             }
-            drivers.append(dataclasses.replace(column[0], **joint))
+            drivers.append(replace(column[0], **joint))
         if self.world.is_exact:
             # Angles and expectations of the exact optima are computed here: their last bits depend
             # on the number of threads of a process.
             drivers = [
-                dataclasses.replace(driver, angles=exact.angles, expected=exact.expected)
+                replace(driver, angles=exact.angles, expected=exact.expected)
                 for driver, exact in zip(drivers, self.collect(seeds[:1]).drivers, strict=True)
             ]
         count = 1 + len(first.references)
-        return Evidence(
-            scenario=first.scenario,
-            seeds=seeds,
-            policy=drivers[0],
-            references=tuple(drivers[1:count]),
-            strata={
-                name: np.concatenate([evidence.strata[name] for evidence in played])
-                for name in first.strata
-            },
-            trivial=tuple(drivers[count:]),
-            consistency=joined([evidence.consistency for evidence in played]),
-        )
+        strata = {
+            name: np.concatenate([evidence.strata[name] for evidence in played])
+            for name in first.strata
+        }
+        policy, references, trivial = drivers[0], tuple(drivers[1:count]), tuple(drivers[count:])
+        answers = joined([evidence.consistency for evidence in played])
+        return Evidence(first.scenario, seeds, policy, references, strata, trivial, answers)
 
 
 def _collect_part(
@@ -215,14 +184,12 @@ def collect_evidence(
     Args:
         world: World of the declaration: `Profile.world()`.
         policy: The policy under audit.
-        seeds: Seeds of the episodes: `outcomes.episode_seeds`.
+        seeds: Seeds of the episodes: `seeds.episode_seeds`.
         references: Further drivers, for instance a family of policies over the angles.
         deterministic: Whether the policy takes its best action; references always do.
         threads: Number of threads of a compiled world.
-        side_by_side: Number of episodes at once on a road. The last bits of a network's output may
-            depend on it, so parts of one collection need the same number.
-        by_rule: A declared rule of the angle, in a gridworld or at the intersection: decision
-            losses are measured too.
+        side_by_side: Number of episodes at once, as for `Course`.
+        by_rule: A declared rule of the angle: decision losses are measured too.
 
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.

@@ -9,18 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from socialiq.audit.evidence.outcomes import AS_DECLARED, Outcomes, Reference
+from socialiq.evaluation import simulate
 from socialiq.evaluation.context import DecisionLosses, by_turning, losses_of, state_angles
-from socialiq.evaluation.simulate import (
-    UNIFORM,
-    GymActor,
-    GymSimulator,
-    PolicyActor,
-    ScriptedActor,
-    SoftActor,
-    SoftPolicy,
-    UniformActor,
-    simulate,
-)
 from socialiq.mdp.front import attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.nn.dial_policy import DialPolicy
@@ -47,15 +37,11 @@ class ByRule(NamedTuple):
 
 
 class Course:
-    """Episodes of a world that every driver of an audit is run on.
+    """Episodes of a world, by their seeds, that every driver of an audit is run on.
 
-    Args:
-        world: The world.
-        seeds: Seeds of the episodes.
-        side_by_side: Number of episodes at once on a road. In a gridworld all run at once, so a
-            policy with a memory keeps one for each episode.
-        threads: Number of threads of a compiled world.
-        by_rule: A declared rule of the angle: decision losses are measured too.
+    So many run side by side on a road. The last bits of a network's output may depend on this
+    number, so parts of one collection need the same. In a gridworld all run at once, and a policy
+    with a memory keeps one for each. By a declared rule of the angle decision losses are measured.
 
     Attributes:
         batch: The episodes that run side by side.
@@ -83,14 +69,10 @@ class Course:
         deterministic: bool = True,
         candidates: tuple[float, ...] = (),
     ) -> Outcomes:
-        """Run a driver on all episodes.
+        """Run a driver on all episodes; a stochastic `SoftPolicy` draws from the episodes' seeds.
 
-        In an environment fault is not known: every collision counts as the driver's.
-
-        Args:
-            driver: The driver; a stochastic `SoftPolicy` draws from the episodes' seeds.
-            deterministic: Whether it takes its best action.
-            candidates: Angles at which decision losses are measured on a road, in degrees.
+        In an environment fault is not known: every collision counts as the driver's. On a road
+        decision losses are measured at the candidate angles, in degrees.
 
         Raises:
             UserError: If its answers are not one of the world's actions for each episode, an
@@ -127,7 +109,7 @@ class Course:
         totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
         ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
         contexts = None if self.losses is None else self.losses.begin(count)
-        for step in simulate(self.batch, actor, self.seeds):
+        for step in simulate.simulate(self.batch, actor, self.seeds):
             rows, which = step.running, step.episode[step.running]
             if self.losses is not None and contexts is not None:
                 observation, action = step.observation[rows], step.action[rows]
@@ -149,15 +131,16 @@ def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: b
     In a gridworld, where all episodes begin at once, a policy may have a memory for each of them.
     """
     policy, sizes = driver.policy, Interface.of(world)
-    if not deterministic and world.draws_by_seed and isinstance(policy, SoftPolicy):
-        return SoftActor(policy, batch)
+    if not deterministic and world.draws_by_seed and isinstance(policy, simulate.SoftPolicy):
+        return simulate.SoftActor(policy, batch)
     if isinstance(policy, ConstantPolicy):
         action = np.asarray(policy.action)
-        return ScriptedActor(lambda _, __, rows: np.tile(action, (len(rows), *(1,) * action.ndim)))
-    if isinstance(batch, GymSimulator):
-        return GymActor(policy, deterministic)
+        ones = (1,) * action.ndim
+        return simulate.ScriptedActor(lambda _, __, rows: np.tile(action, (len(rows), *ones)))
+    if isinstance(batch, simulate.GymSimulator):
+        return simulate.GymActor(policy, deterministic)
     checked = functools.partial(sizes.checked, source=driver.name)
-    return PolicyActor(policy, batch, deterministic, world.is_exact, checked)
+    return simulate.PolicyActor(policy, batch, deterministic, world.is_exact, checked)
 
 
 def exactly_as_declared(course: Course, rule: AngleRule) -> Outcomes:
@@ -166,7 +149,7 @@ def exactly_as_declared(course: Course, rule: AngleRule) -> Outcomes:
     chances = by_turning(table, state_angles(table, rule))
     exact = horizon_evaluation(table.mdp, chances, table.world.horizon).totals
     actions = chances.argmax(axis=2)
-    actor = ScriptedActor(lambda time, states, _: actions[time, states])
+    actor = simulate.ScriptedActor(lambda time, states, _: actions[time, states])
     return course.outcomes(AS_DECLARED, actor, expected=exact)
 
 
@@ -183,7 +166,7 @@ def exact_optima(course: Course) -> tuple[Outcomes, ...]:
         reward = np.asarray(score(exact_weights((low + high) / 2), mdp.rewards))
         optimum = horizon_optimum(mdp, reward, horizon)
         exact = horizon_evaluation(mdp, optimum.probabilities(mdp.n_actions), horizon).totals
-        actor = ScriptedActor(lambda time, at, _, plan=optimum.actions: plan[time, at])
+        actor = simulate.ScriptedActor(lambda time, at, _, plan=optimum.actions: plan[time, at])
         optima.append(course.outcomes(f"optimum_{vertex:02d}", actor, (low, high), exact))
     return tuple(optima)
 
@@ -244,12 +227,12 @@ def trivial_drivers(course: Course) -> tuple[Outcomes, ...]:
     ]
     if world.is_exact:
         horizon = course.batch.table.world.horizon
-        streams = [np.random.default_rng([UNIFORM, seed]) for seed in course.seeds.tolist()]
-        actions = [stream.integers(interface.n_actions, size=horizon) for stream in streams]
+        rngs = (np.random.default_rng([simulate.UNIFORM, seed]) for seed in course.seeds.tolist())
+        actions = [rng.integers(interface.n_actions, size=horizon) for rng in rngs]
         table = np.array(actions).T
-        random = course.outcomes(RANDOM, ScriptedActor(lambda time, _, __: table[time]))
+        random = course.outcomes(RANDOM, simulate.ScriptedActor(lambda time, _, __: table[time]))
     elif interface.action_size:
-        random = course.outcomes(RANDOM, UniformActor(interface.action_size, course.batch))
+        random = course.outcomes(RANDOM, simulate.UniformActor(interface.action_size, course.batch))
     else:
         driver = Reference(RANDOM, UniformPolicy(interface.n_actions))
         random = course.drive(driver, deterministic=False)

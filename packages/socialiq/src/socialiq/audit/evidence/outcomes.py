@@ -7,10 +7,9 @@ and of a new one, which knows nothing of them, one by one and in mixed batches.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -211,9 +210,9 @@ class Evidence:
             # The exact optimum of every decision can't be bettered.
             exact = driver.name == AS_DECLARED and driver.expected is not None
             expected = RewardPair(0.0, 0.0) if exact else None
-            return dataclasses.replace(driver, totals=totals, expected=expected)
+            return replace(driver, totals=totals, expected=expected)
 
-        return dataclasses.replace(
+        return replace(
             self,
             policy=turned(self.policy),
             references=tuple(map(turned, self.references)),
@@ -225,47 +224,11 @@ class Evidence:
         references = tuple(
             reference for reference in self.references if reference.name not in names
         )
-        return dataclasses.replace(self, references=references)
+        return replace(self, references=references)
 
 
 AS_DECLARED = "as_declared"
 """Reference that decides as a declared rule says: the dial, or in a gridworld the exact one."""
-
-_AUDIT = 7212  # makes these draws independent of other draws from the same seed
-
-FEWEST_EPISODES = 20
-"""With fewer, no bound of the audit is informative."""
-
-MOST_EPISODES = 1_000_000
-
-
-def episode_seeds(seed: int, episodes: int) -> Int64[np.ndarray, " episode"]:
-    """Draw the seeds of the episodes from the whole range of seeds, by the auditor's seed.
-
-    They are not 0, 1, 2, ..., to which a policy might have been tuned.
-
-    Raises:
-        UserError: If the seed is negative, or the number of episodes is out of range.
-    """
-    if seed < 0:
-        raise UserError(f"seed must be at least 0, got {seed}")
-    check_episodes(episodes)
-    rng = np.random.default_rng([_AUDIT, seed])
-    seeds = np.unique(rng.integers(2**62, size=episodes + 16))  # 16 more, in case of repeats
-    return rng.permutation(seeds)[:episodes]
-
-
-def check_episodes(episodes: int) -> None:
-    """Check the number of episodes of an audit.
-
-    Raises:
-        UserError: If it is out of range.
-    """
-    if not FEWEST_EPISODES <= episodes <= MOST_EPISODES:
-        raise UserError(
-            f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {episodes}"
-        )
-
 
 CRITERIA = {
     "at_fault": "drives into another vehicle",
@@ -283,10 +246,9 @@ def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
 
 
 class Recorder:
-    """A policy that keeps some batches of observations with its answers, evenly over all requests.
+    """A deterministic policy without a memory that keeps some of its batches and answers.
 
-    Args:
-        policy: A deterministic policy without a memory.
+    They are spread evenly over all requests.
     """
 
     def __init__(self, policy: Policy) -> None:

@@ -129,11 +129,6 @@ def replayer(
 
     A driver that answers a single observation otherwise than one among many, or that draws its
     actions in order, gives another episode than in the evidence (`ReplayedEpisode.repeats`).
-
-    Args:
-        world: World of the declaration.
-        policy: The policy under audit.
-        deterministic: Whether it takes its best actions.
     """
     road = road_of(world)
     if road is not None:
@@ -306,11 +301,7 @@ def path_of(kind: str, number: int) -> str:
 
 
 def check_filmed(world: World) -> Road:
-    """Return the road of a world if films of its episodes can be drawn.
-
-    Raises:
-        UserError: If the world is no road of highway-env.
-    """
+    """Return the road of a world; `UserError` if it is no road, so that films can't be drawn."""
     road = road_of(world)
     if road is None:
         roads = ", ".join(("intersection", *SCENES))

@@ -97,15 +97,9 @@ def read_table(
 ) -> Evidence:
     """Read the result of `write_table`, exactly.
 
-    Contacts of episodes without a collision, which nothing depends on, are none.
-
-    Args:
-        content: Content of the file.
-        scenario: The world's description.
-        policy: Name of the policy.
-        attributes: The references by name, in any order; the table has each of them once.
-        trivial: Names of the trivial drivers, which follow the references.
-        by_rule: Whether a rule of the angle is declared, so that there are decision losses.
+    Contacts of episodes without a collision, which nothing depends on, are none. The table has the
+    policy and each of the references once, by name in any order, then the trivial drivers, and by
+    a declared rule of the angle decision losses. The scenario is the world's description.
 
     Raises:
         UserError: If it is not exactly as `write_table` writes it.
@@ -220,11 +214,7 @@ def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
 def read_contexts(
     content: bytes, episodes: int, contexts: int, candidates: tuple[float, ...]
 ) -> ContextLosses:
-    """Read the result of `write_contexts`, of so many episodes and contexts, exactly.
-
-    Raises:
-        UserError: If it is not exactly as `write_contexts` writes it.
-    """
+    """Read what `write_contexts` wrote of so many episodes and contexts; `UserError` else."""
     shape = (episodes, contexts)
     try:
         rows = list(csv.reader(io.StringIO(content.decode(), newline=""), strict=True))[1:]

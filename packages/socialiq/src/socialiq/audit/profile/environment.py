@@ -9,7 +9,6 @@ import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -55,11 +54,7 @@ class Environment(World):
 
     @staticmethod
     def of(name: str, options: Mapping[str, Any], allow_code: bool) -> Environment:
-        """Make the environment.
-
-        Raises:
-            UserError: As `make_environment`.
-        """
+        """Make the environment, as `make_environment` does."""
         env = make_environment(
             name, options, allow_code=allow_code, needs_pair=True, continuous=True
         )
@@ -85,7 +80,7 @@ class Environment(World):
         env = self.env.unwrapped
         return env.world if scene_named(self.name) and isinstance(env, RoadEnv) else None
 
-    @cached_property
+    @functools.cached_property
     def description(  # pyright: ignore[reportIncompatibleMethodOverride]  made once
         self,
     ) -> str:

@@ -17,16 +17,8 @@ from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import NAMED
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.highway.options import MOST_SPEEDS
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import (
-    INTERSECTIONS,
-    NAMES,
-    default_options,
-    load_world,
-    make,
-    refuse_file,
-)
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import NAMES, default_options, open_world
 from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
@@ -37,7 +29,7 @@ MOST_SUB_STEPS = 100  # per second
 WORLD_SUFFIX = ".safetensors"
 
 
-def is_world_file(name: str) -> bool:
+def is_recorded(name: str) -> bool:
     """Whether a world's name is that of a file, which only recorded junctions have.
 
     The file itself is not needed: a report is verified without it.
@@ -46,42 +38,37 @@ def is_world_file(name: str) -> bool:
 
 
 def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
-    """Build a world from unchecked values of a file.
+    """Build a world from unchecked values of a file: its name, or a file of a recorded junction.
 
-    Args:
-        name: Name of the world, or the file of a recorded junction.
-        options: Texts, numbers and lists of numbers, as read from TOML.
-        allow_code: Whether an environment's module may be imported.
+    Options are as read from TOML. An environment's module is imported if that is allowed.
 
     Raises:
         UserError: If the world or an option is unknown, a value is of the wrong type or size, or
             an environment can't be made.
     """
-    if is_world_file(name):
-        if options:
-            raise UserError(
-                f"a recorded junction takes no options, got {', '.join(options)}: "
-                "`socialiq data world` makes another world"
-            )
-        if not Path(name).exists():
-            raise UserError(
-                f"no such file: {name}: the declaration names its world by this path, from the "
-                "current folder"
-            )
-        refuse_file(name)
-        return load_world(name)
-    refuse_file(name)
     if is_environment(name) and name not in NAMED.values():
         check_options(options)
         return Environment.of(name, options, allow_code)
-    one_of("world", name, (*NAMES, *SCENES))
-    defaults = default_options(name)
-    for option in options:
-        one_of(f"option of {name}", option, tuple(defaults))
-    typed = {option: _typed(option, value, defaults[option]) for option, value in options.items()}
-    world = make(name, **typed)
-    if name in INTERSECTIONS:
-        _check_size(world.options)
+    if is_recorded(name) and not Path(name).exists():
+        raise UserError(
+            f"no such file: {name}: the declaration names its world by this path, from the current "
+            "folder"
+        )
+    if name in NAMES:
+        defaults = default_options(name)
+        for option in options:
+            one_of(f"option of {name}", option, tuple(defaults))
+        options = {name: _typed(name, value, defaults[name]) for name, value in options.items()}
+    world = open_world(name, **options)
+    if isinstance(world, Intersection):  # refuse what would need too much memory or time
+        built, vehicles = world.options, "initial_vehicle_count and duration"
+        for what, value, most in (
+            ("observed_vehicles", built.observed_vehicles, MOST_VEHICLES),
+            (f"vehicles of an episode ({vehicles})", built.capacity, MOST_VEHICLES),
+            ("simulation_frequency", built.simulation_frequency, MOST_SUB_STEPS),
+        ):
+            if value > most:
+                raise UserError(f"{what} must be at most {most} in an audit, got {value}")
     return world
 
 
@@ -142,16 +129,9 @@ def _typed(option: str, value: Any, default: Any) -> Any:
     return type(default)(value)
 
 
-def _check_size(options: Options) -> None:
-    """Refuse a scenario that would need too much memory or time."""
-    vehicles = "vehicles of an episode (initial_vehicle_count and duration)"
-    for what, value, most in (
-        ("observed_vehicles", options.observed_vehicles, MOST_VEHICLES),
-        (vehicles, options.capacity, MOST_VEHICLES),
-        ("simulation_frequency", options.simulation_frequency, MOST_SUB_STEPS),
-    ):
-        if value > most:
-            raise UserError(f"{what} must be at most {most} in an audit, got {value}")
+def whole_error(confidence: float) -> float:
+    """Return the error of a verdict of one look, 1 - confidence."""
+    return round(1.0 - confidence, 9)  # 0.05, not 0.050000000000000044
 
 
 WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
@@ -217,6 +197,11 @@ class Profile:
     rule: AngleRule | None = None
 
     @property
+    def error(self) -> float:
+        """Error of a verdict of one look, a wrong pass or a wrong fail: 1 - confidence."""
+        return whole_error(self.confidence)
+
+    @property
     def sha256(self) -> str:
         """SHA-256 of the file's bytes: one changed byte, and it is another declaration."""
         return hashlib.sha256(self.source).hexdigest()
@@ -244,11 +229,7 @@ class Traffic(NamedTuple):
 
 
 def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
-    """Return the other traffic of the declared world.
-
-    Raises:
-        UserError: If the world has no other traffic.
-    """
+    """Return the other traffic of the declared world; `UserError` if it has none."""
     declared = profile.scenario
     if profile.rule is not None:
         raise UserError("a declared rule is not tested in other traffic: leave out --shift")

@@ -10,18 +10,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from socialiq.audit.profile import fields
-from socialiq.audit.profile.profile import (
-    WRONG_WORLD,
-    Floor,
-    Margin,
-    Profile,
-    Reward,
-    Scenario,
-    check_options,
-    identity,
-    is_world_file,
-    world_of,
-)
+from socialiq.audit.profile import profile as declared
+from socialiq.audit.profile.profile import Floor, Margin, Profile, Reward, Scenario
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
@@ -37,10 +27,7 @@ _MOST_DOTS = 250
 
 
 def load(path: Path) -> Profile:
-    """Read a declaration.
-
-    Args:
-        path: TOML file of at most 64 KiB.
+    """Read a declaration from a TOML file of at most 64 KiB.
 
     Raises:
         UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
@@ -54,11 +41,7 @@ def load(path: Path) -> Profile:
 
 
 def parse(content: bytes, name: str = "profile.toml") -> Profile:
-    """Read a declaration from the bytes of a file, which has this name in messages.
-
-    Raises:
-        UserError: As `load`.
-    """
+    """Read a declaration from the bytes of a file, which has this name in messages (`load`)."""
     if len(content) > LARGEST_FILE:
         raise UserError(f"{name} has more than {LARGEST_FILE} bytes: a profile is a short text")
     try:
@@ -168,7 +151,7 @@ class _Reader:
         value = holder[key]
         is_world = field.path == "scenario.world" and isinstance(value, str)
         # A report is verified without its world, so that a missing file is none of its errors.
-        if is_world and (not is_world_file(value) or Path(value).exists()):
+        if is_world and (not declared.is_recorded(value) or Path(value).exists()):
             try:  # a recording has a reason of its own, which helps more than a list of worlds
                 refuse_file(value)
             except UserError as error:
@@ -187,9 +170,9 @@ class _Reader:
         world: World | None = None
         try:
             if name in NAMES:
-                world = world_of(name, options)
+                world = declared.world_of(name, options)
             else:
-                check_options(options)
+                declared.check_options(options)
         except UserError as error:
             # The longest name, since some names are parts of others.
             option = max(
@@ -197,9 +180,9 @@ class _Reader:
             )
             path = f"scenario.options.{option}" if option else "scenario.options"
             self.refuse(path, _quoted(str(error), quoted=False))
-        for path, value in identity(world).items() if world else ():
+        for path, value in declared.identity(world).items() if world else ():
             if values[path] != value:
-                self.refuse(path, WRONG_WORLD.format(path=path, value=value))
+                self.refuse(path, declared.WRONG_WORLD.format(path=path, value=value))
 
 
 def _fits(field: fields.Field, value: Any) -> bool:

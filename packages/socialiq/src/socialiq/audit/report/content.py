@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any
+from typing import Any, NamedTuple
 
-from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Consistency, Evidence, Outcomes, events_of
-from socialiq.audit.evidence.replay import path_of, selected
+from socialiq.audit.evidence.replay import path_of
 from socialiq.audit.look import Look
-from socialiq.audit.profile.profile import Profile, Traffic, is_world_file
+from socialiq.audit.profile.profile import Profile, Traffic, is_recorded
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
-from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round, worth
-from socialiq.audit.verdict.calibration import followed_angles
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.results import Results, Shift, results_of, sentence_of, stratified
-from socialiq.audit.verdict.verdict import Verdict
+from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
+from socialiq.audit.verdict import results as judged
+from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
 from socialiq.worlds.registry import GRIDWORLDS, NAMES
@@ -33,6 +30,9 @@ _ORDER = (
 )
 
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
+
+_OF_VERDICT = ("decision", "reason", "episodes", "needed", "error")
+_TESTS = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
 
 CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
@@ -50,9 +50,9 @@ class Audited:
     reference_files: Sequence[str]  # the user's references, as given with `--reference`
     left_out: Sequence[str]  # names of references that are the policy itself
     consistency: Consistency | None  # None if the policy was not asked again
-    evidence: Evidence  # result of `collect_evidence`, with the references that are left out
-    elsewhere: Sequence[Evidence]  # the same in each other traffic
+    evidence: Sequence[Evidence]  # of all references, then the same in each other traffic
     traffic: Sequence[Traffic]
+    episodes: Mapping[str, Sequence[Mapping[str, Any]]]  # result of `replay.selected`
     films: Mapping[str, bytes]  # films by path in the folder: `replay.path_of`
     traces: Mapping[str, Sequence[Any]]  # result of `replay.traces_of`, or the same as JSON
     command: str  # which repeats the audit
@@ -61,39 +61,62 @@ class Audited:
     def references(self, left_out: bool) -> list[dict[str, Any]]:
         """Return the rows of the references that are left out, or of the others."""
         return [
-            {
-                **driver_row(reference, self.profile.angle),
-                "record": self.records.get(reference.name),
-            }
-            for reference in self.evidence.references
+            driver_row(reference, self.profile.angle) | {"record": self.records.get(reference.name)}
+            for reference in self.evidence[0].references
             if (reference.name in self.left_out) == left_out
         ]
 
 
-def content(audited: Audited) -> dict[str, Any]:
-    """Judge, and return the report as one JSON object; `report.schema.json` describes it.
+class Results(NamedTuple):
+    """All results of an audit; the verdict as far as no finding forbids it."""
+
+    verdict: Verdict
+    discrimination: judged.Discrimination
+    strata: tuple[judged.Stratum, ...]
+    shifts: tuple[judged.Shift, ...] | None  # None without other traffic
+    shifted: str  # the shift check in a sentence, "" without it
+
+
+def results_of(audited: Audited) -> Results:
+    """Judge a policy by its evidence.
+
+    The regret towards references that are the policy itself is 0; estimating it would only widen
+    the bounds.
 
     Raises:
         UserError: If the evidence is of another scenario.
     """
     profile, look = audited.profile, audited.look
-    results = results_of(
-        profile,
-        audited.evidence,
-        audited.left_out,
-        audited.drawn.derived("resampling"),
-        audited.traffic,
-        audited.elsewhere,
-        error=None if look is None else look.error,
-        consistency=audited.consistency,
+    seed, error = audited.drawn.derived("resampling"), None if look is None else look.error
+    compared, *there = [drives.without(audited.left_out) for drives in audited.evidence]
+    discrimination = judged.discriminate(profile, compared, seed, error=error)
+    verdict = judge(profile, compared, seed, curve=audited.evidence[0], error=error)
+    findings = [dependence(audited.consistency)]
+    if discrimination.excludes_nothing:
+        findings.append(
+            "The declaration excludes nothing: constant actions and random ones would pass it too. "
+            "Declare a smaller margin, or a stricter floor."
+        )
+    verdict = conclude(verdict, [text for text in findings if text])
+    strata = judged.stratified(compared, profile.angle, verdict.regret.best, profile.confidence)
+    traffic = audited.traffic
+    shifts = judged.shift_of(profile, compared, traffic, there, seed) if traffic else None
+    return Results(
+        verdict, discrimination, strata, shifts, judged.sentence_of(shifts) if shifts else ""
     )
+
+
+def content(audited: Audited) -> dict[str, Any]:
+    """Judge, and return the report as one JSON object, which `report.schema.json` describes."""
+    profile, look, angle = audited.profile, audited.look, audited.profile.angle
+    results, evidence = results_of(audited), audited.evidence[0]
     verdict = results.verdict
-    evidence = audited.evidence.without(audited.left_out)
-    angle, best = profile.angle, verdict.regret.best
+    tests = _TESTS if verdict.contexts is None else (*_TESTS, "contexts")
     return to_json(
         {
             "format": FORMAT,
-            "verdict": _verdict(verdict),
+            "verdict": {name: getattr(verdict, name) for name in _OF_VERDICT}
+            | {"exit_code": EXIT_CODES[verdict.decision]},
             "caveats": [caveat._asdict() for caveat in _caveats(audited, results)],
             "declaration": _declaration(profile),
             "policy": {
@@ -101,16 +124,16 @@ def content(audited: Audited) -> dict[str, Any]:
                 "deterministic": audited.deterministic,
                 "means": driver_row(evidence.policy, angle),
             },
-            "tests": _tests(audited, verdict),
+            "tests": {name: getattr(verdict, name) for name in tests},
             "discrimination": results.discrimination,
             "consistency": audited.consistency,
             "references": audited.references(left_out=False),
             "trivial": [driver_row(driver, angle) for driver in evidence.trivial],
             "reference_files": list(audited.reference_files),
             "left_out": audited.references(left_out=True),
-            "strata": stratified(evidence, angle, best, profile.confidence),
-            "shift": _shift(results.shifts, audited.elsewhere),
-            "episodes": _shown(selected(evidence, angle), audited.films, audited.traces),
+            "strata": results.strata,
+            "shift": _shift(results, audited.evidence[1:]),
+            "episodes": _shown(audited),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
             "scenario": evidence.scenario,
@@ -150,74 +173,47 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     ]
 
 
-def _shown(
-    chosen: Mapping[str, Sequence[Any]], films: Mapping[str, bytes], traces: Mapping[str, Any]
-) -> dict[str, Any]:
+def _shown(audited: Audited) -> dict[str, Any]:
     """Return the chosen episodes with the path of each one's film, and any trace."""
     return {
         kind: [
-            {**row, "film": path if (path := path_of(kind, number)) in films else None}
+            {**row, "film": path if (path := path_of(kind, number)) in audited.films else None}
             | {"trace": trace}
-            for number, (row, trace) in enumerate(zip_longest(rows, traces[kind]), 1)
+            for number, (row, trace) in enumerate(zip_longest(rows, audited.traces[kind]), 1)
             if row is not None
         ]
-        for kind, rows in chosen.items()
+        for kind, rows in audited.episodes.items()
     }
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    return {
-        "decision": verdict.decision,
-        "reason": verdict.reason,
-        "episodes": verdict.episodes,
-        "needed": verdict.needed,
-        "error": verdict.error,
-        "exit_code": EXIT_CODES[verdict.decision],
-    }
-
-
-def _tests(audited: Audited, verdict: Verdict) -> dict[str, Any]:
-    """Return the tests, with the angle that the policy follows in each context of a rule."""
-    names = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
-    tests = {name: getattr(verdict, name) for name in names}
-    profile, losses = audited.profile, audited.evidence.policy.contexts
-    if profile.rule is not None and losses is not None:
-        tests["contexts"] = followed_angles(profile.rule, losses, CANDIDATES, profile.confidence)
-    return tests
-
-
-def _shift(shifts: Sequence[Shift] | None, elsewhere: Sequence[Evidence]) -> dict[str, Any] | None:
-    if shifts is None:
+def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | None:
+    if results.shifts is None:
         return None
+    fields = ("name", "angles", "expected")  # of references, which the table of episodes lacks
     return {
-        "sentence": sentence_of(shifts),
-        "otherwise": any(shift.significant for shift in shifts),
+        "sentence": results.shifted,
+        "otherwise": any(shift.significant for shift in results.shifts),
         "traffic": [
-            # Of the references what the table of episodes doesn't hold.
-            {
-                **to_json(shift),
+            vars(shift)
+            | {
                 "references": [
-                    {
-                        "name": driver.name,
-                        "angles": list(driver.angles),
-                        "expected": driver.expected,
-                    }
+                    {name: getattr(driver, name) for name in fields}
                     for driver in evidence.references
-                ],
+                ]
             }
-            for shift, evidence in zip(shifts, elsewhere, strict=True)
+            for shift, evidence in zip(results.shifts, elsewhere, strict=True)
         ],
     }
 
 
 def _declaration(profile: Profile) -> dict[str, Any]:
     """Return the declaration; one of a constant angle has no field of a rule."""
-    declared = {**to_json(dataclasses.replace(profile, rule=None)), "sha256": profile.sha256}
-    del declared["rule"]
-    if profile.rule is None:
-        return declared
-    rule = {"words": profile.rule.words, "content": profile.rule.as_json()}
-    return declared | {"angle_rule": rule}
+    declared = vars(profile) | {"sha256": profile.sha256}
+    rule = declared.pop("rule")
+    del declared["source"]
+    if rule is not None:
+        declared["angle_rule"] = {"words": rule.words, "content": rule.as_json()}
+    return declared
 
 
 def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
@@ -234,7 +230,7 @@ def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
     return {
         "seed": drawn.seed,
         "source": drawn.source,
-        "worth": worth(drawn),
+        "worth": words.worth(drawn),
         "nonce": revealed if isinstance(revealed, Nonce) else None,
         "beacon": beacon,
         "episodes": episodes,
@@ -247,11 +243,11 @@ def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
     """Return one driver's means; `value` is the mean R(α) at the declared angle in degrees."""
     return {
         "name": driver.name,
-        "angles": list(driver.angles),
+        "angles": driver.angles,
         "r_env": driver.mean.env,
         "r_social": driver.mean.social,
         "value": float(driver.values(angle).mean()),
-        "expected": None if driver.expected is None else driver.expected._asdict(),
+        "expected": driver.expected,
         **{name: float(happened.mean()) for name, happened in events_of(driver).items()},
         "decisions": float(driver.length.mean()),
     }
@@ -306,6 +302,6 @@ _UNKNOWN = (
 def limits(world: str) -> list[str]:
     """Return the limits that apply in a world of this name."""
     texts = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
-    if is_world_file(world):
+    if is_recorded(world):
         return [*_RECORDED, *texts]
     return texts if world in NAMES else [*_UNKNOWN, *texts]

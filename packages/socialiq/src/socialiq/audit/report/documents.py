@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.profile.profile import is_world_file
-from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.profile.profile import is_recorded
+from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES
@@ -91,7 +92,7 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
     kind = "gridworld" if world in GRIDWORLDS else "environment"
     if world in INTERSECTIONS:
         kind = INTERSECTION if world == INTERSECTION else CONTINUOUS
-    if is_world_file(world):
+    if is_recorded(world):
         kind = JUNCTION
     compared = CONFORMANCE if kind == INTERSECTION else None
     beyond = [name for name in scenario["options"] if name not in CONFORMANCE.compared]

@@ -164,11 +164,7 @@ def check_target(folder: Path, replace: bool) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> None:
-    """Write all files of a report by path, or leave the folder as it was.
-
-    Raises:
-        UserError: As `check_target`.
-    """
+    """Write all files of a report by path, or leave the folder as it was (`check_target`)."""
     check_target(folder, replace)
     with whole_folder(folder, replace) as target:
         for name, content in files.items():

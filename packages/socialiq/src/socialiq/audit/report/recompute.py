@@ -13,23 +13,23 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
 
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import Consistency, Evidence, episode_seeds
+from socialiq.audit.evidence.outcomes import Consistency, Evidence
+from socialiq.audit.evidence.replay import selected
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
-from socialiq.audit.look import Look, Opened, spend
-from socialiq.audit.profile.profile import Profile, Traffic, other_traffic
+from socialiq.audit.look import Look, Opened, reveal, spend
+from socialiq.audit.profile.profile import Profile, Traffic, other_traffic, whole_error
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.content import Audited, content, seeds_of
 from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
 from socialiq.audit.report.words import ALWAYS, OF_CODE
 from socialiq.audit.request import is_itself
-from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, reveal
-from socialiq.audit.verdict.verdict import whole_error
+from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import AngleRule
 from socialiq.to_json import to_json
@@ -97,10 +97,7 @@ def recomputed_differences(files: Mapping[str, bytes], report: Mapping[str, Any]
     Texts, decisions and counts must be equal. Other numbers may differ by `TOLERANCE`: another
     processor or version of a library adds in another order, which changes their last digits. The
     sum of a million numbers then differs by some 1e-13 of itself, and a report shows three digits.
-
-    Args:
-        files: Content of the folder's files, by path.
-        report: Content of its `report.json`, which follows the schema.
+    Files are the folder's by path; its report follows the schema.
 
     Raises:
         UserError: If its declaration can't be read, or its tables are not those of an audit.
@@ -118,7 +115,8 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
     record, (draw, look) = report["policy"]["record"], opened_of(report)
     commitment = Commitment(record["sha256"], profile.sha256)
     draw = dataclasses.replace(draw, commitment=commitment)
-    evidence = _evidence_of(files, report, profile, draw)
+    traffic = _traffic(report, profile)
+    evidence = _evidence_of(files, report, profile, draw, traffic)
     rows = [*report["references"], *report["left_out"]]
     left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
     return content(
@@ -131,11 +129,11 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
             records={row["name"]: row["record"] for row in rows},
             reference_files=report["reference_files"],
             left_out=left_out,
-            evidence=evidence[0],
-            elsewhere=evidence[1:],
-            traffic=_traffic(report, profile),
+            evidence=evidence,
+            traffic=traffic,
             consistency=Consistency.of(report["consistency"]),
             films=files,
+            episodes=selected(evidence[0], profile.angle),
             # The ways of the vehicles are not in the tables; a rerun drives them again.
             traces={
                 kind: [row["trace"] for row in rows] for kind, rows in report["episodes"].items()
@@ -147,33 +145,31 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
 
 
 def _evidence_of(
-    files: Mapping[str, bytes], report: Mapping[str, Any], profile: Profile, draw: Draw
+    files: Mapping[str, bytes],
+    report: Mapping[str, Any],
+    profile: Profile,
+    draw: Draw,
+    traffic: Sequence[Traffic],
 ) -> list[Evidence]:
     """Read the tables of episodes: the declared traffic first, then each other one."""
     scenario = report["scenario"]
     if hashlib.sha256(scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
-    attributes = [_attributes_of([*report["references"], *report["left_out"]])]
-    scenarios, purposes = [scenario], ["episodes"]
-    for number, variant in enumerate(_traffic(report, profile)):
-        attributes.append(_attributes_of(report["shift"]["traffic"][number]["references"]))
-        scenarios.append(variant.world.description)
-        purposes.append(f"shift {number}")
-    policy = report["policy"]["means"]["name"]
-    trivial, tables = [driver["name"] for driver in report["trivial"]], []
-    for number, purpose in enumerate(purposes):
-        path = evidence_path(number)
+    collected = [("episodes", scenario, [*report["references"], *report["left_out"]])]
+    for number, variant in enumerate(traffic):
+        rows = report["shift"]["traffic"][number]["references"]
+        collected.append((f"shift {number}", variant.world.description, rows))
+    names, by_rule = [driver["name"] for driver in report["trivial"]], profile.rule is not None
+    policy, tables = report["policy"]["means"]["name"], []
+    for number, (purpose, description, rows) in enumerate(collected):
+        path, attributes = evidence_path(number), {}
+        for row in rows:
+            expected = None if row["expected"] is None else RewardPair(**row["expected"])
+            attributes[row["name"]] = ReferenceAttributes(tuple(row["angles"]), expected)
         if path not in files:
             raise UserError(f"{path} is missing")
         try:
-            table = read_table(
-                files[path],
-                scenarios[number],
-                policy,
-                attributes[number],
-                trivial,
-                profile.rule is not None,
-            )
+            table = read_table(files[path], description, policy, attributes, names, by_rule)
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
         episodes = report["seeds"]["episodes"]
@@ -211,16 +207,6 @@ def _traffic(report: Mapping[str, Any], profile: Profile) -> Sequence[Traffic]:
     return traffic
 
 
-def _attributes_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, ReferenceAttributes]:
-    return {
-        row["name"]: ReferenceAttributes(
-            tuple(row["angles"]),
-            None if row["expected"] is None else RewardPair(**row["expected"]),
-        )
-        for row in rows
-    }
-
-
 OF_A_RERUN = frozenset(f"report.{path}" for path in (*ALWAYS, *OF_CODE)) | {
     # These follow from others, of which a rerun compares the decision.
     "report.caveats",
@@ -241,13 +227,9 @@ def differences(
 ) -> list[str]:
     """Return the places where two reports differ, those of the verdict and its tests first.
 
-    Args:
-        old: Content of a `report.json`.
-        new: The same of another.
-        ignored: Places that are not compared, with [] for every row of a list.
-        relative: Largest difference of two numbers that are not both integers, as a share of the
-            larger, or of 1 if both are smaller. By default numbers must agree to the last digit,
-            as they do on the same machine with the same versions.
+    Ignored are places, with [] for every row of a list. Two numbers that are not both integers may
+    differ by a relative part of the larger, or of 1 if both are smaller; by default they agree to
+    the last digit, as they do on the same machine with the same versions.
     """
 
     def rank(path: str) -> int:

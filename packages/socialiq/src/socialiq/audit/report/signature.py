@@ -15,15 +15,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
-from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from cryptography.hazmat.primitives.serialization import (
-    Encoding,
-    PublicFormat,
-    load_pem_private_key,
-    load_pem_public_key,
-)
 
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.errors import UserError
@@ -50,7 +44,9 @@ def encoded(payload_type: str, payload: bytes) -> bytes:
 
 def key_id(key: PublicKey) -> str:
     """Return the SHA-256 of a public key's SubjectPublicKeyInfo in DER, as hexadecimal digits."""
-    info = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    info = key.public_bytes(
+        serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
     return hashlib.sha256(info).hexdigest()
 
 
@@ -62,7 +58,7 @@ def read_private_key(path: Path) -> PrivateKey:
     """
     passphrase = os.environ.get(PASSPHRASE)
     try:
-        key = load_pem_private_key(
+        key = serialization.load_pem_private_key(
             read_bytes(path, _LARGEST_KEY), passphrase.encode() if passphrase else None
         )
     except TypeError as error:
@@ -79,13 +75,9 @@ def read_private_key(path: Path) -> PrivateKey:
 
 
 def read_public_key(path: Path) -> PublicKey:
-    """Read a public key from a PEM file.
-
-    Raises:
-        UserError: If the file is missing or is not such a key.
-    """
+    """Read a public key from a PEM file; `UserError` if it is missing or no such key."""
     try:
-        key = load_pem_public_key(read_bytes(path, _LARGEST_KEY))
+        key = serialization.load_pem_public_key(read_bytes(path, _LARGEST_KEY))
     except (ValueError, UnsupportedAlgorithm) as error:
         raise UserError(
             f"{path} is not a public key in PEM: `openssl pkey -in PRIVATE -pubout` writes it"

@@ -13,7 +13,7 @@ from typing import Any
 
 from socialiq.audit.evidence.table import CONTEXTS
 from socialiq.audit.log import RESULT, SEED, AuditLog, Subject, read
-from socialiq.audit.look import origin_of
+from socialiq.audit.look import of_revealed
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import folder as layout
 from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
@@ -28,11 +28,7 @@ LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 10
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """Read a `report.json` and check it.
-
-    Raises:
-        UserError: If it is missing, too large, not JSON, or doesn't follow the schema.
-    """
+    """Read a `report.json`; `UserError` if it is missing or doesn't follow the schema."""
     if not path.is_file():
         raise UserError(f"no such file: {path}: name a folder that `socialiq audit` wrote")
     with open_file(path) as file:
@@ -190,11 +186,7 @@ DECISION = "report.verdict.decision"
 
 
 def faults(folder: Path) -> list[str]:
-    """Return the faults of a folder, none if its files are consistent (`check_folder`).
-
-    Raises:
-        UserError: As `check_folder`.
-    """
+    """Return the faults of a folder, none if its files are consistent (`check_folder`)."""
     return check_folder(folder).faults
 
 
@@ -267,7 +259,7 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         "line before it": (entry["previous"], look.before),
         "source of the seed": (
             entry["seed"],
-            {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed),
+            {"source": draw.source} if draw.revealed is None else of_revealed(draw.revealed),
         ),
         "seed": (seed and seed["seed"], report["seeds"]["seed"]),
     }

@@ -6,11 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.profile import is_world_file, world_of
-from socialiq.audit.report import pictures
-from socialiq.audit.report.animations import moving
-from socialiq.audit.report.pictures import angles
-from socialiq.audit.report.words import names_of
+from socialiq.audit.profile.profile import is_recorded, world_of
+from socialiq.audit.report import animations, pictures, words
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.worlds.intersection.world import Intersection
@@ -137,7 +134,7 @@ def compatible(report: Mapping[str, Any]) -> str:
 
 def other_passes(report: Mapping[str, Any], most: int = 3) -> str:
     """Return how many other drivers would pass the declaration, in a sentence with some names."""
-    tried, names = report["discrimination"], names_of(report)
+    tried, names = report["discrimination"], words.names_of(report)
     if not tried["of"]:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
@@ -193,8 +190,8 @@ def html(report: Mapping[str, Any]) -> str:
         "report.html.j2",
         means=pictures.means(report),
         single=pictures.episodes(report),
-        angles=angles(report),
-        moving=moving(report),
+        angles=pictures.angles(report),
+        moving=animations.moving(report),
         replays=replays(report),
     )
 
@@ -206,7 +203,7 @@ def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **more: 
 
 def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **more: Any) -> str:
     """Return a page by its template, a value of Markdown with so many characters at most."""
-    pages, names = templates(_PACKAGE, most=most), names_of(report)
+    pages, names = templates(_PACKAGE, most=most), words.names_of(report)
     pages.filters.update(FILTERS)
     pages.globals.update(is_known=is_known, blank=blank)
     decisions = {
@@ -225,4 +222,4 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **more: A
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:
     """Whether the world reports the event of a criterion; an environment doesn't report fault."""
     world = report["declaration"]["scenario"]["world"]
-    return criterion != "struck" or world in NAMES or is_world_file(world)
+    return criterion != "struck" or world in NAMES or is_recorded(world)

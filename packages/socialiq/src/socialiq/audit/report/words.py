@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 from socialiq.audit.evidence.drive import PREFIX, RANDOM
 from socialiq.audit.evidence.outcomes import AS_DECLARED
 from socialiq.audit.look import Look
-from socialiq.audit.seeds import Draw, worth
-from socialiq.audit.verdict.decision import Decision, RegretTest
+from socialiq.audit.seeds import NETWORK, Draw, Round, Source
+from socialiq.audit.verdict.regret import Decision, RegretTest
 from socialiq.audit.verdict.results import Discrimination
 from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
@@ -127,6 +127,35 @@ def caveats(
     return caveats
 
 
+_WORTH: dict[Source, str] = {
+    "system entropy": (
+        "The seed was drawn by the computer that ran the audit. This is self-attested: "
+        "those who ran it could have drawn again."
+    ),
+    "auditor's seed": (
+        "The seed was given in advance. An owner who knew it before the commitment can have "
+        "searched for a policy or a declaration that passes on its episodes."
+    ),
+    "auditor's nonce": (
+        "The seed comes from the commitment and a nonce of the auditor, whose hash the commitment "
+        "names. Neither owner nor auditor could choose it alone, provided that the auditor "
+        "revealed the nonce only after the commitment's hash was in the auditor's hands."
+    ),
+}
+
+
+def worth(drawn: Draw) -> str:
+    """Return what a seed is worth as evidence that no one chose the episodes."""
+    if isinstance(drawn.revealed, Round):
+        return (
+            f"The seed comes from the commitment and round {drawn.revealed.number:,} of the public "
+            f"beacon drand {NETWORK}, whose signature was checked. No one could choose it, "
+            "provided that someone other than the owner held the commitment's hash before "
+            f"{drawn.revealed.time:%Y-%m-%d %H:%M:%S} UTC, when the round was published."
+        )
+    return _WORTH[drawn.source]
+
+
 def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
     """Return a caveat if not all chosen episodes were the same when they were run again."""
     if shown == chosen:
@@ -154,10 +183,7 @@ def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
 def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:
     """Return the assumption of the bounds of regret, none if the reward's own limits give them.
 
-    Args:
-        regret: The primary test.
-        possible_loss: Largest loss of an episode that the reward's own limits allow; None if they
-            are not known.
+    These allow the possible loss of an episode; None if they are not known.
     """
     if regret.largest_loss is None:
         # The share of episodes with an event that stays unseen in this share of audits.

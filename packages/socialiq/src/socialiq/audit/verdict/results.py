@@ -1,7 +1,4 @@
-"""Results of an audit: verdict, other drivers that would pass, kinds of episodes, shift check.
-
-A margin can be so wide, and a floor so open, that no driver breaks the declaration. A pass is then
-no evidence of the policy's behaviour.
+"""All results of an audit: verdict, other drivers that would pass, kinds of episodes, shift check.
 
 A policy could be made to behave in audits only (thesis 9.5), so the shift check runs it in traffic
 that the declaration doesn't name. Its result is reported beside the verdict and decides nothing.
@@ -10,25 +7,21 @@ For a verdict on that traffic, declare it in a separate profile.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from socialiq.audit.evidence.drive import GO_AND_WAIT
-from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, events_of
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.verdict import Verdict, decide, enough_resamples, judge, whole_error
+from socialiq.audit.verdict import verdict as joint
+from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.verdict import decide
 from socialiq.social.angle import exact_weights, score
-from socialiq.statistics.comparisons import (
-    Contrast,
-    Difference,
-    mean_contrast,
-    paired_difference,
-    share_contrast,
-)
+from socialiq.statistics import comparisons
+from socialiq.statistics.comparisons import Contrast, Difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.types import RewardPair
 from socialiq.worlds.registry import INTERSECTIONS
@@ -85,17 +78,10 @@ def shift_of(
 
     Intervals are Welch's and Newcombe's, because the episodes of each traffic are independent. The
     declared error is divided among all of them (Bonferroni), so it bounds the chance that any
-    change is significant if the policy has none.
-
-    Args:
-        profile: The declaration.
-        declared: Evidence of the verdict.
-        traffic: Result of `other_traffic`.
-        there: Evidence in each of them.
-        seed: Seed of the resampling.
-        resamples: Number of resamples.
+    change is significant if the policy has none. `traffic` is the result of `other_traffic`, and
+    there is evidence in each.
     """
-    error = whole_error(profile.confidence)
+    error = profile.error
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
     shifts = []
     for variant, evidence in zip(traffic, there, strict=True):
@@ -128,10 +114,11 @@ def changes(
         regrets = np.asarray(score(weights, RewardPair(*gains)))
         measured.append((regrets, events_of(evidence.policy), events_of(best)))
     (old, before, best_before), (new, after, best_after) = measured
-    rows = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
+    contrast = comparisons.mean_contrast(new, old, confidence)
+    rows = [_change("regret", old.mean(), new.mean(), contrast, None)]
     for name in CRITERIA:
         counts = [(int(events[name].sum()), len(events[name])) for events in (after, before)]
-        contrast = share_contrast(*counts[0], *counts[1], confidence)
+        contrast = comparisons.share_contrast(*counts[0], *counts[1], confidence)
         reference = float(best_after[name].mean() - best_before[name].mean())
         shares = before[name].mean(), after[name].mean()
         rows.append(_change(name, *shares, contrast, reference))
@@ -164,93 +151,6 @@ def _change(
 ) -> Change:
     significant = contrast.low > 0.0 or contrast.high < 0.0
     return Change(measure, float(declared), float(there), *contrast, significant, reference)
-
-
-def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
-    """Return the verdict of an audit: INCONCLUSIVE where a finding forbids a pass.
-
-    A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
-    episodes would not decide.
-    """
-    if verdict.decision is Decision.FAIL or not findings:
-        return verdict
-    reason = " ".join(findings)
-    return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
-
-
-def dependence(consistency: Consistency | None) -> str:
-    """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
-
-    How it drove in the episodes is then no evidence about how it drives elsewhere.
-    """
-    if consistency is None or not consistency.dependences:
-        return ""
-    differing, queries = (
-        sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
-    )
-    return (
-        f"The policy's answers depend on {' and on '.join(consistency.dependences)}: "
-        f"{differing:,} of {queries:,} repeated queries got another answer, so its episodes don't "
-        "show how it drives elsewhere."
-    )
-
-
-@dataclass(frozen=True)
-class OtherDriver:
-    """Decision on another driver, had it been the policy of this declaration.
-
-    A trivial one acts without regard to what it observes: one action always, or random ones.
-    """
-
-    name: str
-    trivial: bool
-    decision: Decision
-
-
-@dataclass(frozen=True)
-class Discrimination:
-    """Drivers that would pass a declaration."""
-
-    would_pass: int  # number of drivers
-    of: int  # drivers in all
-    excludes_nothing: bool  # whether every trivial driver would pass
-    drivers: tuple[OtherDriver, ...]
-
-
-def discriminate(
-    profile: Profile,
-    evidence: Evidence,
-    seed: int,
-    resamples: int = 2000,
-    error: float | None = None,
-) -> Discrimination:
-    """Judge every other driver by the declaration of the policy; arguments are those of `judge`.
-
-    Each is compared with the other references, as the policy is. Drivers that are the policy itself
-    are left out of the evidence (`Evidence.without`).
-    """
-    level = whole_error(profile.confidence) if error is None else error
-    count = enough_resamples(level, resamples)
-    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
-    drivers = [(driver, driver.name in constant) for driver in evidence.references]
-    drivers += [(driver, True) for driver in evidence.trivial]
-    decided = []
-    for driver, trivial in drivers:
-        references = tuple(
-            reference for reference in evidence.references if reference is not driver
-        )
-        if references:
-            swapped = replace(evidence, policy=driver, references=references, trivial=())
-            decision = decide(profile, swapped, seed, count, level).decision
-            decided.append(OtherDriver(driver.name, trivial, decision))
-    passing = [driver for driver in decided if driver.decision is Decision.PASS]
-    without_regard = {driver.decision for driver in decided if driver.trivial}
-    return Discrimination(
-        would_pass=len(passing),
-        of=len(decided),
-        excludes_nothing=without_regard == {Decision.PASS},
-        drivers=tuple(decided),
-    )
 
 
 _FEWEST = 2  # episodes of a stratum for the test of a difference
@@ -288,7 +188,8 @@ def stratified(
             rows = labels == label
             count, regret = int(rows.sum()), None
             if count >= _FEWEST:
-                regret = paired_difference(reference_values[rows], ours[rows], confidence)
+                pair = reference_values[rows], ours[rows]
+                regret = comparisons.paired_difference(*pair, confidence)
             shares = {
                 name: wilson(int(happened[rows].sum()), count, confidence)
                 for name, happened in events.items()
@@ -297,51 +198,59 @@ def stratified(
     return tuple(strata)
 
 
-class Results(NamedTuple):
-    """Verdict as far as no finding forbids it, discrimination, and changes in other traffic."""
+@dataclass(frozen=True)
+class OtherDriver:
+    """Decision on another driver, had it been the policy of this declaration.
 
-    verdict: Verdict
-    discrimination: Discrimination
-    shifts: tuple[Shift, ...] | None
+    A trivial one acts without regard to what it observes: one action always, or random ones.
+    """
+
+    name: str
+    trivial: bool
+    decision: Decision
 
 
-def results_of(
+@dataclass(frozen=True)
+class Discrimination:
+    """Drivers that would pass a declaration."""
+
+    would_pass: int  # number of drivers
+    of: int  # drivers in all
+    excludes_nothing: bool  # whether every trivial driver would pass
+    drivers: tuple[OtherDriver, ...]
+
+
+def discriminate(
     profile: Profile,
     evidence: Evidence,
-    left_out: Collection[str],
     seed: int,
-    traffic: Sequence[Traffic] = (),
-    elsewhere: Sequence[Evidence] = (),
+    resamples: int = 2000,
     error: float | None = None,
-    consistency: Consistency | None = None,
-) -> Results:
-    """Judge a policy by its evidence.
+) -> Discrimination:
+    """Judge every other driver by the declaration of the policy; arguments are those of `judge`.
 
-    Args:
-        profile: The declaration.
-        evidence: Evidence in the declared traffic, of all references.
-        left_out: Names of the references that are the policy itself. The regret towards them is
-            0; estimating it would only widen the bounds.
-        seed: Seed of the resampling.
-        traffic: Result of `other_traffic`, or none.
-        elsewhere: Evidence in each of these, of all references.
-        error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
-        consistency: Answers of the policy to repeated queries; None if it was not asked.
-
-    Raises:
-        UserError: If the evidence is of another scenario.
+    Each is compared with the other references, as the policy is. Drivers that are the policy itself
+    are left out of the evidence (`Evidence.without`).
     """
-    compared, *there = [drives.without(left_out) for drives in (evidence, *elsewhere)]
-    discrimination = discriminate(profile, compared, seed, error=error)
-    tested = judge(profile, compared, seed, curve=evidence, error=error)
-    findings = [dependence(consistency)]
-    if discrimination.excludes_nothing:
-        findings.append(
-            "The declaration excludes nothing: constant actions and random ones would pass it too. "
-            "Declare a smaller margin, or a stricter floor."
+    level = profile.error if error is None else error
+    count = joint.enough_resamples(level, resamples)
+    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
+    drivers = [(driver, driver.name in constant) for driver in evidence.references]
+    drivers += [(driver, True) for driver in evidence.trivial]
+    decided = []
+    for driver, trivial in drivers:
+        references = tuple(
+            reference for reference in evidence.references if reference is not driver
         )
-    return Results(
-        verdict=conclude(tested, [text for text in findings if text]),
-        discrimination=discrimination,
-        shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,
+        if references:
+            swapped = replace(evidence, policy=driver, references=references, trivial=())
+            decision = decide(profile, swapped, seed, count, level).decision
+            decided.append(OtherDriver(driver.name, trivial, decision))
+    passing = [driver for driver in decided if driver.decision is Decision.PASS]
+    without_regard = {driver.decision for driver in decided if driver.trivial}
+    return Discrimination(
+        would_pass=len(passing),
+        of=len(decided),
+        excludes_nothing=without_regard == {Decision.PASS},
+        drivers=tuple(decided),
     )

@@ -1,21 +1,93 @@
-"""The joint verdict: all tests on the same evidence, one decision, one sentence."""
+"""The joint verdict: all tests on the same evidence, one decision, one sentence.
+
+A margin can be so wide, and a floor so open, that no driver breaks the declaration. A pass is then
+no evidence of the policy's behaviour (`discriminate`).
+"""
 
 from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
+from socialiq.audit.evidence.drive import CANDIDATES
+from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, Outcomes, events_of
 from socialiq.audit.profile.profile import Floor, Profile
-from socialiq.audit.verdict import decision as tests
-from socialiq.audit.verdict.bounds import Regrets, slowest
-from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.decision import CompatibleAngles, Decision, FloorTest, RegretTest
+from socialiq.audit.verdict import calibration as angles
+from socialiq.audit.verdict import regret as bounds
+from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
+from socialiq.statistics import intervals
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
+
+
+@dataclass(frozen=True)
+class FloorTest:
+    """A share of episodes against its limit, significantly kept or broken.
+
+    Bounds are those of Clopper and Pearson. The lower one is at the fail error if the share must be
+    small, else at the pass error; those of the upper one are the other way round.
+    """
+
+    name: str  # one of `CRITERIA`
+    decision: Decision
+    side: Literal["at most", "at least"]
+    limit: float
+    count: int  # number of episodes with the event
+    episodes: int
+    share: float
+    low: float
+    high: float
+    pass_error: float  # one-sided error of a wrong pass
+    fail_error: float  # one-sided error of a wrong fail
+    needed: int | None  # episodes that would decide, if the share is true and not the limit
+
+
+def floor_tests(
+    policy: Outcomes, floor: Floor, pass_error: float = 0.05, fail_error: float = 0.05
+) -> tuple[FloorTest, ...]:
+    """Test every criterion; at-fault and struck collisions apart, since the ego causes the first.
+
+    All four must pass for the floor to pass, so each may have the whole pass error
+    (intersection-union). One that fails is enough to fail, so each has a quarter of the fail
+    error (Bonferroni). Bounds are exact, because error rates are guaranteed: Wilson's lower bound
+    of a rare event errs up to three times as often as its level (docs/audit.md).
+    """
+    limits = (floor.max_at_fault, floor.max_struck, floor.min_arrival, floor.max_timeout)
+    tests, fail_error = [], fail_error / len(CRITERIA)
+    for (name, happened), limit in zip(events_of(policy).items(), limits, strict=True):
+        least = name == "arrival"
+        count, episodes = int(happened.sum()), len(happened)
+        low_error, high_error = (pass_error, fail_error) if least else (fail_error, pass_error)
+        # A one-sided bound at an error is an end of the two-sided interval at twice that error.
+        low = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * low_error).low
+        high = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * high_error).high
+        holds = low >= limit if least else high <= limit
+        broken = high < limit if least else low > limit
+        share = count / episodes
+        good = share >= limit if least else share <= limit
+        # Near 0 and 1 a share varies little: the deviation at the limit avoids too small a number.
+        deviation = max(chance * (1.0 - chance) for chance in (share, limit)) ** 0.5
+        error = pass_error if good else fail_error
+        test = FloorTest(
+            name=name,
+            decision=Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE,
+            side="at least" if least else "at most",
+            limit=limit,
+            count=count,
+            episodes=episodes,
+            share=share,
+            low=low,
+            high=high,
+            pass_error=pass_error,
+            fail_error=fail_error,
+            needed=intervals.episodes_needed(share - limit, deviation, error),
+        )
+        tests.append(test)
+    return tuple(tests)
 
 
 @dataclass(frozen=True)
@@ -32,17 +104,19 @@ class Verdict:
     needed: int | None
     error: float  # largest chance of a wrong pass, and of a wrong fail, at this look
     regret: RegretTest  # the primary test
-    rationalised: CompatibleAngles  # angles compatible with the behaviour
+    rationalised: angles.CompatibleAngles  # angles compatible with the behaviour
     alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
     identifiability: Ellipse  # confidence ellipse of the mean rewards
-    calibration: Calibration  # equivalence on the calibrated angle; reported, not decisive
+    calibration: angles.Calibration  # equivalence on the calibrated angle; reported, not decisive
     competence: tuple[FloorTest, ...]  # test of each criterion of the safety floor
+    contexts: tuple[angles.FollowedAngle, ...] | None  # None without a declared rule
 
 
 class Decisive(NamedTuple):
     """Deciding tests of an audit, and their joint decision."""
 
     decision: Decision
+    needed: int | None  # as in `Verdict`
     regret: RegretTest
     competence: tuple[FloorTest, ...]
 
@@ -63,39 +137,38 @@ def decide(
     so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
     wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
     those of shares do, and those of regret with a declared largest loss. Without one they are by
-    bootstrap-t, which is approximate (the study `audit-power` measures how much).
-
-    Args:
-        profile: The declaration.
-        evidence: The driver as policy, and its references.
-        seed: Seed of the resampling.
-        resamples: Number of resamples.
-        error: Largest chance of a wrong pass, and of a wrong fail.
-        regrets: Regrets of the evidence, if they are known.
+    bootstrap-t, which is approximate (the study `audit-power` measures how much). In the evidence
+    the driver is the policy; its regrets may be known already.
     """
     margin, angle = profile.margin, profile.angle
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    regret = tests.regret_test(regrets, angle, margin.regret, error, error / 2)
+    regret = bounds.regret_test(regrets, angle, margin.regret, error, error / 2)
     regret = replace(regret, angle=profile.angle)
     return join_tests(regret, evidence.policy, profile.competence, error)
 
 
 def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
     """Join the regret test, made at its share of the error, with the floor's (`decide`)."""
-    competence = tests.floor_tests(policy, floor, error, error / 2)
-    decision = tests.joint_decision(test.decision for test in (regret, *competence))
-    return Decisive(decision, regret, competence)
+    competence = floor_tests(policy, floor, error, error / 2)
+    tests = (regret, *competence)
+    decision = joint_decision(test.decision for test in tests)
+    undecided = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
+    needed = bounds.slowest(undecided) if decision is Decision.INCONCLUSIVE else None
+    return Decisive(decision, needed, regret, competence)
+
+
+def joint_decision(decisions: Iterable[Decision]) -> Decision:
+    """Return PASS if all tests pass, FAIL if any fails, else INCONCLUSIVE."""
+    outcomes = set(decisions)
+    if Decision.FAIL in outcomes:
+        return Decision.FAIL
+    return Decision.PASS if outcomes == {Decision.PASS} else Decision.INCONCLUSIVE
 
 
 _BEYOND = 20
 """Resamples beyond the quantile of a pass, at least; with one the quantile would be a guess."""
-
-
-def whole_error(confidence: float) -> float:
-    """Return the error of a verdict of one look, 1 - confidence."""
-    return round(1.0 - confidence, 9)  # 0.05, not 0.050000000000000044
 
 
 def enough_resamples(error: float, least: int = 2000) -> int:
@@ -130,34 +203,65 @@ def judge(
     """
     if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: collect it again")
-    error = whole_error(profile.confidence) if error is None else error
+    error = profile.error if error is None else error
     resamples = enough_resamples(error, resamples)
     angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
     decisive = decide(profile, evidence, seed, resamples, error, regrets)
-    undecided = decisive.decision is Decision.INCONCLUSIVE
-    deciding = (decisive.regret, *decisive.competence)
-    open_tests = [test.needed for test in deciding if test.decision is Decision.INCONCLUSIVE]
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
     estimate = None
     if identified:
         env, social = evidence.policy.totals.T.copy()
         estimate = estimate_angle(env, social, seed, profile.confidence, resamples)
+    calibration = angles.calibrate(
+        curve or evidence, angle, margin.degrees, identified, seed, error, resamples
+    )
+    rule, losses, contexts = profile.rule, evidence.policy.contexts, None
+    if rule is not None and losses is not None:
+        contexts = angles.followed_angles(rule, losses, CANDIDATES, profile.confidence)
     return Verdict(
         decision=decisive.decision,
         reason=_reason(decisive, profile.rule is not None),
         episodes=evidence.episodes,
-        needed=slowest(open_tests) if undecided else None,
+        needed=decisive.needed,
         error=error,
         regret=decisive.regret,
-        rationalised=tests.compatible_angles(regrets, margin.regret, error, error / 2),
+        rationalised=angles.compatible_angles(regrets, margin.regret, error, error / 2),
         alpha_hat=estimate,
         identifiability=ellipse,
-        calibration=calibrate(
-            curve or evidence, angle, margin.degrees, identified, seed, error, resamples
-        ),
+        calibration=calibration,
         competence=decisive.competence,
+        contexts=contexts,
+    )
+
+
+def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
+    """Return the verdict of an audit: INCONCLUSIVE where a finding forbids a pass.
+
+    A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
+    episodes would not decide.
+    """
+    if verdict.decision is Decision.FAIL or not findings:
+        return verdict
+    reason = " ".join(findings)
+    return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
+
+
+def dependence(consistency: Consistency | None) -> str:
+    """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
+
+    How it drove in the episodes is then no evidence about how it drives elsewhere.
+    """
+    if consistency is None or not consistency.dependences:
+        return ""
+    differing, queries = (
+        sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
+    )
+    return (
+        f"The policy's answers depend on {' and on '.join(consistency.dependences)}: "
+        f"{differing:,} of {queries:,} repeated queries got another answer, so its episodes don't "
+        "show how it drives elsewhere."
     )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,14 +20,8 @@ from socialiq.evaluation import road_training
 from socialiq.evaluation.exact import Ground, exact_regret
 from socialiq.learners import policy_iteration as iteration
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial import offline
-from socialiq.learners.dial.config import (
-    INTERSECTION,
-    PRESETS,
-    OfflineDialConfig,
-    OfflineDialHyperparameters,
-    check_fit,
-)
+from socialiq.learners.dial import config, offline
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
@@ -86,11 +79,11 @@ class Dial(Printing):
         structure = preset.structure
         if self.angle is not None:
             narrow = {"low": self.angle, "high": self.angle, "margin": 0.0}
-            structure = dataclasses.replace(structure, high_share=None, knots=0, **narrow)
+            structure = replace(structure, high_share=None, knots=0, **narrow)
         elif self.budget is not None:
             raise UserError("a budget is of the regret at one angle: add --angle")
         static, numbers = self.options.apply((structure, preset.numbers), self.size.settings())
-        runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
+        runs = [replace(numbers, seed=seed) for seed in self.seed]
         budget = self._dual_ascent(name, static, runs)
         if static.demonstrations and self.data is None:
             collect = "socialiq collect WORLD --clock --out FILE"
@@ -110,7 +103,7 @@ class Dial(Printing):
             if clock:
                 # Data of `collect` lack the time, which is the number of the step.
                 times, reward = world.options.decisions, world.options.timeout_weight
-                static = dataclasses.replace(static, redraw_times=times, timeout_reward=reward)
+                static = replace(static, redraw_times=times, timeout_reward=reward)
                 plain = world.n_features
                 data = [rows.with_clock() if rows.n_features == plain else rows for rows in data]
             sizes = (world.n_features + clock, world.n_actions)
@@ -121,10 +114,10 @@ class Dial(Printing):
             world = registry.make_grid(self.world)
             world = world.with_clock() if preset.clock else world
             times = world.horizon if static.redraw_times else 0
-            static = dataclasses.replace(static, one_hot=world.one_hot, redraw_times=times)
+            static = replace(static, one_hot=world.one_hot, redraw_times=times)
             sizes = (world.n_features, world.n_actions)
             simulator = world if static.online else None
-        check_fit(static, runs, data, simulator, sizes, collector is not None)
+        config.check_fit(static, runs, data, simulator, sizes, collector is not None)
         folder = shared.RunFolder(self.out, "dial", self.options, self.json)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             options = {"chunk": ASCENT_EVERY if budget else chunk, "before_chunk": collector}
@@ -149,7 +142,7 @@ class Dial(Printing):
                 "demonstrations alone: name that learner"
             )
         one_of("world", self.world, (*registry.GRIDWORLDS, *ROADS))
-        presets = {**PRESETS, ON_ROADS: INTERSECTION}
+        presets = {**config.PRESETS, ON_ROADS: config.INTERSECTION}
         road = self.world in ROADS
         name = self.preset or (ON_ROADS if road else "online-short")
         one_of("preset", name, tuple(presets))
@@ -166,7 +159,7 @@ class Dial(Printing):
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.updates <= ASCENT_EVERY:
             raise UserError(f"a budget is checked every {ASCENT_EVERY} updates: train for more")
-        ground = Ground.of(self.world).with_clock(PRESETS[preset].clock)
+        ground = Ground.of(self.world).with_clock(config.PRESETS[preset].clock)
         return Budget(exact_regret(ground, static, runs), np.full(len(runs), self.budget))
 
 
@@ -222,7 +215,7 @@ class ImproveDial(Printing):
             (road_training.ITERATION, road_training.ITERATION_NUMBERS), settings
         )
         static = iteration.with_network_of(structure, start)
-        runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
+        runs = [replace(numbers, seed=seed) for seed in self.seed]
         if self.environments < 1:
             raise UserError(f"environments must be at least 1, got {self.environments}")
         labellers = [
@@ -262,7 +255,7 @@ class OfflineDial(Printing):
         settings = encoding_of(self.world, data) | self.size.settings()
         configs = OfflineDialConfig(), OfflineDialHyperparameters()
         static, numbers = self.options.apply(configs, settings)
-        runs = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
+        runs = [replace(numbers, seed=seed) for seed in self.seed]
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
         with whole_folder(self.out) as folder:
             dials = self.write(folder, static, runs, data)
@@ -289,8 +282,8 @@ class OfflineDial(Printing):
                 ]
         write_atomically(folder / "metrics.csv", as_csv(metrics))
         record = {
-            "structure": dataclasses.asdict(static),
-            "numbers": [dataclasses.asdict(numbers) for numbers in runs],
+            "structure": asdict(static),
+            "numbers": [asdict(numbers) for numbers in runs],
             "preset": OFFLINE,
             "world": self.world,
             "data": shared.described_file(self.data),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,7 +52,7 @@ class PlainGridOptions:
                 raise UserError(f"this learner has no '{name}': leave --{name} out")
         names = [name for name in GRID if hasattr(base, name) and getattr(self, name, ())]
         return [
-            dataclasses.replace(base, **dict(zip(names, values, strict=True)))
+            replace(base, **dict(zip(names, values, strict=True)))
             for values in itertools.product(*(getattr(self, name) for name in names))
         ]
 
@@ -239,8 +238,8 @@ class RunFolder:
         ]
         write_atomically(self.out / "metrics.csv", as_csv(rows))
         settings = {
-            "structure": dataclasses.asdict(trained.static),
-            "numbers": [dataclasses.asdict(numbers) for numbers in trained.hyperparameters],
+            "structure": asdict(trained.static),
+            "numbers": [asdict(numbers) for numbers in trained.hyperparameters],
         }
         end = {"versions": versions(), "failures": trained.failures, PLURALS[self.kind]: policies}
         write_json(self.out / "run.json", rounded({**settings, **record, **end}))

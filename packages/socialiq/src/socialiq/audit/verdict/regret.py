@@ -1,4 +1,4 @@
-"""Bounds of a policy's regret: by the bootstrap at any angle, and by a declared largest loss.
+"""Test of a policy's regret: bounds by the bootstrap at any angle, and by a declared largest loss.
 
 Regret is ρ = max_k J_α(reference k) - J_α(policy), on common random numbers: every difference is
 taken within an episode, so the effect of a seed on all drivers cancels.
@@ -10,44 +10,26 @@ is then as good as impossible, whatever its size. With a declared largest loss t
 
 from __future__ import annotations
 
-import math
+import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.social.angle import exact_weights, score
-from socialiq.statistics import betting
-from socialiq.statistics import intervals as rare
-from socialiq.statistics.bootstrap import (
-    Moments,
-    Studentised,
-    largest_exceeds,
-    largest_lower_bound,
-    upper_bounds,
-)
+from socialiq.statistics import betting, bootstrap, intervals
 from socialiq.types import RewardPair
 
-POWER = 0.9
-"""Chance of a decision with the number of `episodes_needed`, if the estimate is true."""
 
+class Decision(enum.Enum):
+    """Outcome of a test, and of the whole audit."""
 
-def episodes_needed(distance: float, deviation: float, error: float) -> int | None:
-    """Return the number of episodes with which a one-sided test decides (normal approximation).
-
-    n = ((z_{1-error} + z_power) σ / distance)², with σ the deviation of one episode; None if the
-    distance between value and limit is 0, where no number is enough.
-    """
-    from scipy.stats import norm
-
-    if distance == 0.0:
-        return None
-    quantiles = float(norm.isf(error)) + float(norm.ppf(POWER))
-    episodes = (quantiles * deviation / distance) ** 2
-    return max(1, math.ceil(episodes)) if episodes < 1e12 else None
+    PASS = "pass"
+    FAIL = "fail"
+    INCONCLUSIVE = "inconclusive"
 
 
 def slowest(needs: Sequence[int | None]) -> int | None:
@@ -60,13 +42,8 @@ class Regrets:
     """Regret and its bounds at any angle, from one set of resamples.
 
     References with exact expectations are the complete set of optima (`drive.exact_optima`): the
-    best one at an angle is then known, not selected by the data, and it alone is compared.
-
-    Args:
-        evidence: Policy and references.
-        seed: Seed of the resampling.
-        resamples: Number of resamples.
-        largest_loss: Declared largest loss of an episode at the declared angle, or None.
+    best one at an angle is then known, not selected by the data, and it alone is compared. A
+    largest loss is that of an episode at the declared angle.
     """
 
     def __init__(
@@ -79,7 +56,7 @@ class Regrets:
         self.largest_loss = largest_loss
         self.evidence = evidence
         self._gains = evidence.gains()
-        self.moments = Moments.of(self._gains, seed, resamples)
+        self.moments = bootstrap.Moments.of(self._gains, seed, resamples)
         drivers = (evidence.policy, *evidence.references)
         self._totals = np.concatenate([driver.totals for driver in drivers])
 
@@ -116,7 +93,7 @@ class Regrets:
         lows = gains.rare_lows(error)
         if not gains.rare.all():
             share = error * float((~gains.rare).mean())
-            lows.append(largest_lower_bound(gains.resampled.of(~gains.rare), share))
+            lows.append(bootstrap.largest_lower_bound(gains.resampled.of(~gains.rare), share))
         return max(lows)
 
     def band(
@@ -132,7 +109,7 @@ class Regrets:
             return within, True
         share = fail_error * float((~gains.rare).mean())
         usual = gains.resampled.of(~gains.rare)
-        return within, share > 0 and largest_exceeds(usual, margin, share)
+        return within, share > 0 and bootstrap.largest_exceeds(usual, margin, share)
 
     def needed(self, angle: float, best: int, distance: float, error: float) -> int | None:
         """Return the number of episodes that would decide, if the estimate is true.
@@ -142,17 +119,17 @@ class Regrets:
         gains = self._at(angle, np.array([best]))
         if gains.rare[0]:
             common = float(np.median(gains.values[0]))
-            count = rare.deviating(gains.values[0], gains.reach)
-            return rare.episodes_needed(distance, common, gains.reach, count, error)
+            count = intervals.deviating(gains.values[0], gains.reach)
+            return intervals.episodes_if_rare(distance, common, gains.reach, count, error)
         deviation = float(gains.resampled.error[0]) * self.moments.episodes**0.5
-        return episodes_needed(distance, deviation, error)
+        return intervals.episodes_needed(distance, deviation, error)
 
     def _at(self, angle: float, rows: Int64[np.ndarray, " row"]) -> _Gains:
         weights = exact_weights(angle)
         gains = np.moveaxis(self._gains[rows], 2, 0)
         values = np.asarray(score(weights, RewardPair(*gains)))
         reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
-        seldom = [rare.seldom(gain, reach) for gain in values]
+        seldom = [intervals.seldom(gain, reach) for gain in values]
         return _Gains(self.moments.at(weights, rows), values, reach, np.array(seldom))
 
 
@@ -163,23 +140,23 @@ class _Gains(NamedTuple):
     of which references nearly all differences are equal (`statistics.intervals`).
     """
 
-    resampled: Studentised
+    resampled: bootstrap.Studentised
     values: Float[np.ndarray, "reference episode"]
     reach: float
     rare: Bool[np.ndarray, " reference"]
 
     def highs(self, error: float) -> Float[np.ndarray, " reference"]:
         """Return the upper bound of each."""
-        highs = upper_bounds(self.resampled, error)
+        highs = bootstrap.upper_bounds(self.resampled, error)
         for row in np.flatnonzero(self.rare):
-            highs[row] = rare.bounds(self.values[row], self.reach, error, error).high
+            highs[row] = intervals.bounds(self.values[row], self.reach, error, error).high
         return highs
 
     def rare_lows(self, error: float) -> list[float]:
         """Return lower bounds of the rare ones, each at its share of an error (Bonferroni)."""
         share = error / len(self.rare)
         rows = np.flatnonzero(self.rare)
-        return [rare.bounds(self.values[row], self.reach, share, share).low for row in rows]
+        return [intervals.bounds(self.values[row], self.reach, share, share).low for row in rows]
 
 
 _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
@@ -219,7 +196,7 @@ def loss_bounds(
     """
     within = _without_rounding(losses, largest_loss)
     below = betting.levels(margin, largest_loss)
-    highs = betting.upper_bounds(within, below, largest_loss, pass_error)
+    highs = betting.bounds_by_betting(within, below, largest_loss, pass_error)
     above = betting.levels(margin, largest_loss, between=True)
     low = betting.lower_bound_of_largest(within[compared], above, largest_loss, fail_error)
     return LossBounds(
@@ -243,10 +220,12 @@ def needed_with(
     rows = _without_rounding(losses, largest_loss)[compared]
     means = rows.mean(axis=1)
     if means.max() > margin:
-        best = -rows[means.argmax()]
-        return betting.episodes_needed(best, -margin, largest_loss, error, POWER)
+        rows, margin = -rows[[means.argmax()]], -margin
     return slowest(
-        [betting.episodes_needed(row, margin, largest_loss, error, POWER) for row in rows]
+        [
+            betting.episodes_by_betting(row, margin, largest_loss, error, intervals.POWER)
+            for row in rows
+        ]
     )
 
 
@@ -255,3 +234,100 @@ def _without_rounding(
 ) -> Float[np.ndarray, "reference episode"]:
     nearly = np.abs(losses) <= largest_loss * (1.0 + _ROUNDING)
     return np.where(nearly, losses.clip(-largest_loss, largest_loss), losses)
+
+
+@dataclass(frozen=True)
+class AgainstReference:
+    """Regret towards one reference: estimate, and upper bound at the pass error."""
+
+    name: str  # name of the reference
+    regret: float  # J_α(reference) - J_α(policy), reward per episode
+    high: float  # one-sided upper bound
+    compared: bool  # whether the test uses it; see `Regrets`
+
+
+@dataclass(frozen=True)
+class RegretTest:
+    """Whether the regret ρ at the declared angle is within the margin, in reward per episode.
+
+    It passes if `high` <= margin, and fails if `low` > margin or the declaration is `broken`. These
+    bounds are by betting, which holds for any distribution within a declared largest loss, or by
+    the bootstrap, if none is declared.
+    """
+
+    decision: Decision
+    angle: float  # declared, degrees
+    margin: float
+    regret: float  # estimate of ρ
+    low: float  # one-sided lower bound of ρ at `fail_error`
+    high: float  # one-sided upper bound of ρ at `pass_error`
+    pass_error: float  # largest chance of a pass although ρ exceeds the margin
+    fail_error: float  # largest chance of a fail although ρ is within the margin
+    bound: Literal["betting", "bootstrap"]  # method of `low` and `high`
+    bootstrap_low: float
+    bootstrap_high: float
+    largest_loss: float | None  # of an episode, if one is declared
+    seen_loss: float  # largest loss of an episode
+    seen_against: str  # name of the reference against which the policy lost it
+    best: str  # name of the reference with the largest estimate
+    references: tuple[AgainstReference, ...]
+    episodes: int
+    needed: int | None  # episodes that decide in 9 of 10 audits, if the estimate is not the margin
+
+    @property
+    def broken(self) -> bool:
+        """Whether an episode shows that the declared largest loss is false."""
+        return self.largest_loss is not None and exceeds(self.seen_loss, self.largest_loss)
+
+
+def regret_test(
+    regrets: Regrets,
+    angle: float,
+    margin: float,
+    pass_error: float = 0.05,
+    fail_error: float = 0.05,
+) -> RegretTest:
+    """Test ρ <= margin at an angle.
+
+    With a declared largest loss the bounds by betting decide, and nothing else needs to be
+    assumed. An episode that lost more shows that the declaration is false: that fails. The angle is
+    the declared one in degrees, the margin in reward per episode; errors are one-sided.
+    """
+    compared, largest_loss = regrets.compared(angle), regrets.largest_loss
+    usual = LossBounds(regrets.low(angle, fail_error), regrets.highs(angle, pass_error))
+    means, losses = regrets.means(angle), regrets.losses(angle)
+    best = int(np.where(compared, means, -np.inf).argmax())
+    estimate = float(means[best])
+    error = pass_error if estimate <= margin else fail_error
+    if largest_loss is None:
+        used, needed = usual, regrets.needed(angle, best, margin - estimate, error)
+    else:
+        used = loss_bounds(losses, compared, margin, largest_loss, pass_error, fail_error)
+        needed = needed_with(losses, compared, margin, largest_loss, error)
+    high = float(used.highs[compared].max())
+    most = np.where(compared, losses.max(axis=1), -np.inf)
+    broken = largest_loss is not None and exceeds(float(most.max()), largest_loss)
+    names = [reference.name for reference in regrets.evidence.references]
+    columns = (means.tolist(), used.highs.tolist(), compared.tolist())
+    decision = Decision.FAIL if used.low > margin else Decision.INCONCLUSIVE
+    decision = Decision.PASS if high <= margin else decision
+    return RegretTest(
+        decision=Decision.FAIL if broken else decision,
+        angle=angle,
+        margin=margin,
+        regret=estimate,
+        low=used.low,
+        high=high,
+        pass_error=pass_error,
+        fail_error=fail_error,
+        bound="bootstrap" if largest_loss is None else "betting",
+        bootstrap_low=usual.low,
+        bootstrap_high=float(usual.highs[compared].max()),
+        largest_loss=largest_loss,
+        seen_loss=float(most.max()),
+        seen_against=names[int(most.argmax())],
+        best=names[best],
+        references=tuple(map(AgainstReference, names, *columns)),
+        episodes=regrets.evidence.episodes,
+        needed=needed,
+    )
