@@ -68,6 +68,6 @@ def test_a_crash_is_no_verdict(failed, monkeypatch, capsys):
     def broken(*_):
         raise RuntimeError("a fault of the program")
 
-    monkeypatch.setattr("socialiq.cli.audit_verify.check_folder", broken)
+    monkeypatch.setattr("socialiq.audit.report.verify.check_folder", broken)
     assert main(["audit", "verify", str(out)]) == 70
     assert capsys.readouterr().err.endswith("please report the lines above\n")

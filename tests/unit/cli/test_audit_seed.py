@@ -6,7 +6,6 @@ import pytest
 
 from socialiq.audit.log import read
 from socialiq.audit.seeds import read_nonce, round_after, time_of
-from socialiq.cli import audit
 from socialiq.cli.main import main
 
 
@@ -41,7 +40,7 @@ def test_a_commitment_to_a_nonce(tmp_path, call, capsys):
 
 def test_a_commitment_to_a_round_of_soon(tmp_path, call, capsys, monkeypatch):
     now = time_of(34_200_000)
-    monkeypatch.setattr(audit, "now", lambda: now)
+    monkeypatch.setattr("socialiq.audit.log.now", lambda: now)
     monkeypatch.setattr("socialiq.audit.look.now", lambda: now)
     assert main([*call, "--log", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

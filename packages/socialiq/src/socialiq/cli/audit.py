@@ -12,10 +12,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit import conduct, look, seeds
-from socialiq.audit.log import now
-from socialiq.audit.report import views
-from socialiq.audit.report.folder import check_target
+from socialiq.audit import conduct, log, look, seeds
+from socialiq.audit.report import folder, views
 from socialiq.audit.request import Request, Trust
 from socialiq.cli.output import Display, Printing, print_json, print_table, say
 from socialiq.errors import UserError
@@ -110,7 +108,7 @@ class Audit(Printing):
 
     def run(self) -> int:
         """Audit, write the report, print the verdict."""
-        check_target(self.out, self.replace)
+        folder.check_target(self.out, self.replace)
         check_processes(self.processes)
         request = Request(
             policy=self.policy,
@@ -242,7 +240,7 @@ class Commit(Printing):
                 raise UserError("an audit has one seed: give --nonce-sha256 or --beacon-round")
             source = look.of_nonce(self.nonce_sha256)
         else:
-            number = seeds.round_after(now() + _AHEAD) if number is None else number
+            number = seeds.round_after(log.now() + _AHEAD) if number is None else number
             source = look.of_beacon(number)
         entry = conduct.commit_to(request, source)
         if self.json:

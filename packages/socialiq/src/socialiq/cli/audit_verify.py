@@ -14,10 +14,8 @@ import tyro
 
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report import signature, words
+from socialiq.audit.report import recompute, signature, verify, words
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
-from socialiq.audit.report.recompute import differences, opened_of
-from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
 from socialiq.audit.request import Request
 from socialiq.cli.audit import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
@@ -68,10 +66,10 @@ class Verify(Printing):
             refuse_unused(self, (*unused, "world", "reference", "threads"), "--rerun")
             refuse_unused(self.code, [field.name for field in fields(self.code)], "--rerun")
         key = None if self.key is None else signature.read_public_key(self.key)
-        findings = check_folder(self.folder)
+        findings = verify.check_folder(self.folder)
         faults, checked = findings.faults, list(findings.checked)
         if key is not None and not faults:
-            faults = signature.faults_of_signature(content_of(self.folder), key)
+            faults = signature.faults_of_signature(verify.content_of(self.folder), key)
             checked.append(f"signature by the key {signature.key_id(key)}")
             policy = Path(self.policy)
             signed = policy.is_file() and path_of_signature(policy).is_file()
@@ -81,12 +79,12 @@ class Verify(Printing):
                 fault = fault or fault_of_model(policy, path_of_signature(policy), self.key)
                 faults = [fault] if fault else []
         if self.log is not None and not faults:
-            faults = faults_by_log(self.folder, self.log)
+            faults = verify.faults_by_log(self.folder, self.log)
             checked.append("audit log")
         if self.rerun and not faults:
             faults = self._again()
             checked.append("episodes, run again")
-        claims = read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
+        claims = verify.read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
         if self.log is not None and words.OF_A_LOG in claims:
             claims.remove(words.OF_A_LOG)
         if self.json:
@@ -122,8 +120,8 @@ class Verify(Printing):
 
     def _again(self) -> list[str]:
         """Run the audit again and compare; a report, maybe untrusted, doesn't choose the code."""
-        files = content_of(self.folder)
-        report = read_report(self.folder / REPORT)
+        files = verify.content_of(self.folder)
+        report = verify.read_report(self.folder / REPORT)
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
         world = parse(files[PROFILE], PROFILE).scenario.world
@@ -149,13 +147,12 @@ class Verify(Printing):
                 threads=self.threads,
                 shift=report["shift"] is not None,
             )
-            done = conduct(request, say, opened_of(report))
+            done = conduct(request, say, recompute.opened_of(report))
         fresh = json.loads(json.dumps(done.report))
         tables = tables_of(done.audited.evidence)
         differing = [name for name in tables if files.get(name) != tables[name]]
-        return [
-            f"{path} differs in the rerun" for path in [*differing, *differences(report, fresh)]
-        ]
+        paths = [*differing, *recompute.differences(report, fresh)]
+        return [f"{path} differs in the rerun" for path in paths]
 
 
 _NOT_RUN = "whether the episodes were run, and how the vehicles moved (--rerun runs them again)"
@@ -181,7 +178,7 @@ def _asks_to_run(what: str, option: str) -> UserError:
 
 def _fault_of_policy(folder: Path, policy: Path) -> str:
     """Return why a file is not the policy that was audited; "" if it is."""
-    audited = read_report(folder / REPORT)["hashes"]["policy"]
+    audited = verify.read_report(folder / REPORT)["hashes"]["policy"]
     if sha256_of_file(policy) == audited:
         return ""
     return f"{policy} is not the policy that was audited: its hash differs"
@@ -208,14 +205,14 @@ class Sign(Printing):
     def run(self) -> int:
         """Check the folder, sign, write `statement.dsse.json`, and the policy's signature."""
         key = signature.read_private_key(self.key)
-        findings = check_folder(self.folder)
+        findings = verify.check_folder(self.folder)
         for line in findings.faults:
             complain(line)
         for name in findings.not_checked:
             complain(f"{name} is not checked: sign with the version of socialiq that wrote it")
         if findings.faults or findings.not_checked:
             return 1 if findings.faults else 3
-        content = content_of(self.folder)
+        content = verify.content_of(self.folder)
         files = {}
         if self.policy is not None:
             if fault := _fault_of_policy(self.folder, self.policy):

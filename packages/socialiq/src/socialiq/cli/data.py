@@ -12,14 +12,12 @@ import tyro
 from socialiq.cli.drivers import continuous_driver_of
 from socialiq.cli.output import Printing
 from socialiq.cli.words import refuse_unused
-from socialiq.datasets import arrays, minari, trajectories
-from socialiq.datasets.step_files import format_of, read_steps, write_steps
+from socialiq.datasets import arrays, minari, step_files, trajectories
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
-from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
@@ -120,7 +118,8 @@ class Collect(Printing):
         world = registry.make_grid(self.world)
         table = tabulate(world.with_clock() if self.clock else world)
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
-        return demonstrations_by_mode(table, dict.fromkeys(MODES, longest), self.seed)
+        counts = dict.fromkeys(rollout.MODES, longest)
+        return rollout.demonstrations_by_mode(table, counts, self.seed)
 
     def driven(self) -> dict[str, Demonstrations]:
         """Return episodes of the given drivers in an environment, by the mode's name."""
@@ -214,7 +213,8 @@ class FromArrays(_Reader):
 
     def read(self, **options: Any) -> Demonstrations:
         """Read the file."""
-        return read_steps(self.file, n_actions=self.n_actions, mode_names=self.mode, **options)
+        options |= {"n_actions": self.n_actions, "mode_names": self.mode}
+        return step_files.read_steps(self.file, **options)
 
 
 @dataclass(frozen=True)
@@ -231,10 +231,10 @@ class ToArrays(Printing):
 
     def run(self) -> int:
         """Read, write, print the counts."""
-        format_of(self.out)
+        step_files.format_of(self.out)
         refuse_existing(self.out)
         table = files.load(self.file, continuous=True)
-        write_steps(self.out, table, replace=False)
+        step_files.write_steps(self.out, table, replace=False)
         return show_counts(self, files.sha256_of(table), table)
 
 

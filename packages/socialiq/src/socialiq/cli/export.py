@@ -17,9 +17,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import refuse_existing
-from socialiq.policies.card import card_materials, model_card
-from socialiq.policies.export import to_onnx, to_safetensors
-from socialiq.policies.load import read_native
+from socialiq.policies import card, export, load
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
@@ -67,7 +65,8 @@ class Export(Printing):
                 "angle, or give --format card or bom"
             )
         else:
-            content = to_onnx(policy) if self.format == "onnx" else to_safetensors(policy)
+            write = export.to_onnx if self.format == "onnx" else export.to_safetensors
+            content = write(policy)
         write_atomically(self.out, content, replace=False)
         written = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         written |= {"sha256": hashlib.sha256(content).hexdigest()}
@@ -83,12 +82,12 @@ class Export(Printing):
         if kind in (DialPolicy.KIND, ActorDial.KIND):
             if self.angle is None:
                 raise UserError(f"{path} is a dial: add --angle")
-            return read_native(path, None, self.angle)[0], {}
+            return load.read_native(path, None, self.angle)[0], {}
         if self.angle is not None:
             raise UserError(f"{one_line(self.policy)} is not a dial: leave --angle out")
         if shipped:
             return atlas.load(self.policy), atlas.manifest()[self.policy]
-        policy, _ = read_native(path, None)
+        policy, _ = load.read_native(path, None)
         record = path.parent / "run.json"
         if kind == ContextPolicy.KIND or not record.is_file():
             return policy, {}
@@ -116,10 +115,10 @@ class Export(Printing):
             {"training": training, "evaluation": evaluation},
         )
         if self.format == "card":
-            return model_card(policy, name, evaluated_by=words, **facts).encode()
+            return card.model_card(policy, name, evaluated_by=words, **facts).encode()
         file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
         sha256 = sha256_of_file(file) if file is not None and file.is_file() else ""
-        return card_materials(policy, name, file_sha256=sha256, **facts)
+        return card.card_materials(policy, name, file_sha256=sha256, **facts)
 
 
 def _object(path: Path) -> dict[str, Any]:
