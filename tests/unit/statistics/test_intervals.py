@@ -4,7 +4,7 @@ import pytest
 from scipy.stats import binomtest
 
 from socialiq.errors import UserError
-from socialiq.statistics.intervals import clopper_pearson, wilson
+from socialiq.statistics.intervals import clopper_pearson, episodes_needed, wilson
 
 
 def test_wilson_by_hand():
@@ -46,3 +46,11 @@ def test_clopper_pearson_is_scipys(count, trials):
 def test_no_trial_is_refused(interval):
     with pytest.raises(UserError, match="at least one trial"):
         interval(0, 0)
+
+
+def test_episodes_needed_by_hand():
+    # ((1.644854 + 1.281552) * 2 / 0.5)^2 = 137.02
+    assert episodes_needed(0.5, 2.0, 0.05) == 138
+    assert episodes_needed(-0.5, 2.0, 0.05) == 138
+    assert episodes_needed(0.0, 2.0, 0.05) is None
+    assert episodes_needed(5.0, 0.0, 0.05) == 1

@@ -140,10 +140,10 @@ def default_options(name: str) -> dict[str, Any]:
     return {option: default for option, default in fields.items() if option not in implied}
 
 
-def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
-    """Return the options of a world of `worlds.CONTINUOUS`, given values by name of the field."""
+def continuous_options(name: str) -> ContinuousOptions:
+    """Return the options of a world of `worlds.CONTINUOUS`."""
     one_of("world with continuous actions", name, tuple(CONTINUOUS))
-    return parse_options(name, ContinuousOptions, {**CONTINUOUS[name], **(given or {})})
+    return ContinuousOptions(**CONTINUOUS[name])
 
 
 def parse_options(world: str, kind: type[Kind], given: Mapping[str, Any]) -> Kind:

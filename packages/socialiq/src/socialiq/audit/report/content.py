@@ -99,11 +99,10 @@ def results_of(audited: Audited) -> Results:
         )
     verdict = conclude(verdict, [text for text in findings if text])
     strata = judged.stratified(compared, profile.angle, verdict.regret.best, profile.confidence)
-    traffic = audited.traffic
-    shifts = judged.shift_of(profile, compared, traffic, there, seed) if traffic else None
-    return Results(
-        verdict, discrimination, strata, shifts, judged.sentence_of(shifts) if shifts else ""
-    )
+    if not audited.traffic:
+        return Results(verdict, discrimination, strata, None, "")
+    shifts = judged.shift_of(profile, compared, audited.traffic, there, seed)
+    return Results(verdict, discrimination, strata, shifts, judged.sentence_of(shifts))
 
 
 def content(audited: Audited) -> dict[str, Any]:
@@ -208,9 +207,8 @@ def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | 
 
 def _declaration(profile: Profile) -> dict[str, Any]:
     """Return the declaration; one of a constant angle has no field of a rule."""
-    declared = vars(profile) | {"sha256": profile.sha256}
-    rule = declared.pop("rule")
-    del declared["source"]
+    declared, rule = {**vars(profile), "sha256": profile.sha256}, profile.rule
+    del declared["rule"], declared["source"]
     if rule is not None:
         declared["angle_rule"] = {"words": rule.words, "content": rule.as_json()}
     return declared

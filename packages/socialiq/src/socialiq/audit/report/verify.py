@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -49,15 +48,11 @@ def _parsed(content: bytes, path: Path) -> dict[str, Any]:
         json.dumps(report, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path} is not JSON: restore it, or audit again") from error
-    fault = fault_of(report, _schema())
+    schema = files("socialiq.audit.report").joinpath("report.schema.json").read_text()
+    fault = fault_of(report, json.loads(schema))
     if fault:
         raise UserError(f"{path} is not a report of this version: {fault}; audit again")
     return report
-
-
-@cache
-def _schema() -> dict[str, Any]:
-    return json.loads(files("socialiq.audit.report").joinpath("report.schema.json").read_text())
 
 
 def fault_of(value: Any, schema: dict[str, Any]) -> str:

@@ -1,30 +1,11 @@
-"""The primary test and the compatible angles by hand."""
+"""The regret test and the compatible angles by hand."""
 
 import numpy as np
 import pytest
-from scipy.stats import binom, binomtest
 
-from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.calibration import compatible_angles
 from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
-from socialiq.audit.verdict.verdict import floor_tests, joint_decision
-from socialiq.statistics.intervals import clopper_pearson, episodes_needed, wilson
-from socialiq.types import Ending, RewardPair
-
-
-def test_one_that_fails_fails_all():
-    passes, fails, undecided = Decision.PASS, Decision.FAIL, Decision.INCONCLUSIVE
-    assert joint_decision([passes, passes]) is passes
-    assert joint_decision([passes, undecided]) is undecided
-    assert joint_decision([passes, undecided, fails]) is fails
-
-
-def test_episodes_needed_by_hand():
-    # ((1.644854 + 1.281552) * 2 / 0.5)^2 = 137.02
-    assert episodes_needed(0.5, 2.0, 0.05) == 138
-    assert episodes_needed(-0.5, 2.0, 0.05) == 138
-    assert episodes_needed(0.0, 2.0, 0.05) is None
-    assert episodes_needed(5.0, 0.0, 0.05) == 1
+from socialiq.types import RewardPair
 
 
 def made(found, angle=0.0, margin=0.5, **errors):
@@ -181,89 +162,3 @@ def test_the_lower_bounds_of_rare_gains_share_the_error(outcomes, evidence):
     )
     share = 1.0 - 0.025 ** (1 / 100)
     assert found.low == pytest.approx(1.0 - 2.0 * share)
-
-
-FLOOR = Floor(max_at_fault=0.1, max_struck=0.1, min_arrival=0.8, max_timeout=0.1)
-
-
-def driver(outcomes, at_fault=0, struck=0, timeout=0, episodes=200):
-    collided = [Ending.COLLISION] * (at_fault + struck) + [Ending.TIMEOUT] * timeout
-    kinds = collided + [Ending.ARRIVAL] * (episodes - len(collided))
-    contact = [1] * at_fault + [2] * struck + [0] * (episodes - at_fault - struck)
-    return outcomes("driver", [[0.0, 0.0]] * episodes, kinds, contact)
-
-
-def by_name(outcomes, floor=FLOOR, **events):
-    return {one.name: one for one in floor_tests(driver(outcomes, **events), floor)}
-
-
-def test_bounds_are_exact_at_their_levels(outcomes):
-    found = by_name(outcomes, at_fault=10)
-    # Passing at 5 % one-sided, failing at 5 % / 4.
-    upper = binomtest(10, 200).proportion_ci(0.9, "exact").high
-    lower = binomtest(10, 200).proportion_ci(0.975, "exact").low
-    assert (found["at_fault"].low, found["at_fault"].high) == pytest.approx((lower, upper))
-    arrived = binomtest(190, 200)
-    assert found["arrival"].low == pytest.approx(arrived.proportion_ci(0.9, "exact").low)
-    assert found["arrival"].high == pytest.approx(arrived.proportion_ci(0.975, "exact").high)
-    assert found["arrival"].share == 0.95 and found["arrival"].count == 190
-
-
-@pytest.mark.parametrize(
-    ("events", "name", "decision"),
-    [
-        ({}, "at_fault", Decision.PASS),
-        ({"at_fault": 10}, "at_fault", Decision.PASS),
-        ({"at_fault": 20}, "at_fault", Decision.INCONCLUSIVE),
-        ({"at_fault": 40}, "at_fault", Decision.FAIL),
-        ({"at_fault": 40}, "struck", Decision.PASS),
-        ({"struck": 40}, "struck", Decision.FAIL),
-        ({"struck": 40}, "at_fault", Decision.PASS),
-        ({"timeout": 40}, "timeout", Decision.FAIL),
-        ({"timeout": 40}, "arrival", Decision.INCONCLUSIVE),
-        ({"timeout": 80}, "arrival", Decision.FAIL),
-        ({"timeout": 10}, "arrival", Decision.PASS),
-    ],
-)
-def test_each_criterion_by_itself(outcomes, events, name, decision):
-    assert by_name(outcomes, **events)[name].decision is decision
-
-
-def test_nothing_seen_is_not_nothing(outcomes):
-    floor = Floor(max_at_fault=0.0, max_struck=1.0, min_arrival=0.0, max_timeout=1.0)
-    found = by_name(outcomes, floor)
-    assert found["at_fault"].decision is Decision.INCONCLUSIVE  # never is beyond any sample
-    assert found["at_fault"].needed is None
-    assert {found[name].decision for name in ("struck", "arrival", "timeout")} == {Decision.PASS}
-
-
-def test_episodes_needed(outcomes):
-    # 0.05 against 0.1 with σ² = 0.09: (2.926 * 0.3 / 0.05)² = 309
-    assert by_name(outcomes, at_fault=10)["at_fault"].needed == pytest.approx(309, abs=1)
-
-
-@pytest.mark.parametrize("episodes", [20, 100, 500])
-def test_a_wrong_decision_at_the_limit_keeps_its_level(outcomes, episodes):
-    """Exactly, by the binomial distribution; Wilson's bounds did not (the next test)."""
-    counts = np.arange(episodes + 1)
-    found = [by_name(outcomes, at_fault=count, episodes=episodes)["at_fault"] for count in counts]
-    high, low = (np.array([getattr(one, name) for one in found]) for name in ("high", "low"))
-    for limit in (0.005, 0.01, 0.02, 0.05, 0.08, 0.1, 0.2, 0.5):
-        chances = binom.pmf(counts, episodes, limit)
-        assert chances[high <= limit].sum() <= 0.05, limit
-        assert chances[low > limit].sum() <= 0.05 / 4, limit
-
-
-def test_what_exact_bounds_cost_and_give():
-    """The table of docs/audit.md: 500 episodes, a wrong pass at 5 %, a wrong fail at 5 % / 8."""
-    limits = np.concatenate([np.arange(0.002, 0.1, 0.002), np.arange(0.1, 0.5, 0.01)])
-    for interval, rates in ((wilson, (0.054, 0.021)), (clopper_pearson, (0.050, 0.006))):
-        high = np.array([interval(count, 500, 0.9).high for count in range(501)])
-        low = np.array([interval(count, 500, 1 - 0.1 / 8).low for count in range(501)])
-        passes = max(binom.pmf(np.flatnonzero(high <= one), 500, one).sum() for one in limits)
-        fails = max(binom.pmf(np.flatnonzero(low > one), 500, one).sum() for one in limits)
-        assert (passes, fails) == pytest.approx(rates, abs=6e-4)
-        good = [
-            binom.pmf(np.flatnonzero(high <= one), 500, one / 2).sum() for one in (0.02, 0.05, 0.1)
-        ]
-        assert good == pytest.approx([0.44, 0.87, 0.995], abs=5e-3)
