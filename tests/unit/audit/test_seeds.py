@@ -60,10 +60,13 @@ def test_seeds_out_of_range_are_refused(seed):
         Request("wait", Path("profile.toml"), 20, seed).check()
 
 
-@pytest.mark.parametrize("known", [(7, "n", None), (7, None, "b"), (None, "n", "b")])
-def test_an_audit_has_one_seed(known):
+@pytest.mark.parametrize(
+    ("seed", "nonce", "beacon"),
+    [(7, Path("n"), None), (7, None, Path("b")), (None, Path("n"), Path("b"))],
+)
+def test_an_audit_has_one_seed(seed, nonce, beacon):
     with pytest.raises(UserError, match="give one of --seed, --nonce and --beacon"):
-        seeds.origin_of(*known)
+        seeds.origin_of(seed, nonce, beacon)
 
 
 def test_a_nonce_is_new_secret_and_read_back(tmp_path):
