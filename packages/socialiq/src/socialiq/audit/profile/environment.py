@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import importlib.metadata
 import json
 import sys
@@ -18,6 +17,7 @@ from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymSimulator
+from socialiq.reading import sha256_of_file
 from socialiq.worlds import scene_named
 from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
 from socialiq.worlds.gym import RoadEnv
@@ -96,6 +96,7 @@ class Environment(World):
         # The file of the module in the name.
         file = getattr(sys.modules.get(module), "__file__", None)
         file = module if module.endswith(".py") else file
+        own_file = {module: sha256_of_file(Path(file))} if file else {}
         kwargs = "{}"
         if spec is not None:  # values without a JSON form become their type's name
             kwargs = json.dumps(dict(spec.kwargs), default=lambda value: type(value).__name__)
@@ -106,7 +107,7 @@ class Environment(World):
             **(action_bounds(self.env) or {"n_actions": sizes(self.env)[1]}),
             "max_episode_steps": None if spec is None else spec.max_episode_steps,
             "kwargs": json.loads(kwargs),
-            "sources": _sources(self._parts()) | ({module: _sha256(file)} if file else {}),
+            "sources": _sources(self._parts()) | own_file,
             "versions": _versions(self._parts()),
         }
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
@@ -183,12 +184,8 @@ def _sources(objects: list[Any]) -> dict[str, str]:
         members = (defined, *vars(kind).values())
         codes = (getattr(member, "__code__", None) for member in members)
         file = next((code.co_filename for code in codes if code is not None), "")
-        files[_module_of(defined)] = file
-    return {name: _sha256(file) for name, file in sorted(files.items()) if Path(file).is_file()}
-
-
-def _sha256(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        files[_module_of(defined)] = Path(file)
+    return {name: sha256_of_file(path) for name, path in sorted(files.items()) if path.is_file()}
 
 
 def _versions(objects: list[Any]) -> dict[str, str]:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
 from socialiq.outputs import check_output_folder, whole_folder
+from socialiq.policies.interface import sha256_of
 from socialiq.storage import write_atomically
 
 REPORT, EVIDENCE, PROFILE = "report.json", "episodes.csv", "profile.toml"
@@ -47,7 +47,7 @@ def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, b
 def manifest(files: Mapping[str, bytes]) -> bytes:
     """Return the lines of `sha256sum` for all files, in the order of the paths."""
     names = sorted(files.keys() - {MANIFEST, SIGNATURES})
-    return "".join(f"{_sha256(files[name])}  {name}\n" for name in names).encode()
+    return "".join(f"{sha256_of(files[name])}  {name}\n" for name in names).encode()
 
 
 def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
@@ -56,7 +56,7 @@ def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
     content = {
         "_type": _STATEMENT_TYPE,
         "subject": [
-            {"name": name, "digest": {"sha256": _sha256(files[name])}}
+            {"name": name, "digest": {"sha256": sha256_of(files[name])}}
             for name in sorted(files.keys() - SEALS)
         ],
         "predicateType": PREDICATE_TYPE,
@@ -74,10 +74,6 @@ def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
         },
     }
     return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def files_of(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +20,7 @@ from socialiq.audit.seeds import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
-from socialiq.reading import open_file
+from socialiq.reading import open_file, sha256_of_file
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
 
@@ -264,7 +263,6 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         if logged != told
     ]
     result = log.following(RESULT, look.entry)
-    sha256 = hashlib.sha256((folder / REPORT).read_bytes()).hexdigest()
-    if result is None or result["report_sha256"] != sha256:
+    if result is None or result["report_sha256"] != sha256_of_file(folder / REPORT):
         differing.append(f"{path} has another result for look {number}, or none")
     return differing
