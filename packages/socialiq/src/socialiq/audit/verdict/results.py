@@ -1,4 +1,4 @@
-"""All results of an audit: verdict, other drivers that would pass, kinds of episodes, shift check.
+"""Results beside the verdict: other drivers that would pass, kinds of episodes, shift check.
 
 A policy could be made to behave in audits only (thesis 9.5), so the shift check runs it in traffic
 that the declaration doesn't name. Its result is reported beside the verdict and decides nothing.
@@ -16,9 +16,8 @@ import numpy as np
 from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
-from socialiq.audit.verdict import verdict as joint
 from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import decide
+from socialiq.audit.verdict.verdict import decide, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
@@ -233,7 +232,7 @@ def discriminate(
     are left out of the evidence (`Evidence.without`).
     """
     level = profile.error if error is None else error
-    count = joint.enough_resamples(level, resamples)
+    count = enough_resamples(level, resamples)
     constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
     drivers = [(driver, driver.name in constant) for driver in evidence.references]
     drivers += [(driver, True) for driver in evidence.trivial]

@@ -1,7 +1,7 @@
 """The joint verdict: all tests on the same evidence, one decision, one sentence.
 
 A margin can be so wide, and a floor so open, that no driver breaks the declaration. A pass is then
-no evidence of the policy's behaviour (`discriminate`).
+no evidence of the policy's behaviour (`results.discriminate`).
 """
 
 from __future__ import annotations
