@@ -1,4 +1,4 @@
-"""`python -m socialiq.page.webassembly.build`: the core, compiled by Numba and linked by Zig.
+"""Building the core: its entry point, compiled by Numba and linked by Zig's compiler.
 
 The wheel `ziglang` (extra `page`) holds the linker.
 """
@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
-import tyro
 from numba import types
 from numba.np.numpy_support import carray
 
 from socialiq.errors import UserError
-from socialiq.page.webassembly.layout import ARGUMENTS, CORE
+from socialiq.page.webassembly.layout import ARGUMENTS
 from socialiq.worlds.highway.options import FEATURES, SIGNALS, Buffers
 from socialiq.worlds.intersection.core import step
 from socialiq.worlds.intersection.options import Options, buffers_of
@@ -196,19 +195,3 @@ def _run(*words: str, folder: str | None = None) -> None:
     )
     if done.returncode:
         raise UserError(f"the linker failed: {done.stderr.strip()[:1000]}")
-
-
-def build(out: Path = CORE) -> None:
-    """Build the core as WebAssembly; needs the extra `page`.
-
-    Args:
-        out: The file to write; by default the one in the package.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        core = Path(folder) / "core.o"
-        object_file(core)
-        linked(core, out)
-
-
-if __name__ == "__main__":
-    tyro.cli(build)

@@ -6,13 +6,14 @@ with this machine's elementary functions (sine, power, ...), and with the page's
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -249,12 +250,12 @@ def counted(config: Comparison) -> dict[str, Any]:
             replay = native(Options(), seeds, driver)
             compiled = in_node(Options(), seeds, replay.actions, config.core)
             chunks.append(compared(replay, compiled, None if name == "random" else driver))
-        rows[name] = asdict(together(chunks))
+        rows[name] = dataclasses.asdict(together(chunks))
     return {
         "episodes": config.episodes,
         "first": config.first,
         "drivers": rows,
-        "all": asdict(together([Equality(**row) for row in rows.values()])),
+        "all": dataclasses.asdict(together([Equality(**row) for row in rows.values()])),
     }
 
 
@@ -262,10 +263,10 @@ def together(chunks: list[Equality]) -> Equality:
     """Return the sums of counts, and the largest difference of all."""
     sums: dict[str, Any] = {
         field.name: sum(getattr(chunk, field.name) for chunk in chunks)
-        for field in fields(Equality)
+        for field in dataclasses.fields(Equality)
     }
     largest = max(chunk.largest for chunk in chunks)
-    return replace(Equality(**sums), largest=largest)
+    return dataclasses.replace(Equality(**sums), largest=largest)
 
 
 if __name__ == "__main__":
