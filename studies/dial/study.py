@@ -75,9 +75,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
             dataclasses.replace(numbers, seed=seed, dataset=number)
             for number, seed in enumerate(config.seeds)
         ]
-        shown, simulator = data[clock] * static.demonstrations, world if static.online else None
+        sets, simulator = data[clock] * static.demonstrations, world if static.online else None
         callbacks = Callbacks(on_report=context.on_stage(f"7x7 dial, {name}"))
-        trained = train(static, runs, shown, simulator, callbacks=callbacks)
+        trained = train(static, runs, sets, simulator, callbacks=callbacks)
         for run, seed in enumerate(config.seeds):
             dial, label = trained.policy(run), {"run": name, "seed": seed}
             if not files:

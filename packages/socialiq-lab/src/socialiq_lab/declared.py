@@ -148,16 +148,16 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
     trainings = variants(content, config)
     tables = resolved(content.get("table", []), config)
     summary = resolved(content.get("summary", {}), config)
-    shown = (resolved(content.get(name, []), config) for name in ("figure", "view"))
+    drawings = (resolved(content.get(name, []), config) for name in ("figure", "view"))
     state = State(config, None if computes else Ground.of(resolved(content["world"], config)))
-    _check([trainings, tables, [summary] if summary else [], *shown], module)
+    _check([trainings, tables, [summary] if summary else [], *drawings], module)
     findings = module.compute_tables(config, context) if computes else Findings({}, {})
     state.tables |= findings.tables
-    known = [*findings.tables, *(training["rows"] for training in trainings)]
+    names = [*findings.tables, *(training["rows"] for training in trainings)]
     for table in [*tables, *([summary] if summary else [])]:
         if "python" not in table:
-            one_of("table", table["from"], known)
-        known.append(table.get("name", ""))
+            one_of("table", table["from"], names)
+        names.append(table.get("name", ""))
     for training in trainings:
         report = context.on_stage(training["stage"])
         prior = getattr(module, training.get("prior", ""), None)
@@ -258,12 +258,12 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
         if "python" in figure:
             pictures |= getattr(module, figure["python"])(results)
             continue
-        drawn = results
+        drawing = results
         if "rows" in figure:
             name = figure["table"] = figure["rows"]
             rows = getattr(module, name)(results)
-            drawn = dataclasses.replace(results, tables={**results.tables, name: rows})
-        picture = figures.draw(figure, drawn)
+            drawing = dataclasses.replace(results, tables={**results.tables, name: rows})
+        picture = figures.draw(figure, drawing)
         if picture is not None:
             pictures[figure["name"]] = picture
     return pictures
