@@ -169,7 +169,8 @@ def coverage_rows(
         evidence, draws = draw_evidence(truth, episodes, current), current + _APART
         regrets = Regrets(evidence, draws, resamples)
         regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
-        angle = estimate_angle(*evidence.policy.totals.T.copy(), draws, 1 - ERROR, resamples)
+        env, social = evidence.policy.totals.T.copy()
+        angle = estimate_angle(env, social, draws, 1 - ERROR, resamples)
         alike = calibrate(evidence, truth.declared, 10.0, True, draws, ERROR, resamples)
         assert alike.low is not None and alike.high is not None
         # Of centred totals, the region contains the origin where it would contain the true mean.

@@ -17,8 +17,9 @@ from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import iq_learn, settings
+from socialiq.learners import settings
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
@@ -104,8 +105,8 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
         angles = angles[:1] if method == "clone of all" else angles
     elif method != OWN:
         preset = "shifted" if method.endswith("shifted χ²") else "calibrated"
-        structure, numbers = iq_learn.config.PRESETS[f"intersection-{preset}"]
-        structure = structure if "online" in method else iq_learn.config.offline(structure)
+        structure, numbers = presets.PRESETS[f"intersection-{preset}"]
+        structure = structure if "online" in method else presets.offline(structure)
         form = "dueling" if "dueling" in method else "plain"
         structure = dataclasses.replace(structure, form=form, updates=config.updates, **network)
         if method.endswith("reweighted"):  # Eq B.2, by the weights of the clone

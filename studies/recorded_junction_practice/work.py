@@ -248,7 +248,8 @@ def drive(
 def driven(folder: Path) -> dict[str, Outcomes]:
     """Return the outcomes in a job's folder, by driver."""
     arrays, header = load_arrays(folder / DRIVEN, _KIND, _VERSION)
-    return {
-        name: Outcomes(name, *(arrays[f"{name}/{column}"] for column in _COLUMNS))
-        for name in header["drivers"]
-    }
+    outcomes = {}
+    for name in header["drivers"]:
+        columns: Any = (arrays[f"{name}/{column}"] for column in _COLUMNS)
+        outcomes[name] = Outcomes(name, *columns)
+    return outcomes

@@ -25,7 +25,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from socialiq import Ending, QPolicy, RewardPair, score
-from socialiq.learners import collect, expert_table, iq_learn, settings
+from socialiq.learners import collect, expert_table, settings
+from socialiq.learners.iq_learn import config, losses
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Act, Transitions
@@ -33,7 +34,7 @@ from studies.compare_methods.baselines import shared
 
 
 @dataclass(frozen=True)
-class LSIQConfig(iq_learn.config.IQLearnConfig):
+class LSIQConfig(config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
     fixed_target: bool = True
@@ -41,7 +42,7 @@ class LSIQConfig(iq_learn.config.IQLearnConfig):
 
 
 @dataclass(frozen=True)
-class LSIQHyperparameters(iq_learn.config.IQLearnHyperparameters):
+class LSIQHyperparameters(config.IQLearnHyperparameters):
     """Numbers of one run, all traced."""
 
     regularisation: settings.Positive = 0.5  # c: rewards lie between -1/c and 1/c
@@ -66,7 +67,7 @@ class LSIQ(IQLearn):
             ("expert", "own"), batch[:2], (largest, -largest), strict=True
         ):
             q_next = jax.vmap(target_network)(rows.next_observation)
-            value = iq_learn.losses.soft_value(q_next, hyperparameters.temperature)
+            value = losses.soft_value(q_next, hyperparameters.temperature)
             ended = rows.ending != int(Ending.NONE)
             follows = jnp.where(ended, absorbing / (1.0 - discount), jnp.clip(value, -bound, bound))
             target = reward + discount * follows
@@ -79,7 +80,7 @@ class LSIQ(IQLearn):
 
 
 @dataclass(frozen=True)
-class TREXConfig(iq_learn.config.IQLearnConfig):
+class TREXConfig(config.IQLearnConfig):
     """Choices that shape the program; those of acting are IQ-Learn's."""
 
     pairs: settings.Count = 8  # pairs of episodes of an update
@@ -109,7 +110,7 @@ class TREX(IQLearn):
     episodes: Any = None
     StaticConfig: ClassVar[type] = TREXConfig
     name: ClassVar[str] = "trex"
-    Hyperparameters: ClassVar[type] = iq_learn.config.IQLearnHyperparameters
+    Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "TREX":
@@ -164,7 +165,7 @@ def inferred_reward(
     network: QNetwork, temperature: float, discount: float, batch: expert_table.Batch
 ) -> Float[Array, " batch"]:
     """Return r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6) of rows; nothing follows any ending."""
-    value = iq_learn.losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
+    value = losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
     follows = jnp.where(batch.ending == int(Ending.NONE), value, 0.0)
     return shared.of_taken(jax.vmap(network)(batch.observation), batch.action) - discount * follows
 

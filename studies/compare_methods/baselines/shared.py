@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from socialiq import QPolicy, RewardPair, score
-from socialiq.learners import expert_table, iq_learn, kernel
+from socialiq.learners import expert_table, kernel
+from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import Transitions
@@ -39,11 +40,11 @@ def soft_continuation(
     """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
     q_next = jax.vmap(network)(batch.next_observation)
     temperature, discount = hyperparameters.temperature, hyperparameters.discount
-    return iq_learn.losses.continuation(
-        iq_learn.losses.soft_value(q_next, temperature),
+    return losses.continuation(
+        losses.soft_value(q_next, temperature),
         batch.ending,
         endings.by_kind(),
-        iq_learn.losses.absorbing_value(q_next.shape[-1], temperature, discount),
+        losses.absorbing_value(q_next.shape[-1], temperature, discount),
     )
 
 

@@ -23,7 +23,8 @@ from socialiq.evaluation.exact import (
     mean_of,
 )
 from socialiq.evaluation.rollout import MODES, trajectory_datasets
-from socialiq.learners import collect, iq_learn
+from socialiq.learners import collect
+from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import figure
 from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row
@@ -80,8 +81,8 @@ class GridRuns:
         """Return the inputs of a method, with an equal mixture of trajectories for each seed."""
         rates = {"learning_rate": self.learning_rate, "polyak": self.polyak}
         return Arena(
-            iq_learn.config.TABLE_C1,
-            dataclasses.replace(iq_learn.config.TABLE_C1_NUMBERS, **rates),
+            presets.TABLE_C1,
+            dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
             self.updates,
             trajectory_datasets(ground.table, self.seeds, EPISODES_EACH[self.world]),
             ground.table.world,

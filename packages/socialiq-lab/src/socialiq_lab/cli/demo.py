@@ -62,8 +62,8 @@ class Demo(Printing):
                     waits = (episodes.ending == Ending.ARRIVAL) & (episodes.stopped > 0)
                     seed = int(waits.argmax())
                     scenes = render.episode_scenes(world.batch(1, traced=True), driver, seed)
-            rate = world.options.simulation_frequency
-            sheet.save(self.out / "intersection.gif", scenes, world.view, rate)
+                    rate = world.options.simulation_frequency
+                    sheet.save(self.out / "intersection.gif", scenes, world.view, rate)
         return rows
 
     def run(self) -> int:
