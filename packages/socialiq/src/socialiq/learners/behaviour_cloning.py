@@ -92,6 +92,11 @@ class BehaviourCloning(Learner):
         batch = self.table.sample_weighted(for_batch, carry.cumulative, size)
         return batch, carry._replace(key=key)
 
+    def no_angle(self) -> str:
+        """Return why nothing reads an angle; "" if demonstrations are weighted by their score."""
+        plain = "demonstrations count alike, without --set weighted=true"
+        return super().no_angle() if self.static.weighted else plain
+
     def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
         """Negative log-likelihood of the demonstrated actions."""
         loss = negative_log_likelihood(network, batch.observation, batch.action)

@@ -15,6 +15,8 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError
@@ -188,12 +190,26 @@ class Learner(eqx.Module):
         temperature = getattr(hyperparameters, "temperature", 1.0)
         return QPolicy.of(state.network, temperature, self.record(hyperparameters))
 
+    def no_angle(self) -> str:
+        """Return why no term of the objective reads an angle; "" if one does.
+
+        Demonstrations without social rewards leave the best policy the same at every angle.
+        """
+        if self.table is None or bool(jnp.any(self.table.columns.target.social != 0.0)):
+            return ""
+        return "the demonstrations have no social rewards"
+
+    def numbers(self, hyperparameters: Any) -> dict[str, Any]:
+        """Return the numbers of a run by name; its angle is None where nothing reads it."""
+        numbers = dataclasses.asdict(hyperparameters)
+        return numbers | {"angle": None} if "angle" in numbers and self.no_angle() else numbers
+
     def record(self, hyperparameters: Any) -> dict[str, Any]:
         """Return the JSON-able record of one run."""
         return {
             "learner": self.name,
             "structure": dataclasses.asdict(self.static),
-            "numbers": dataclasses.asdict(hyperparameters),
+            "numbers": self.numbers(hyperparameters),
         } | self.functions()
 
     def functions(self) -> dict[str, Any]:
@@ -243,7 +259,8 @@ class Learner(eqx.Module):
             world: Description of the world, for the checkpoint.
 
         Raises:
-            UserError: If there is no run, or no such set of demonstrations.
+            UserError: If there is no run, or two of a learner of the user's own are equal but
+                for their angles.
             Stopped: On Ctrl-C.
         """
         if not hyperparameters:
@@ -265,8 +282,25 @@ class Learner(eqx.Module):
         )
         terms = fit.term_names(self, arrays, runs)
         failures = fit.failure_lines(runs, terms, names, arrays)
+        if self.functions() and not failures:
+            _check_angles(hyperparameters, runs.state.network)
         remainder = self.retained(runs.carry)
         return Trained(self, tuple(hyperparameters), runs.state, remainder, history, failures)
+
+
+def _check_angles(hyperparameters: Sequence[Any], networks: Any) -> None:
+    """Refuse policies of the user's own learner that differ in their angle's label alone."""
+    weights: dict[tuple[str, bytes], Any] = {}
+    for run, numbers in enumerate(hyperparameters):
+        values = dataclasses.asdict(numbers)
+        angle = values.pop("angle", None)
+        leaves = jax.tree.leaves(eqx.filter(network_of(networks, run), eqx.is_array))
+        key = repr(values), b"".join(np.asarray(leaf).tobytes() for leaf in leaves)
+        if weights.setdefault(key, angle) != angle:
+            raise UserError(
+                f"the policies of {weights[key]:g} and {angle:g} degrees are equal: the learner "
+                "reads no angle: name one --angle, or read `hyperparameters.weights` in its loss"
+            )
 
 
 def _check_own(learner: Learner, hyperparameters: HyperparameterArrays) -> None:

@@ -16,9 +16,12 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from typing import Annotated, Any, Literal
 
+import numpy as np
+
 from socialiq.errors import UserError, one_of
 from socialiq.nn.view import CHOICES
 from socialiq.social.angle import check_angle
+from socialiq.types import Transitions
 
 Rule = Callable[[str, Any], None]
 """Given a field's name and value, raises `UserError` if the value is out of range."""
@@ -259,6 +262,19 @@ def check_seeds(seeds: Sequence[int]) -> None:
         check_seed(seed)
     if len({*seeds}) < len(seeds):
         raise UserError("a seed is named twice: name each once")
+
+
+def check_social(datasets: Sequence[Transitions]) -> None:
+    """Refuse to train a dial on demonstrations without social rewards.
+
+    Raises:
+        UserError: If r_social is 0 in all of them: such a dial is the same at every angle.
+    """
+    if not any(np.any(data.returns("instantaneous", 1.0).social) for data in datasets):
+        raise UserError(
+            "the demonstrations have no social rewards, so a dial of them would drive alike at "
+            "every angle: import them with their pairs (r_env, r_social), or train a policy"
+        )
 
 
 def check_fit(

@@ -200,6 +200,9 @@ class RunFolder:
         arrays = {name: trained.history.array(name) for name in trained.history.values}
         columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
         labels = [label(numbers) for numbers in trained.hyperparameters]
+        if reason := trained.learner.no_angle():
+            labels = [row | {"angle": None} if "angle" in row else row for row in labels]
+            complain(f"no angle is in the policies: {reason}")
         saved = self.save_policies(trained, change)
         policies = [
             {**row, **file}
@@ -239,7 +242,7 @@ class RunFolder:
         write_atomically(self.out / "metrics.csv", as_csv(rows))
         settings = {
             "structure": asdict(trained.static),
-            "numbers": [asdict(numbers) for numbers in trained.hyperparameters],
+            "numbers": [trained.learner.numbers(run) for run in trained.hyperparameters],
         }
         end = {"versions": versions(), "failures": trained.failures, PLURALS[self.kind]: policies}
         write_json(self.out / "run.json", rounded({**settings, **record, **end}))

@@ -23,7 +23,7 @@ from socialiq.learners.continuous.config import ActorIQLearnConfig, ActorIQLearn
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.objective import OURS, UserFunctions, terms_of
-from socialiq.learners.iq_learn.train import demonstrated, followed
+from socialiq.learners.iq_learn.train import demonstrated, followed, unread
 from socialiq.learners.kernel import Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.actor import TwinCritics, frozen
@@ -95,6 +95,10 @@ class ContinuousIQLearn(ActorCritic):
         terms |= self.improvement(network, inputs, for_actor, hyperparameters)
         total = total + terms["actor"] + terms.get("tuning", 0.0)
         return total, terms | {"loss": total}
+
+    def no_angle(self) -> str:
+        """Return why no term of the objective reads an angle; "" if one does."""
+        return unread(self.static, super().no_angle(), self.own)
 
     def critic_terms(
         self,

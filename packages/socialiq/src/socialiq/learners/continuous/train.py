@@ -95,6 +95,8 @@ def check_fit(
     shapes = [(data.observation.shape[1], data.action.shape[1]) for data in datasets]
     shapes += [(simulator.n_features, simulator.action_size)] if simulator is not None else []
     online, acts = getattr(static, "online", learner.online), simulator is not None or collects
+    if static.dial and not online:
+        settings.check_social(datasets)
     sets = len(datasets) if learner.shown else None
     shape = settings.check_fit(
         hyperparameters, sets, online, acts, [*shapes, sizes] if sizes else shapes

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError
+from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters, check_fit
 from socialiq.learners.dial.objective import Networks, objective
@@ -217,6 +218,8 @@ def train(
         Stopped: On Ctrl-C.
     """
     sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
+    if not static.online:
+        settings.check_social(datasets)
     table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
     world = simulator.description if simulator else "offline or collected"
     if start is not None:

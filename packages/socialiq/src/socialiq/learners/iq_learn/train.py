@@ -130,6 +130,10 @@ class IQLearn(Learner):
         inputs = (network, target_network, batch, hyperparameters, self.static)
         return self.own.loss(*inputs) if self.own.loss else objective(*inputs, self.own)
 
+    def no_angle(self) -> str:
+        """Return why no term of the objective reads an angle; "" if one does."""
+        return unread(self.static, super().no_angle(), self.own)
+
     def functions(self) -> dict[str, Any]:
         """Return the functions of the user's own by their part: name and SHA-256."""
         functions = self.own._replace(divergence=self.own.divergence and self.own.divergence.phi)
@@ -200,6 +204,20 @@ def train(
     iq_learn = IQLearn(static, sizes, table, simulator, functions)
     world = simulator.description if simulator else "offline or collected"
     return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
+
+
+def unread(static: Any, no_social: str, own: UserFunctions) -> str:
+    """Return why no term of IQ-Learn's objective reads an angle; "" if one does.
+
+    `no_social` says that the demonstrations have no social rewards; replay may have them.
+    """
+    if own.loss is not None:
+        return ""
+    if static.prior == "none":
+        return "prior 'none' reads no reward"
+    if static.prior == "bellman_shift" and static.divergence == "chi2" and not static.shift_term_3:
+        return "with divergence chi2 the shift is a constant without a gradient (docs/theory.md)"
+    return "" if static.prior == "shifted_chi2" and static.chi2_on == "mixture" else no_social
 
 
 def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tuple[Any, Any]:
