@@ -152,7 +152,8 @@ def clusters_on_the_loopback(start, until, tmp_path):
         file.unlink(missing_ok=True)
         usual = ["--no-dashboard", "--scheduler-file", file]
         scheduler = start("-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", 0, *usual)
-        until(file.exists)
+        # The scheduler makes its file first and fills it then.
+        until(lambda: file.exists() and file.read_text().rstrip().endswith("}"))
         options = ["--nthreads", 1, "--local-directory", tmp_path / "scratch", *usual]
         arguments = ["-m", "dask", "worker", "--host", "127.0.0.1", *options]
         variables = {**PORTABLE, "OMP_NUM_THREADS": "1", **variables}
