@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq_recordings.physics import wrapped_heading
+from socialiq.physics import wrapped_heading
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.readers.commonroad_xml import TYPES
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
+from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
-from socialiq_recordings.physics import overlaps, wrapped
+from socialiq.physics import overlap_depth, wrapped
 from socialiq_recordings.recording import FARTHEST, Refused, RoadUser, Tracks
 
 COVERAGE = 3.0
@@ -296,3 +298,54 @@ def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray
                     f"overlaps by {pairs.depth[pair]:.2f} m with "
                     f"{plausible.identity[plausible.track[beside]]} at frame {plausible.frame[row]}"
                 )
+
+
+class Overlaps(NamedTuple):
+    """Pairs of rows of a frame whose rectangles overlap, and the depth, m.
+
+    The depth is the smallest displacement that would separate the rectangles.
+    """
+
+    first: Int64[np.ndarray, " pair"]
+    second: Int64[np.ndarray, " pair"]
+    depth: Float64[np.ndarray, " pair"]
+
+
+_BLOCK = 100_000  # states whose pairs are held in memory at a time
+
+
+def overlaps(tracks: Tracks) -> Overlaps:
+    """Return all overlaps of a recording (`physics.overlap_depth`)."""
+    order = np.argsort(tracks.frame, kind="stable")
+    frames = tracks.frame[order]
+    blocks, begin = [], 0
+    while begin < len(order):
+        # A block ends with a frame.
+        last = frames[min(begin + _BLOCK, len(order)) - 1]
+        end = int(np.searchsorted(frames, last, side="right"))
+        blocks.append(_overlaps_of(tracks, order[begin:end]))
+        begin = end
+    return Overlaps(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
+
+
+def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " row"]) -> Overlaps:
+    half = np.stack([tracks.length, tracks.width], axis=1) / 2
+    radius = np.hypot(half[:, 0], half[:, 1])
+    reach = 2 * radius.max()
+    # A third axis separates frames, so that states of different frames are never near.
+    frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
+    points = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
+    first, second = rows[KDTree(points).query_pairs(reach, output_type="ndarray")].T
+    distance = np.hypot(tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first])
+    near = distance < radius[tracks.track[first]] + radius[tracks.track[second]]
+    first, second = first[near], second[near]
+    depth = overlap_depth(
+        tracks.x[second] - tracks.x[first],
+        tracks.y[second] - tracks.y[first],
+        tracks.heading[first],
+        tracks.heading[second],
+        *half[tracks.track[first]].T,
+        *half[tracks.track[second]].T,
+    )
+    touch = depth > 0
+    return Overlaps(first[touch], second[touch], depth[touch])

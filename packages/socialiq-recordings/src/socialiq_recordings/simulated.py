@@ -11,6 +11,7 @@ import re
 
 import numpy as np
 
+from socialiq.physics import wrapped
 from socialiq.types import Ending, Policy
 from socialiq.worlds.highway.core import geometry as shapes
 from socialiq.worlds.highway.core.compile import for_python
@@ -80,13 +81,12 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Recor
     order = np.lexsort([frame, rows["identity"]])
     rows, frame = rows[order], frame[order]
     identity, track = np.unique(rows["identity"], return_inverse=True)
-    heading = -rows["heading"]
     tracks = Tracks(
         track.astype(np.int32),
         frame.astype(np.int32),
         rows["x"].copy(),
         -rows["y"],
-        np.pi - (np.pi - heading) % (2 * np.pi),
+        -wrapped(rows["heading"]),
         rows["speed"] * rows["along_x"],
         -rows["speed"] * rows["along_y"],
         identity.astype(np.int64) + 1,

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq_recordings import physics as idm
+from socialiq_recordings import idm
 from socialiq_recordings.prediction import following
 from socialiq_recordings.prediction.situations import Situations
 

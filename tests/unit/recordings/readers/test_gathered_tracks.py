@@ -1,6 +1,6 @@
 import numpy as np
 
-from socialiq_recordings.physics import wrapped_heading
+from socialiq.physics import wrapped_heading
 from socialiq_recordings.readers.tracks import differences, heading_of_motion, smoothed
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq_recordings import physics as idm
+from socialiq_recordings import idm
 from socialiq_recordings.world.drivers import Followed, Observed, calibrate
 
 

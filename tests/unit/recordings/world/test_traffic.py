@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.highway.core.compile import for_python
-from socialiq_recordings import physics as reference
+from socialiq_recordings import idm as reference
 from socialiq_recordings.world import traffic
 
 DRIVER = reference.Idm(desired_speed=12.0)
@@ -21,12 +21,6 @@ def test_the_compiled_idm_is_that_of_arrays(speed, gap, leader):
     compiled = traffic.idm(speed, gap, leader, *DRIVER)
     expected = reference.acceleration(speed, gap, leader, *DRIVER)
     assert compiled == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize(("speed", "rate"), [(5.0, 2.0), (5.0, -2.0), (0.1, -4.0), (0.0, 0.0)])
-def test_a_sub_step_is_ballistic(speed, rate):
-    driven, after = reference.ballistic(np.array([speed]), np.array([rate]), traffic.DT)
-    assert traffic.advance(speed, rate) == pytest.approx((driven[0], after[0]))
 
 
 def test_the_time_for_a_distance():

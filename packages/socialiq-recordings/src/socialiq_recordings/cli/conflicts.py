@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from jaxtyping import Float64
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
+from socialiq.physics import corners
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
@@ -209,15 +209,15 @@ def _map(axes: Any, encounters: Encounters, meeting: Meeting) -> None:
         track = tracks.track[row]
         size = float(tracks.length[track]), float(tracks.width[track])
         centre = np.array([tracks.x[row], tracks.y[row]])
-        corners = _corners(centre, float(tracks.heading[row]), size)
-        axes.add_patch(Polygon(corners, color="#999999", alpha=0.5))
+        outline = corners(centre, float(tracks.heading[row]), *size)
+        axes.add_patch(Polygon(outline, color="#999999", alpha=0.5))
     for letter, way, ink in zip("AB", ways, _INKS, strict=True):
         driven = way.line.starts.searchsorted(way.along[-1], side="right")
         axes.plot(*way.line.points[1:driven].T, color=ink, linewidth=1.6, zorder=3)
         axes.plot(*way.line.points[driven - 1 :].T, color=ink, linewidth=1.0, linestyle=":")
         point, heading = way.line.points_at(np.array([max(way.state(frame)[0], BEHIND)]))
-        corners = _corners(point[0], float(heading[0]), (way.length, way.width))
-        axes.add_patch(Polygon(corners, color=ink, alpha=0.8, zorder=4))
+        outline = corners(point[0], float(heading[0]), way.length, way.width)
+        axes.add_patch(Polygon(outline, color=ink, alpha=0.8, zorder=4))
         style = {"ha": "center", "va": "center", "color": "white", "fontsize": 8, "zorder": 5}
         axes.annotate(letter, point[0], **style)
     finish(axes, f"at {frame * meeting.ego.dt:.1f} s; others in grey")
@@ -225,11 +225,3 @@ def _map(axes: Any, encounters: Encounters, meeting: Meeting) -> None:
     x, y = meeting.ego.line.points_at(np.array(area.entry[:1]))[0][0]
     axes.set_xlim(x - _REACH, x + _REACH)
     axes.set_ylim(y - _REACH, y + _REACH)
-
-
-def _corners(
-    centre: Float64[np.ndarray, " 2"], heading: float, size: tuple[float, float]
-) -> Float64[np.ndarray, "4 2"]:
-    ahead = np.array([np.cos(heading), np.sin(heading)]) * size[0] / 2
-    left = np.array([-np.sin(heading), np.cos(heading)]) * size[1] / 2
-    return centre + np.array([ahead + left, ahead - left, -ahead - left, left - ahead])

@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from socialiq.errors import UserError
+from socialiq.physics import wrapped
 from socialiq_recordings.conflicts import ways as motion
 from socialiq_recordings.conflicts.ways import InTime, Occupancy, OnWay, Way
-from socialiq_recordings.physics import wrapped
 from socialiq_recordings.road.network import Conflict, Lanes, shapely
 from socialiq_recordings.road.routes import OFF_THE_MAP, Polyline, Scene
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from socialiq.physics import wrapped
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters, Meeting
 from socialiq_recordings.conflicts.ways import Occupancy, Way, projected, recorded
@@ -256,7 +257,7 @@ def turn(way: Way, entry: float, end: float) -> float:
     """Return the change of direction over a conflict area, degrees, positive to the left."""
     at = np.clip([entry - _TURN_BEFORE, end + _TURN_AFTER], 0.0, way.line.length)
     before, after = way.line.points_at(at)[1].tolist()
-    return math.degrees((after - before + math.pi) % (2 * math.pi) - math.pi)
+    return math.degrees(wrapped(after - before))
 
 
 def sign(encounters: Encounters, way: Way, other: Way) -> str:

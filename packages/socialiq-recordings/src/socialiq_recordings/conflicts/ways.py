@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from socialiq_recordings.physics import wrapped
+from socialiq.physics import wrapped
 from socialiq_recordings.road.routes import AHEAD, Polyline, Scene
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
-from socialiq_recordings.physics import wrapped
+from socialiq.physics import wrapped
 from socialiq_recordings.recording import STATES, Recording, Tracks
 from socialiq_recordings.road.network import STEP, every_step
 

@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
+from socialiq.physics import ballistic
 from socialiq.types import RewardPair
-from socialiq_recordings.physics import ballistic
 from socialiq_recordings.prediction.following import accelerations, literature
 from socialiq_recordings.prediction.situations import Situations
 

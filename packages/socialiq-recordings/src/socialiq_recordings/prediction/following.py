@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.optimize import least_squares
 
-from socialiq_recordings.physics import Idm, acceleration, ballistic
+from socialiq.physics import ballistic
+from socialiq_recordings.idm import Idm, acceleration, calibrate
 from socialiq_recordings.prediction.situations import Situations
 
 FITTED = Idm._fields  # parameters that are fitted; all are above 0, so that their logarithms are
@@ -70,8 +70,7 @@ def fit_population(train: Situations) -> Parameters:
         off = next_second(log_parameters, train) - train.acceleration
         return np.append(off / root, _HOLD * (log_parameters - start))
 
-    fit = least_squares(errors, start, bounds=(LOW, HIGH), loss="soft_l1", max_nfev=60)
-    return np.asarray(fit.x)
+    return calibrate(errors, start, (LOW, HIGH), evaluations=60)
 
 
 def fit_drivers(

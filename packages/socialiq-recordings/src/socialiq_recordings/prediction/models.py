@@ -15,8 +15,8 @@ from scipy.special import logsumexp
 from scipy.stats import t as student
 
 from socialiq.foreign import optional
+from socialiq.physics import ballistic
 from socialiq_recordings import DISTRIBUTION
-from socialiq_recordings.physics import ballistic
 from socialiq_recordings.prediction import following
 from socialiq_recordings.prediction.following import features, next_second
 from socialiq_recordings.prediction.situations import HORIZON, Situations, grouped

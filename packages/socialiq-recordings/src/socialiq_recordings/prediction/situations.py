@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
+from socialiq.physics import ballistic, wrapped
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Area, Encounters
 from socialiq_recordings.conflicts.ways import (
@@ -30,7 +31,6 @@ from socialiq_recordings.conflicts.ways import (
     projected,
 )
 from socialiq_recordings.identity.identify import Identified, tracks_kept
-from socialiq_recordings.physics import ballistic
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
 from socialiq_recordings.road.routes import Scene
@@ -288,7 +288,7 @@ class _Seen:
                 "behind": behind.gap,
                 "behind_speed": behind.speed,
                 "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
-                "turn": math.degrees((later - heading + math.pi) % (2 * math.pi) - math.pi),
+                "turn": math.degrees(wrapped(later - heading)),
                 "acceleration": _acceleration(way, frame, 1.0),
                 "driven": way.state(then)[0] - along if then <= way.last else math.nan,
                 "limit": lanelet.speed_limit,

@@ -15,9 +15,9 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
+from socialiq.physics import wrapped_heading
 from socialiq.reading import check_file, sha256_of_file
 from socialiq.storage import read_json
-from socialiq_recordings.physics import wrapped_heading
 from socialiq_recordings.readers import tracks
 from socialiq_recordings.recording import Imported, RoadUser
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, equal_bounds

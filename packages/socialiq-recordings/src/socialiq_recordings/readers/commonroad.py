@@ -18,9 +18,9 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.physics import wrapped_heading
 from socialiq.storage import kind_of
 from socialiq_recordings import files
-from socialiq_recordings.physics import wrapped_heading
 from socialiq_recordings.readers import commonroad_xml as xml
 from socialiq_recordings.readers import tracks
 from socialiq_recordings.readers.commonroad_xml import State, whole_number

@@ -11,8 +11,8 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.physics import wrapped_heading
 from socialiq.reading import sha256_of_file
-from socialiq_recordings.physics import wrapped_heading
 from socialiq_recordings.readers import csv_table, tracks
 from socialiq_recordings.readers.column_map import ColumnMap
 from socialiq_recordings.readers.csv_table import Table

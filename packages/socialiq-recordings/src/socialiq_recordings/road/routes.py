@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from socialiq_recordings.physics import wrapped
+from socialiq.physics import wrapped
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanes, RoadNetwork, lanes_of
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from scipy.special import softmax
 
+from socialiq.social.angle import angle_difference
 from socialiq_recordings.trait.traits import Trait
 
 FOLDS = 20  # most folds of chains
@@ -164,6 +165,6 @@ def direction(
     """Return the circular mean of grid points in degrees, and the interval of equal tails."""
     radians = np.radians(angle)
     mean = float(np.degrees(np.arctan2(chance @ np.sin(radians), chance @ np.cos(radians))))
-    off = (angle - mean + 180.0) % 360.0 - 180.0
+    off = angle_difference(angle, mean)
     low, high = weighted_quantiles(off, chance, ((1 - confidence) / 2, (1 + confidence) / 2))
     return Direction(mean, mean + low, mean + high)

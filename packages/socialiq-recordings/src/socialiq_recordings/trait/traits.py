@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from scipy.special import log_softmax
 
+from socialiq.social.angle import angle_difference
 from socialiq_recordings.prediction.choices import ChoiceTable
 
 STRENGTHS = (0.0, *(0.1 * 2.0 ** (third / 3) for third in range(19)))
@@ -110,7 +111,7 @@ def _wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
     On an even grid of the whole circle whose step is at most the spread, sums of smooth functions
     over it are their integrals to a relative error of about exp(-2 π²).
     """
-    off = (angle - mean + 180.0) % 360.0 - 180.0
+    off = angle_difference(angle, mean)
     if spread == 0.0:
         return (np.abs(off) < 1e-9).astype(np.float64)
     turns = 360.0 * np.arange(-_TURNS, _TURNS + 1)

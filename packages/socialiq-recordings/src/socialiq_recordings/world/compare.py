@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from socialiq.physics import corners, wrapped
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters
@@ -91,7 +92,7 @@ def _moved(
         columns.append(
             {"track": np.full(len(there), track, np.int32)}
             | {"frame": there.astype(np.int32), "x": points[:, 0], "y": points[:, 1]}
-            | {"heading": np.pi - (np.pi - heading) % (2 * np.pi)}
+            | {"heading": -wrapped(-heading)}
             | {"vx": speed * np.cos(heading), "vy": speed * np.sin(heading)}
         )
     if not number:
@@ -162,11 +163,8 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
         vehicle = int(traffic.present[row, slot])
         ink = COLORS["egoistic"] if vehicle == ego else COLORS["prosocial"]
         x, y, heading = _place(lines[vehicle], float(traffic.along[row, vehicle]))
-        cos, sin = math.cos(heading), math.sin(heading)
-        along = np.array([cos, sin]) * float(road.length[base + vehicle]) / 2
-        left = np.array([-sin, cos]) * float(road.width[base + vehicle]) / 2
-        corners = np.array([along + left, along - left, -along - left, left - along])
-        axes.add_patch(Polygon(np.array([x, y]) + corners, color=ink, zorder=3))
+        size = float(road.length[base + vehicle]), float(road.width[base + vehicle])
+        axes.add_patch(Polygon(corners((x, y), heading, *size), color=ink, zorder=3))
         for at, begin, until in road.closed[
             road.closed_first[base + vehicle] : road.closed_first[base + vehicle + 1]
         ]:

@@ -10,12 +10,14 @@ import math
 
 import numpy as np
 
+from socialiq.physics import ballistic
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
 from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
+from socialiq_recordings.idm import HARDEST
 from socialiq_recordings.world import traffic as rules
 from socialiq_recordings.world.observation import annotate, observe, touched
-from socialiq_recordings.world.traffic import DT, GONE, HARDEST, PRESENT, WAITING, ahead_of
+from socialiq_recordings.world.traffic import DT, GONE, PRESENT, WAITING, ahead_of
 
 _EGO, _MOMENT = 100, 101  # purposes of random numbers; drivers have those below
 _NONE, _ARRIVAL, _COLLISION, _TIMEOUT, _OTHER = (int(kind) for kind in Ending)
@@ -131,7 +133,7 @@ def sub_step(road, traffic, row, base, count, level, fastest):
         traffic.rate[row, vehicle] = rate
     for slot in range(traffic.n_present[row]):
         vehicle = traffic.present[row, slot]
-        driven, speed = rules.advance(traffic.speed[row, vehicle], traffic.rate[row, vehicle])
+        driven, speed = ballistic(traffic.speed[row, vehicle], traffic.rate[row, vehicle], DT)
         traffic.along[row, vehicle] += driven
         traffic.speed[row, vehicle] = speed
     traffic.step[row] += 1

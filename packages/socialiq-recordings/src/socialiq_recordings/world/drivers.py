@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.optimize import least_squares
 
 from socialiq.types import Row
 from socialiq.worlds.intersection.options import Normal
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.measures import gaps, pet
 from socialiq_recordings.conflicts.ways import Way, leader, on_way
-from socialiq_recordings.physics import Idm, acceleration
+from socialiq_recordings.idm import Idm, acceleration
+from socialiq_recordings.idm import calibrate as fitted
 from socialiq_recordings.world.lines import curvature, line_of
 
 _MOVING = 2.0  # m/s
@@ -113,7 +113,6 @@ def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> 
 
 LEAST = 10  # vehicles that must show a parameter before it is estimated
 _LEAST_MOMENTS = 30  # following decisions for a fit of the IDM
-_ERROR = 1.0  # m/s²; errors beyond count less than squared (soft L1)
 _HEADWAYS, _GAPS = (0.4, 3.0), (0.5, 6.0)  # s, m; bounds of a driver's values
 _STRENGTHS = (0.5, 4.0), (0.5, 5.0)  # m/s²; of acceleration and deceleration
 _DEFAULT_SPREAD = 0.2  # relative, of what is not estimated
@@ -225,9 +224,9 @@ def _fit(
         return modelled - followed.acceleration
 
     low, high = zip(*_STRENGTHS, strict=True)
-    fit = least_squares(error, start, bounds=(low, high), loss="soft_l1", f_scale=_ERROR)
-    rms = float(np.sqrt(np.mean(error(fit.x) ** 2)))
+    strongest, comfort = fitted(error, start, (low, high)).tolist()
+    rms = float(np.sqrt(np.mean(error(np.array([strongest, comfort])) ** 2)))
     constant = float(np.sqrt(np.mean(followed.acceleration**2)))
     if rms >= constant:
         return start, rms, constant
-    return (float(fit.x[0]), float(fit.x[1])), rms, constant
+    return (strongest, comfort), rms, constant

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
+from socialiq.physics import wrapped
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, projected
-from socialiq_recordings.physics import wrapped
 from socialiq_recordings.world.recorded_world import SUB_STEPS
 
 SPACING = 1.0  # m between the points of a line

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from socialiq.physics import overlap_depth
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.vehicle import clip
@@ -110,25 +111,6 @@ def observe(road, traffic, row, base, count, observation):
         _write(observation[filled + slot], along - origin, left, angle - way, speed)
 
 
-@kernel
-def overlap(dx, dy, angle, other_angle, length, width, other_length, other_width):
-    """Whether two rectangles overlap (separating axes).
-
-    The other's middle is dx, dy from the first one's, m; lengths and widths are halves, m; angles
-    are directions, rad.
-    """
-    cos, sin = abs(math.cos(other_angle - angle)), abs(math.sin(other_angle - angle))
-    for axis in range(4):
-        turn = (angle if axis < 2 else other_angle) + (math.pi / 2 if axis % 2 else 0.0)
-        between = abs(dx * math.cos(turn) + dy * math.sin(turn))
-        a, b = (length, width) if axis % 2 == 0 else (width, length)
-        c, d = (other_length, other_width) if axis % 2 == 0 else (other_width, other_length)
-        reach = a + c * cos + d * sin if axis < 2 else c + a * cos + b * sin
-        if between >= reach:
-            return False
-    return True
-
-
 @inlined_kernel
 def touched(road, traffic, row, base, slack):
     """Return the ego's contact: whose motion closed the gap between the centres."""
@@ -146,7 +128,7 @@ def touched(road, traffic, row, base, slack):
         near = dx * dx + dy * dy < (length + width + half + side) ** 2
         if number == ego or not near:
             continue
-        if overlap(dx, dy, angle, turned, length, width, half, side):
+        if overlap_depth(dx, dy, angle, turned, length, width, half, side) > 0.0:
             approach = traffic.speed[row, ego] * (math.cos(angle) * dx + math.sin(angle) * dy)
             closing = traffic.speed[row, number] * (math.cos(turned) * dx + math.sin(turned) * dy)
             contact = _STRUCK if approach >= -closing else _WAS_STRUCK

@@ -13,6 +13,9 @@ import math
 import numpy as np
 
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq_recordings import idm as model
+
+limited = kernel(model.limited)
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -53,7 +56,6 @@ def following(seed):
 
 WAITING, PRESENT, GONE = range(3)  # states of a vehicle in an episode
 DT = 0.1  # s of a sub-step; 1 / SUB_STEPS
-HARDEST = 8.0  # m/s²
 _V0, _T, _S0, _A, _B, _MARGIN = range(6)
 
 _SOON = 8.0  # s; vehicles that arrive later at a conflict area are not yielded to
@@ -65,13 +67,10 @@ _CREEP = 0.3  # m/s; least speed of a projection
 
 @kernel
 def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
-    """Return the acceleration of the IDM, m/s²; the compiled form of `physics.acceleration`."""
-    ratio = speed / desired
-    free = 1.0 - ratio * ratio * ratio * ratio
-    closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(strongest * comfort))
-    keeps = jam + max(0.0, speed * headway + closing)
-    interaction = keeps / max(gap, 0.1)
-    return max(strongest * (free - interaction * interaction), -HARDEST)
+    """Return `idm.acceleration`, m/s²."""
+    share = speed / desired
+    power = share * share * share * share
+    return limited(speed, gap, leader_speed, power, headway, jam, strongest, comfort)
 
 
 @kernel
@@ -197,12 +196,3 @@ def drive(road, traffic, row, base, count, vehicle, now):
     if wait < math.inf:
         rate = min(rate, idm(speed, wait, 0.0, desired, headway, jam, strongest, comfort))
     return rate
-
-
-@kernel
-def advance(speed, rate):
-    """Return the distance of a sub-step and the speed after it; compiled `physics.ballistic`."""
-    after = speed + rate * DT
-    if after < 0.0:
-        return speed * speed / (-2.0 * rate), 0.0
-    return 0.5 * (speed + after) * DT, after

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from socialiq.errors import UserError
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.mdp.tabular import TabularMDP
+from socialiq.physics import wrapped
 from socialiq.types import RewardPair
 
 # Relative to the largest coordinate: far above the rounding of backward induction (1e-14).
@@ -78,7 +79,7 @@ class AttainableSet:
             return -180.0, 180.0
         before, after = self._edges()[[vertex - 1, vertex]]
         low, high = (np.degrees(np.arctan2(-edge[0], edge[1])) for edge in (before, after))
-        low = (low + 180.0) % 360.0 - 180.0
+        low = wrapped(low, 180.0)
         return float(low), float(low + (high - low) % 360.0)
 
     def radius(self, angle: float) -> float:

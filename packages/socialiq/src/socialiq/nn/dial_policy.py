@@ -14,6 +14,7 @@ from jaxtyping import Float
 from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy, checked_batch
 from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, refusal
+from socialiq.physics import wrapped
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
 
@@ -247,7 +248,7 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
     equal distances. The result has one more axis, of the knots.
     """
     middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
-    offset = (degrees - middle + 180.0) % 360.0 - 180.0  # of the angle from the middle knot
+    offset = wrapped(degrees - middle, 180.0)  # of the angle from the middle knot
     centres = np.array(knots, np.float32) - np.float32(middle)
     xp = degrees.__array_namespace__()
     return xp.maximum(1.0 - xp.abs(offset[..., None] - centres) / distance, 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from socialiq.errors import UserError
+from socialiq.physics import wrapped
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.statistics.hotelling import hotelling_region
 from socialiq.types import RewardPair
@@ -55,11 +56,14 @@ def angle_of(env: float, social: float) -> float:
     return 180.0 if degrees == -180.0 else degrees
 
 
-def angle_difference(a: float, b: float) -> float:
-    """Return the signed difference a - b of two angles in degrees, wrapped to [-180, 180)."""
-    wrapped = (a - b + 180.0) % 360.0 - 180.0
+def angle_difference(a: Any, b: Any) -> Any:
+    """Return the signed difference a - b of angles in degrees, wrapped to [-180, 180).
+
+    The angles are numbers or arrays that fit each other.
+    """
+    difference = wrapped(a - b, 180.0)
     # The remainder of a very small negative number rounds up to 360.
-    return -180.0 if wrapped == 180.0 else wrapped
+    return difference - 360.0 * (difference == 180.0)
 
 
 def score(weights: RewardPair, rewards: RewardPair) -> Any:
@@ -110,12 +114,25 @@ def estimate_angle(
         raise UserError("an angle needs at least one episode, and finite reward totals")
     mean_env, mean_social = totals.mean(axis=0)
     angle = angle_of(mean_env, mean_social)
-    resamples_of_rows = resample_rows(len(totals), resamples, seed)
-    means = np.concatenate([totals[rows].mean(axis=1) for rows in resamples_of_rows])
-    deviations = np.degrees(np.arctan2(means[:, 1], means[:, 0])) - angle
-    wrapped = (deviations + 180.0) % 360.0 - 180.0
-    low, high = angle + np.quantile(wrapped, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return AngleEstimate(angle, float(low), float(high), float(mean_env), float(mean_social))
+    ends = interval_around(angle, resampled_means(totals, seed, resamples), confidence)
+    return AngleEstimate(angle, *ends, float(mean_env), float(mean_social))
+
+
+def resampled_means(
+    totals: Float64[np.ndarray, "episode 2"], seed: int, resamples: int
+) -> Float64[np.ndarray, "resample 2"]:
+    """Return the mean totals of bootstrap resamples of episodes."""
+    blocks = resample_rows(len(totals), resamples, seed)
+    return np.concatenate([totals[rows].mean(axis=1) for rows in blocks])
+
+
+def interval_around(
+    angle: float, means: Float64[np.ndarray, "resample 2"], confidence: float
+) -> tuple[float, float]:
+    """Return the percentile interval of the means' directions around an angle, in degrees."""
+    off = angle_difference(np.degrees(np.arctan2(means[:, 1], means[:, 0])), angle)
+    low, high = angle + np.quantile(off, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(low), float(high)
 
 
 _AROUND = 3600  # points of the ellipse whose directions are taken
@@ -144,9 +161,8 @@ def direction_interval(
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     edge = region.mean + (circle * region.halves) @ region.axes.T
     angle = angle_of(*region.mean.tolist())
-    off = np.degrees(np.arctan2(edge[:, 1], edge[:, 0])) - angle
-    wrapped = (off + 180.0) % 360.0 - 180.0
-    return DirectionInterval(angle + float(wrapped.min()), angle + float(wrapped.max()))
+    off = angle_difference(np.degrees(np.arctan2(edge[:, 1], edge[:, 0])), angle)
+    return DirectionInterval(angle + float(off.min()), angle + float(off.max()))
 
 
 @dataclass(frozen=True)

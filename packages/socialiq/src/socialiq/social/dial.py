@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.social.angle import angle_difference, angle_of, weights
-from socialiq.statistics.bootstrap import resample_rows
+from socialiq.social.angle import AngleEstimate, angle_of, interval_around, resampled_means, weights
 
 
 class Setting(NamedTuple):
@@ -29,14 +28,6 @@ class Setting(NamedTuple):
 def mixture(points: Float[np.ndarray, "policy 2"], one: Setting) -> Float[np.ndarray, " xy"]:
     """Return the expected sums of (r_env, r_social) of a mixture of these policies."""
     return (1.0 - one.share) * points[one.first] + one.share * points[one.second]
-
-
-class Interval(NamedTuple):
-    """Angle in degrees with its interval; the ends may leave (-180, 180]."""
-
-    angle: float
-    low: float
-    high: float
 
 
 def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
@@ -74,7 +65,7 @@ def mixed_angle(
     seed: int,
     confidence: float = 0.95,
     resamples: int = 2000,
-) -> Interval:
+) -> AngleEstimate:
     """Return α̂ of a mixture from rollouts of its two policies, with a bootstrap interval.
 
     Given are the sums of (r_env, r_social) of each policy's episodes, and the share of episodes
@@ -85,14 +76,11 @@ def mixed_angle(
     """
     if not len(first) or not len(second):
         raise UserError("an angle needs at least one episode of each policy")
-
-    def means(totals: np.ndarray, stream: int) -> np.ndarray:
-        resampled = resample_rows(len(totals), resamples, 2 * seed + stream)
-        return np.concatenate([totals[rows].mean(axis=1) for rows in resampled])
-
-    mean = (1.0 - share) * first.mean(axis=0) + share * second.mean(axis=0)
-    angle = angle_of(*mean)
-    points = (1.0 - share) * means(first, 0) + share * means(second, 1)
-    off = [angle_difference(angle_of(*point), angle) for point in points]
-    low, high = angle + np.quantile(off, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Interval(angle, float(low), float(high))
+    env, social = (1.0 - share) * first.mean(axis=0) + share * second.mean(axis=0)
+    angle = angle_of(env, social)
+    means = [
+        resampled_means(totals, 2 * seed + stream, resamples)
+        for stream, totals in enumerate((first, second))
+    ]
+    points = (1.0 - share) * means[0] + share * means[1]
+    return AngleEstimate(angle, *interval_around(angle, points, confidence), env, social)

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from socialiq.physics import wrapped
+
 _MARGIN = 0.06  # of the span, left free on every side
 
 
@@ -237,7 +239,10 @@ class AnglePicture:
 def angles(report: Mapping[str, Any]) -> AnglePicture:
     """Return the picture of a report."""
     test, rationalised = report["tests"]["regret"], report["tests"]["rationalised"]
-    margin, declared = float(test["margin"]), _turned(float(report["declaration"]["angle"]))
+    margin, declared = (
+        float(test["margin"]),
+        -wrapped(-float(report["declaration"]["angle"]), 180.0),
+    )
     curve = [(angle, regret_at(report, angle)) for angle in map(float, range(-180, 181))]
     lowest = min(0.0, test["low"], *(regret for _, regret in curve))
     highest = _ROOM * max(1.3 * margin, test["high"], test["regret"], rationalised["least"])
@@ -259,7 +264,7 @@ def angles(report: Mapping[str, Any]) -> AnglePicture:
             runs.append([])
     least = None
     if rationalised["least"] > margin:
-        least = at(_turned(float(rationalised["least_angle"])), rationalised["least"])
+        least = at(-wrapped(-float(rationalised["least_angle"]), 180.0), rationalised["least"])
     labels = {angle: f"{angle:g}°".replace("-", "−") for angle in _TICKS}
     return AnglePicture(
         box=BOX,
@@ -283,8 +288,3 @@ def regret_at(report: Mapping[str, Any], angle: float) -> float:
     rows = [report["policy"]["means"], *report["references"]]
     policy, *references = (env * row["r_env"] + social * row["r_social"] for row in rows)
     return float(max(references) - policy)
-
-
-def _turned(angle: float) -> float:
-    """Return an angle in (-180, 180]."""
-    return -((180.0 - angle) % 360.0 - 180.0)

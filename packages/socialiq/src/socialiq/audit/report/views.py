@@ -10,6 +10,7 @@ from socialiq.audit.profile.profile import is_recorded, world_of
 from socialiq.audit.report import animations, pictures, words
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
+from socialiq.physics import wrapped
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
 
@@ -84,7 +85,7 @@ def arc(low: Real, high: Real) -> str:
     """Return an arc of angles, from its low end in (-180, 180] to at most 360 degrees further."""
     if high - low >= 360.0:
         return "every angle"
-    first = -((180.0 - low) % 360.0 - 180.0)
+    first = -wrapped(-low, 180.0)
     return f"{degrees(first)} to {degrees(first + high - low)}"
 
 

@@ -11,6 +11,7 @@ from socialiq.audit.look import Look
 from socialiq.audit.seeds import NETWORK, Draw, Round, Source
 from socialiq.audit.verdict.regret import Decision, RegretTest
 from socialiq.audit.verdict.results import Discrimination
+from socialiq.physics import wrapped
 from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
 
@@ -46,7 +47,7 @@ def plain_name(name: str, angles: Sequence[float] = ()) -> str:
     The angles are the ends of the interval for which an exact optimum is the best.
     """
     if name.startswith(OPTIMUM) and angles:
-        turned = (-((180.0 - angle) % 360.0 - 180.0) for angle in (angles[0], angles[-1]))
+        turned = (-wrapped(-angle, 180.0) for angle in (angles[0], angles[-1]))
         low, high = (f"{round(angle, 1) + 0.0:g}°".replace("-", "−") for angle in turned)
         return f"best possible for {low} to {high}"
     if name.startswith(PREFIX) and name not in _NAMES:

@@ -214,7 +214,7 @@ def calibrate(
     centre = np.append(alphas, middle + angle_difference(float(angles[-1]), middle))
     means = resampled_means(np.stack([driver.totals for driver in drivers]), seed, resamples)
     resampled = np.degrees(np.arctan2(means[..., 1], means[..., 0]))
-    resampled = centre + ((resampled - angles + 180.0) % 360.0 - 180.0)
+    resampled = centre + angle_difference(resampled, angles)
     at = preimage(points.angle, centre[None, :-1], centre[-1:])
     inverse = preimage(points.angle, resampled[:, :-1], resampled[:, -1])
     # An end of the curve may be inside the interval; if all of it is beyond, there is no angle.

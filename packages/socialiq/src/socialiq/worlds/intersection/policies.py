@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import one_of
+from socialiq.physics import desired_gap
+from socialiq.physics import idm as model
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import (
@@ -208,8 +210,7 @@ def _idm_acceleration(
     closing: Float[np.ndarray, " batch"],
 ) -> Float[np.ndarray, " batch"]:
     """Return `core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
-    strongest, comfortable = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
-    gap_kept = IDM.jam_distance.mean + speed * IDM.time_headway.mean
-    desired = gap_kept + speed * closing / (2 * np.sqrt(strongest * comfortable))
-    free = (speed / TARGET_SPEEDS[-1]) ** IDM_EXPONENT
-    return strongest * (1 - free - (desired / np.maximum(gap, 0.01)) ** 2)
+    strongest, comfort = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
+    steady = IDM.jam_distance.mean + speed * IDM.time_headway.mean
+    ratio = desired_gap(steady, speed, closing, strongest, comfort) / np.maximum(gap, 0.01)
+    return model(1.0 - (speed / TARGET_SPEEDS[-1]) ** IDM_EXPONENT, ratio, strongest)

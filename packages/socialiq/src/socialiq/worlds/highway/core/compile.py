@@ -21,13 +21,14 @@ import numba
 import numba.extending
 from numba.core import config
 
+from socialiq import physics
 from socialiq.errors import UserError
 
 NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = ("network", "options", "scenes")  # that kernels read
+_TABLES = ("network", "options", "scenes", "idm")  # beside a folder of kernels; they read these
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -39,6 +40,16 @@ def kernel(function: Callable[..., Any]) -> Any:
     """
     options = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return numba.extending.register_jitable(**options)(inspect.unwrap(function))
+
+
+for _function in (
+    physics.wrapped,
+    physics.desired_gap,
+    physics.idm,
+    physics.ballistic,
+    physics.overlap_depth,
+):
+    kernel(_function)
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:
@@ -112,7 +123,7 @@ def fingerprint(*files: str) -> int:
     the entry point calls. The entry point therefore closes over this number. The files are those
     beyond the shared kernels: all files of their folders count, and the tables above.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(Path(physics.__file__).read_bytes())
     for folder in sorted({Path(name).parent for name in (__file__, *files)}):
         tables = (folder.parent / f"{name}.py" for name in _TABLES)
         for path in (*sorted(folder.glob("*.py")), *filter(Path.exists, tables)):

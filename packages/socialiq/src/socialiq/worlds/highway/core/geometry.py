@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from socialiq.physics import wrapped
 from socialiq.worlds.highway.core.compile import kernel
 
 # Most vehicles drive straight along the centre of a lane, so most angles are rounding errors. Below
@@ -13,11 +14,9 @@ _SMALL = 1e-9
 
 @kernel
 def wrap_to_pi(angle):
-    """Return the same direction in [-π, π)."""
+    """Return `physics.wrapped`, without its division for angles that are in range."""
     turned = angle + math.pi
-    if 0.0 <= turned < 2 * math.pi:
-        return turned - math.pi
-    return turned % (2 * math.pi) - math.pi
+    return turned - math.pi if 0.0 <= turned < 2 * math.pi else wrapped(angle)
 
 
 @kernel

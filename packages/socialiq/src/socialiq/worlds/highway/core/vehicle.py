@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from socialiq import physics
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
@@ -97,10 +98,9 @@ def desired_gap(vehicle, other):
     closing_x = vehicle.speed * vehicle.along_x - other.speed * other.along_x
     closing_y = vehicle.speed * vehicle.along_y - other.speed * other.along_y
     closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y
-    # highway-env negates the product of the maximum and the (negative) comfortable value.
-    product = vehicle.max_acceleration * vehicle.comfort_deceleration
     steady = vehicle.jam_distance + vehicle.speed * vehicle.time_headway
-    return steady + vehicle.speed * closing / (2 * math.sqrt(product))
+    strongest, comfort = vehicle.max_acceleration, vehicle.comfort_deceleration
+    return physics.desired_gap(steady, vehicle.speed, closing, strongest, comfort)
 
 
 @kernel
