@@ -121,10 +121,10 @@ _CLOSEST = 1.2
 class Audit:
     """A simulated audit, which may be tested at several errors."""
 
-    def __init__(self, truth: Truth, drawn: Draw, episodes: int, resamples: int) -> None:
+    def __init__(self, truth: Truth, draw: Draw, episodes: int, resamples: int) -> None:
         self._truth, self._least = truth, resamples
-        self._seed = drawn.derived("resampling")
-        self._evidence = draw_evidence(truth, episodes, drawn.derived("episodes"))
+        self._seed = draw.derived("resampling")
+        self._evidence = draw_evidence(truth, episodes, draw.derived("episodes"))
         gains = self._evidence.gains() @ np.array(exact_weights(truth.declared))
         errors = gains.std(axis=1, ddof=1) / episodes**0.5
         self._hopeless = bool((gains.mean(axis=1) + _CLOSEST * errors > MARGIN).any())

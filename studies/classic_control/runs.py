@@ -196,8 +196,8 @@ def inspect(
             for shrinkage in run.shrinkages:
                 weights = linear_fit(data, shrinkage)
 
-                def act(seen: np.ndarray, weights: np.ndarray = weights) -> np.ndarray:
-                    return (seen @ weights > 0).astype(int)
+                def act(observation: np.ndarray, weights: np.ndarray = weights) -> np.ndarray:
+                    return (observation @ weights > 0).astype(int)
 
                 row[f"linear_{shrinkage:g}"] = source.score(act)
         rows.append(row)

@@ -100,16 +100,16 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
 
 
 def length_rows(
-    part: Table, angles: Sequence[float], strengths: Sequence[float], temperature: float
+    table: Table, angles: Sequence[float], strengths: Sequence[float], temperature: float
 ) -> list[Row]:
     """Return the expected steps of an episode of the exact solution for rows, along λ."""
     rows = []
     for angle in angles:
-        reward = score(exact_weights(angle), part.mdp.rewards)
-        best = horizon_optimum(part.mdp, reward, part.world.horizon)
-        optimum = _length(part, best.probabilities(part.mdp.n_actions))
+        reward = score(exact_weights(angle), table.mdp.rewards)
+        best = horizon_optimum(table.mdp, reward, table.world.horizon)
+        optimum = _length(table, best.probabilities(table.mdp.n_actions))
         for kind in KINDS:
-            problem = problem_of(part, Setting(angle, kind, measure="rows"))
+            problem = problem_of(table, Setting(angle, kind, measure="rows"))
             q = None
             for strength in strengths:
                 changed = dataclasses.replace(problem, strength=strength, temperature=temperature)
@@ -117,14 +117,14 @@ def length_rows(
                 q = minimum.q
                 greedy = np.eye(q.shape[1])[q.argmax(axis=1)]
                 row = {"angle": angle, "target_kind": kind, "temperature": temperature}
-                row |= {"strength": strength, "soft_length": _length(part, minimum.policy)}
-                row |= {"greedy_length": _length(part, greedy), "optimum_length": optimum}
+                row |= {"strength": strength, "soft_length": _length(table, minimum.policy)}
+                row |= {"greedy_length": _length(table, greedy), "optimum_length": optimum}
                 rows.append(row)
     return rows
 
 
-def _length(part: Table, policy: np.ndarray) -> float:
-    return horizon_evaluation(part.mdp, policy, part.world.horizon).length
+def _length(table: Table, policy: np.ndarray) -> float:
+    return horizon_evaluation(table.mdp, policy, table.world.horizon).length
 
 
 def _mass(problem: Problem) -> float:

@@ -54,15 +54,29 @@ def test_variables_name_their_content():
     assert vague.total() < SHARE * total, f"name the content of variables in {worst}"
 
 
-def test_definitions_name_their_content():
+def defined(tree: ast.AST) -> Iterator[str]:
+    """Yield the names of functions and classes, and of parameters."""
+    for item in ast.walk(tree):
+        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield item.name
+        elif isinstance(item, ast.arg):
+            yield item.arg
+
+
+def test_definitions_and_parameters_are_found():
+    code = "class A:\n  def b(self, *c, d, **e): pass\nasync def f(): lambda g, /: g"
+    assert {*defined(ast.parse(code))} == {*"Abcdefg", "self"}
+
+
+def test_definitions_and_parameters_name_their_content():
     """`part` and `parts` are terms: pieces of episodes that processes share, of a file that a page
     reads."""
     terms = {"part", "parts"}
     vague = [
-        f"{path}: {item.name}"
+        f"{path}: {name}"
         for path, tree in trees()
-        for item in ast.walk(tree)
-        if isinstance(item, ast.FunctionDef | ast.ClassDef) and item.name in VAGUE - terms
+        for name in defined(tree)
+        if name in VAGUE - terms
     ]
     assert vague == []
 

@@ -264,8 +264,8 @@ class DiscriminatorWeighted(shared.EpisodeLearner):
 
 
 def discriminator_loss(
-    expert: Float[Array, " batch"], others: Float[Array, " batch"], share: Array | float
+    expert: Float[Array, " batch"], mixed: Float[Array, " batch"], share: Array | float
 ) -> Float[Array, ""]:
     """η E_E[-log d] + E_O[-log (1 - d)] - η E_E[-log (1 - d)], of logits (their Eq 10)."""
     positive = jax.nn.softplus(-expert) - jax.nn.softplus(expert)
-    return jnp.mean(share * positive) + jnp.mean(jax.nn.softplus(others))
+    return jnp.mean(share * positive) + jnp.mean(jax.nn.softplus(mixed))

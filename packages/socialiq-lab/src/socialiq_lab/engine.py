@@ -65,10 +65,10 @@ class Engine:
 
 
 @contextmanager
-def work_folder(given: Path | None) -> Iterator[Path]:
+def work_folder(path: Path | None) -> Iterator[Path]:
     """Yield the folder that a study keeps its jobs in: the given one, or a temporary one."""
-    if given is not None:
-        yield given
+    if path is not None:
+        yield path
         return
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)

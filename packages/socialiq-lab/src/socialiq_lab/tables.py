@@ -18,9 +18,9 @@ def groups(rows: Sequence[Row], *keys: str) -> dict[tuple, list[Row]]:
     return result
 
 
-def matching(rows: Sequence[Row], **wanted: Any) -> list[Row]:
+def matching(rows: Sequence[Row], **columns: Any) -> list[Row]:
     """Return the rows that have these values."""
-    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+    return [row for row in rows if all(row[key] == value for key, value in columns.items())]
 
 
 def where(rows: Sequence[Row], conditions: Mapping[str, Any]) -> list[Row]:

@@ -109,17 +109,17 @@ def describe() -> dict[str, str]:
     return versions() | {name: os.environ.get(name, "") for name in PORTABLE}
 
 
-def check(wanted: dict[str, str], work: Path, call: str) -> None:
+def check(expected: dict[str, str], work: Path, call: str) -> None:
     """Refuse a worker whose numbers or files would differ from the caller's.
 
-    `wanted` is the result of `describe` in the calling process; the name of the call is in the file
-    `.call` of the work folder.
+    `expected` is the result of `describe` in the calling process; the name of the call is in the
+    file `.call` of the work folder.
 
     Raises:
         UserError: If a version or a variable differs, or the folder is not shared.
     """
     here, host = describe(), os.uname().nodename if hasattr(os, "uname") else "a worker"
-    for name, value in wanted.items():
+    for name, value in expected.items():
         if here[name] != value and name in PORTABLE:
             raise UserError(f'the worker on {host} was not started with {name}="{value}"')
         if here[name] != value:

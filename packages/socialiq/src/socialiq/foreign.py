@@ -17,18 +17,18 @@ FAILURES = (Exception, SystemExit)
 """Exceptions that foreign code may raise."""
 
 
-def imported(place: str) -> ModuleType:
+def imported(source: str) -> ModuleType:
     """Import a module. This runs its author's code, with all your rights.
 
     Args:
-        place: A name that Python can import, or the path of a file that ends in .py; a file runs
+        source: A name that Python can import, or the path of a file that ends in .py; a file runs
             again only if it has changed.
     """
-    if not place.endswith(".py"):
-        return importlib.import_module(place)
-    path = Path(place).resolve()
+    if not source.endswith(".py"):
+        return importlib.import_module(source)
+    path = Path(source).resolve()
     if not path.is_file():
-        raise UserError(f"no such file: {one_line(place)}")
+        raise UserError(f"no such file: {one_line(source)}")
     content = path.read_bytes()
     if (path, content) not in _RUN:
         spec = importlib.util.spec_from_file_location(path.stem, path)

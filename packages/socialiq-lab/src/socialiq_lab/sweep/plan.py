@@ -262,5 +262,5 @@ def _with(base: Any, entries: Sequence[_Entry]) -> Any:
     return dataclasses.replace(base, **plain)
 
 
-def _listed(given: Any) -> list[Any]:
-    return given if isinstance(given, list) else [given]
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]

@@ -116,9 +116,9 @@ def _provenance(
     return {name: dataclasses.asdict(config), "duplicates": duplicates, "sources": sources}
 
 
-def _summary(seen: Situations, rows: list[Row], contrasts: list[Row]) -> dict[str, Any]:
+def _summary(situations: Situations, rows: list[Row], contrasts: list[Row]) -> dict[str, Any]:
     """Return counts, scores of second halves by holdout, moments and model, and what was found."""
-    in_conflict = seen.moving & seen.conflict
+    in_conflict = situations.moving & situations.conflict
     second_half: dict[str, Any] = {}
     for row in rows:
         if row["part"] == "second half":
@@ -127,14 +127,14 @@ def _summary(seen: Situations, rows: list[Row], contrasts: list[Row]) -> dict[st
             of_moments[row["model"]] = {name: row[name] for name in names}
     names = ("holdout", "moments", "model", "over", "gain")
     return {
-        "moments": len(seen),
-        "moving": int(seen.moving.sum()),
+        "moments": len(situations),
+        "moving": int(situations.moving.sum()),
         "in_conflict": int(in_conflict.sum()),
-        "drivers": len(set(seen.vehicle.tolist())),
-        "drivers_in_conflict": len(set(seen.vehicle[in_conflict].tolist())),
-        "chains": len(set(seen.chain.tolist())),
-        "chains_in_conflict": len(set(seen.chain[in_conflict].tolist())),
-        "sites": len(set(seen.site.tolist())),
+        "drivers": len(set(situations.vehicle.tolist())),
+        "drivers_in_conflict": len(set(situations.vehicle[in_conflict].tolist())),
+        "chains": len(set(situations.chain.tolist())),
+        "chains_in_conflict": len(set(situations.chain[in_conflict].tolist())),
+        "sites": len(set(situations.site.tolist())),
         "second_half": second_half,
         "contrasts_tested": len(contrasts),
         "contrasts_found": [{n: row[n] for n in names} for row in contrasts if row["found"]],
@@ -192,7 +192,7 @@ def _show_contrasts(rows: list[Row]) -> None:
 _CONFIDENCE = 0.95
 
 
-def _trait_test(seen: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:
+def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:
     """Infer angles from drivers' first halves and test them on their second halves.
 
     Returns:
@@ -200,7 +200,7 @@ def _trait_test(seen: Situations, seed: int) -> tuple[dict[str, list[Row]], dict
         population's angle, and which contrasts were found.
     """
     try:
-        models = trait.fit_models(study.choices(seen, seed), seed, narrow=True)
+        models = trait.fit_models(study.choices(situations, seed), seed, narrow=True)
     except UserError as error:
         return {}, {"not_tested": str(error)}
     rows, sample = trait.contrasts(models, seed), models.sample

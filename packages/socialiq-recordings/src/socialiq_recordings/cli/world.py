@@ -127,34 +127,34 @@ class MakeWorld(Printing):
             print_table(summary["compared"], "Recorded and simulated: quartiles, distance")
         return 0
 
-    def write(self, made: Made) -> dict[str, Any]:
+    def write(self, built: Made) -> dict[str, Any]:
         """Compute, then write the files that are asked for, the world last; return the summary."""
-        provenance = made.world.provenance
+        provenance = built.world.provenance
         summary: dict[str, Any] = {"out": str(self.out)}
         summary |= {
             name: provenance[name] for name in ("vehicles", "egos", "closures", "calibration")
         }
-        replayed = replay(made.world, self.every) if self.demonstrations is not None else None
+        replayed = replay(built.world, self.every) if self.demonstrations is not None else None
         if self.report is not None:
             from socialiq_recordings.world import compare
 
-            simulated = compare.simulate(made, self.seed, self.repeats)
-            rows = compare.table(made.observed, simulated)
+            simulated = compare.simulate(built, self.seed, self.repeats)
+            rows = compare.table(built.observed, simulated)
             settings = {
                 "choices": dataclasses.asdict(self.choices),
                 "repeats": self.repeats,
                 "seed": self.seed,
                 "recordings": provenance["recordings"],
             }
-            tables = {"compared": rows, "drivers": list(made.calibration.evidence)}
+            tables = {"compared": rows, "drivers": list(built.calibration.evidence)}
             results = Results.of("recordings world", settings, tables, {"compared": rows})
-            pictures = png({"compared": compare.beside(made.observed, simulated)})
+            pictures = png({"compared": compare.beside(built.observed, simulated)})
             save(results, self.report, pictures, self.replace)
             summary["compared"] = rows
         if self.demonstrations is not None and replayed is not None:
             demonstration_files.save(self.demonstrations, replayed.table, replace=False)
             summary["demonstrations"] = _quality(replayed)
-        summary["sha256"] = made.world.save(self.out, replace=False)
+        summary["sha256"] = built.world.save(self.out, replace=False)
         return summary
 
 
@@ -270,18 +270,18 @@ def _quality(replayed: Replayed) -> dict[str, Any]:
     }
 
 
-def _counts_of(made: Made, replayed: Replayed) -> list[Row]:
+def _counts_of(built: Made, replayed: Replayed) -> list[Row]:
     """Return a row of counts for each recording."""
-    first = made.world.road.recording_first
+    first = built.world.road.recording_first
     table, rows = replayed.table, []
     last = table.episode_starts + table.episode_lengths - 1
-    for number, source in enumerate(made.world.provenance["recordings"]):
+    for number, source in enumerate(built.world.provenance["recordings"]):
         of_recording = (replayed.vehicle >= first[number]) & (replayed.vehicle < first[number + 1])
         endings = Counter(table.ending[last[of_recording]].tolist())
         row = {
             "recording": source["recording"],
-            "site": made.identified.site[number],
-            "chain": made.identified.chain[number],
+            "site": built.identified.site[number],
+            "chain": built.identified.chain[number],
             "origin": "simulated" if source["simulated"] else "recorded",
             "seconds": round(source["seconds"], 2),
             "vehicles": source["vehicles"],

@@ -72,7 +72,9 @@ class Area:
         return replace(self, entry=self.entry[::-1], exit=self.exit[::-1])
 
 
-def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes) -> Area | None:
+def area_of(
+    first: Way, second: Way, first_swept: Any, second_swept: Any, lanes: Lanes
+) -> Area | None:
     """Return the first area in which two ways cross or merge; None if there is none.
 
     The map must agree: two lanelets of the routes are in conflict, or both routes enter one
@@ -80,45 +82,45 @@ def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes
     lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
     areas are Shapely's.
     """
-    if not one_swept.intersects(other_swept):
+    if not first_swept.intersects(second_swept):
         return None
-    if not any(lanes.conflict(a, b) for a in one.lanelets for b in other.lanelets):
+    if not any(lanes.conflict(a, b) for a in first.lanelets for b in second.lanelets):
         before, before_other = (
-            dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (one, other)
+            dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (first, second)
         )
-        common = {*one.lanelets} & {*other.lanelets}
+        common = {*first.lanelets} & {*second.lanelets}
         if all(before.get(number) == before_other.get(number) for number in common):
             return None
-    common = one_swept.intersection(other_swept)
+    common = first_swept.intersection(second_swept)
     areas = []
     for polygon in getattr(common, "geoms", [common]):
         if polygon.geom_type == "Polygon" and polygon.area >= _LEAST:
-            area = _area(one, other, polygon)
+            area = _area(first, second, polygon)
             if area is not None:
                 areas.append(area)
     return min(areas, key=lambda area: area.entry[0]) if areas else None
 
 
-def _area(one: Way, other: Way, polygon: Any) -> Area | None:
+def _area(first: Way, second: Way, polygon: Any) -> Area | None:
     corners = np.array(polygon.exterior.coords)[:-1]
     entry, end = [], []
-    for way in (one, other):
+    for way in (first, second):
         along = way.line.coordinates(corners[:, 0], corners[:, 1]).along
         entry.append(float(along.min()))
         end.append(float(min(along.max(), way.line.length)))
     if min(entry) <= _START:
         return None
     middle = [(low + high) / 2 for low, high in zip(entry, end, strict=True)]
-    merging = _between(one.line, end[0], other.line, end[1]) < SAME_WAY
+    merging = _between(first.line, end[0], second.line, end[1]) < SAME_WAY
     if merging:
         # Vehicles whose swept areas join come from different lanes to one, and neither has passed
         # the line where their ways join at its first state. Ways side by side, and those of
         # vehicles in one lane, touch by errors of positions.
-        sides = zip((one, other), entry, strict=True)
+        sides = zip((first, second), entry, strict=True)
         if any(way.along[0] + way.length / 2 > at for way, at in sides):
             return None
-        before = _beside(one.line, other.line, max(entry[0] - _BEFORE, 0.0), entry[0])
-        after = _beside(one.line, other.line, entry[0], end[0])
+        before = _beside(first.line, second.line, max(entry[0] - _BEFORE, 0.0), entry[0])
+        after = _beside(first.line, second.line, entry[0], end[0])
         if before.max() < _SEPARATE or after.min() >= _JOINED:
             return None
     # Ways that join are compared where they meet, ways that cross in the middle.
@@ -127,7 +129,7 @@ def _area(one: Way, other: Way, polygon: Any) -> Area | None:
         Conflict.MERGING if merging else Conflict.CROSSING,
         (entry[0], entry[1]),
         (entry[0], entry[1]) if merging else (end[0], end[1]),
-        float(np.degrees(_between(one.line, at[0], other.line, at[1]))),
+        float(np.degrees(_between(first.line, at[0], second.line, at[1]))),
         float(polygon.centroid.x),
         float(polygon.centroid.y),
         corners,
@@ -135,17 +137,17 @@ def _area(one: Way, other: Way, polygon: Any) -> Area | None:
 
 
 def _beside(
-    line: Polyline, other: Polyline, low: float, high: float
+    line: Polyline, second: Polyline, low: float, high: float
 ) -> Float64[np.ndarray, " point"]:
     """Return distances between two lines along a part of the first, m."""
     points = line.points_at(np.append(np.arange(low, high, 1.0), high))[0]
-    return np.abs(other.coordinates(points[:, 0], points[:, 1]).lateral)
+    return np.abs(second.coordinates(points[:, 0], points[:, 1]).lateral)
 
 
-def _between(one: Polyline, at: float, other: Polyline, other_at: float) -> float:
+def _between(first: Polyline, at: float, second: Polyline, second_at: float) -> float:
     """Return the angle between two lines, rad."""
     headings = [
-        line.points_at(np.array([along]))[1] for line, along in ((one, at), (other, other_at))
+        line.points_at(np.array([along]))[1] for line, along in ((first, at), (second, second_at))
     ]
     return float(abs(wrapped(headings[0] - headings[1]))[0])
 
@@ -215,9 +217,9 @@ class Encounters:
         """The ways by the time at which their vehicles are seen."""
         return InTime(self.ways)
 
-    def area(self, one: int, other: int) -> Area | None:
+    def area(self, first: int, second: int) -> Area | None:
         """Return the conflict area of two tracks, the first one's coordinates first."""
-        pair = (min(one, other), max(one, other))
+        pair = (min(first, second), max(first, second))
         if pair not in self._areas:
             for way in (self.ways[track] for track in pair if track not in self._swept):
                 width = max(way.width - self.config.slack, 0.1)
@@ -227,7 +229,7 @@ class Encounters:
             ways, swept = [self.ways[n] for n in pair], [self._swept[n] for n in pair]
             self._areas[pair] = area_of(ways[0], ways[1], swept[0], swept[1], self.scene.lanes)
         area = self._areas[pair]
-        return area if area is None or one == pair[0] else area.swapped()
+        return area if area is None or first == pair[0] else area.swapped()
 
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
@@ -248,16 +250,16 @@ class Encounters:
         copied._on_way = {}
         return copied
 
-    def meeting(self, ego: int, other: int) -> Meeting | None:
+    def meeting(self, ego: int, partner: int) -> Meeting | None:
         """Return the conflict of an ordered pair of tracks; None if there is none.
 
         Either both passed the area within `near` s and were in view together before the second
         arrived, or at one moment before either had left they would at their speeds. Both are the
         first of their lanes then: who queues behind others meets them, not the crossing traffic.
         """
-        ways = self.ways[ego], self.ways[other]
+        ways = self.ways[ego], self.ways[partner]
         together = motion.frames_together(*ways)
-        area = self.area(ego, other) if len(together) else None
+        area = self.area(ego, partner) if len(together) else None
         if area is None:
             return None
         sides = list(zip(ways, area.entry, area.exit, strict=True))
@@ -279,24 +281,26 @@ class Encounters:
         ego_times, other_times = (motion.expected(*side) for side in sides)
         return Meeting(*ways, area, ego_times, other_times, complete, frames)
 
-    def _on_course(self, area: Area, one: Way, two: Way, frame: int) -> bool:
+    def _on_course(self, area: Area, first: Way, second: Way, frame: int) -> bool:
         """Whether two vehicles would be in the area close in time at the speeds of a frame."""
         times = [
             motion.projected(way, area.entry[side], area.exit[side], frame)
-            for side, way in enumerate((one, two))
+            for side, way in enumerate((first, second))
         ]
-        soon = max(occupancy.enters for occupancy in times) <= frame * one.dt + self.config.horizon
+        soon = (
+            max(occupancy.enters for occupancy in times) <= frame * first.dt + self.config.horizon
+        )
         return (
             soon
             and motion.apart(*times) <= self.config.near
-            and self.first_in_line(one, area.entry[0], frame, two.track)
-            and self.first_in_line(two, area.entry[1], frame, one.track)
-            and not self.held(one, two, frame)
+            and self.first_in_line(first, area.entry[0], frame, second.track)
+            and self.first_in_line(second, area.entry[1], frame, first.track)
+            and not self.held(first, second, frame)
         )
 
-    def held(self, one: Way, two: Way, frame: int) -> bool:
+    def held(self, first: Way, second: Way, frame: int) -> bool:
         """Whether a red light holds either of two vehicles at a frame."""
-        return held(self.scene, one, frame) or held(self.scene, two, frame)
+        return held(self.scene, first, frame) or held(self.scene, second, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
         """Whether no other vehicle is on a way between its vehicle and the entry of an area, m.

@@ -37,7 +37,7 @@ def time_to_collision(gap: float, speed: float, leader_speed: float) -> float:
     return gap / closing if closing > 0 else math.inf
 
 
-def time_to_collision_crossing(one: tuple[float, float], other: tuple[float, float]) -> float:
+def time_to_collision_crossing(first: tuple[float, float], second: tuple[float, float]) -> float:
     """Return the time to collision of two vehicles on paths that cross, s.
 
     With present speeds and paths they collide if both are in the conflict area at one time, when
@@ -45,8 +45,8 @@ def time_to_collision_crossing(one: tuple[float, float], other: tuple[float, flo
     analysis of road user behaviour in normal and critical encounters, TU Delft). Of each, s until
     its front arrives at the area, and until its rear leaves.
     """
-    arrives = max(one[0], other[0])
-    meet = arrives < min(one[1], other[1])
+    arrives = max(first[0], second[0])
+    meet = arrives < min(first[1], second[1])
     return max(arrives, 0.0) if meet and math.isfinite(arrives) else math.inf
 
 
@@ -260,11 +260,11 @@ def turn(way: Way, entry: float, end: float) -> float:
     return math.degrees(wrapped(after - before))
 
 
-def sign(encounters: Encounters, way: Way, other: Way) -> str:
+def sign(encounters: Encounters, way: Way, partner: Way) -> str:
     """Return the last right-of-way sign on a route up to the lanelet in conflict."""
     lanes, last = encounters.scene.lanes, Sign.NONE
     for number in way.lanelets:
         last = lanes.road.lanelets[number].sign or last
-        if any(lanes.conflict(number, lanelet) for lanelet in other.lanelets):
+        if any(lanes.conflict(number, lanelet) for lanelet in partner.lanelets):
             break
     return Sign(last).name.lower()

@@ -122,9 +122,9 @@ def _onwards(
     return middle + offset[:, None] * left
 
 
-def frames_together(one: Way, other: Way) -> Int64[np.ndarray, " frame"]:
+def frames_together(first: Way, second: Way) -> Int64[np.ndarray, " frame"]:
     """Return the frames at which both vehicles are present."""
-    return np.arange(max(one.first, other.first), min(one.last, other.last) + 1)
+    return np.arange(max(first.first, second.first), min(first.last, second.last) + 1)
 
 
 STANDING = 0.1  # m/s; a slower vehicle doesn't arrive at its present speed
@@ -164,14 +164,14 @@ def expected(way: Way, entry: float, end: float) -> Occupancy:
     )
 
 
-def apart(one: Occupancy, other: Occupancy) -> float:
+def apart(first: Occupancy, second: Occupancy) -> float:
     """Return the time between two occupancies, s; 0 if they overlap.
 
     Infinity if one never arrives, or both had left before they came into view.
     """
-    if one.enters == np.inf or other.enters == np.inf:
+    if first.enters == np.inf or second.enters == np.inf:
         return float("inf")
-    gaps = other.enters - one.leaves, one.enters - other.leaves
+    gaps = second.enters - first.leaves, first.enters - second.leaves
     return float("inf") if np.isnan(gaps).any() else max(*gaps, 0.0)
 
 
@@ -233,24 +233,24 @@ def in_the_way(
     return beside & (np.abs(turned) < _SAME_DIRECTION)
 
 
-def leader(way: Way, along: float, others: OnWay) -> Near:
+def leader(way: Way, along: float, vehicles: OnWay) -> Near:
     """Return the next vehicle on a way ahead of the follower's middle at a coordinate, m."""
-    ahead = (others.along > along) & (others.along < along + _REACH)
+    ahead = (vehicles.along > along) & (vehicles.along < along + _REACH)
     if not ahead.any():
         return Near()
-    index = int(np.argmin(np.where(ahead, others.along, np.inf)))
-    gap = others.along[index] - along - (others.length[index] + way.length) / 2
-    return Near(int(others.track[index]), float(gap), float(others.speed[index]))
+    index = int(np.argmin(np.where(ahead, vehicles.along, np.inf)))
+    gap = vehicles.along[index] - along - (vehicles.length[index] + way.length) / 2
+    return Near(int(vehicles.track[index]), float(gap), float(vehicles.speed[index]))
 
 
-def follower(way: Way, along: float, others: OnWay) -> Near:
+def follower(way: Way, along: float, vehicles: OnWay) -> Near:
     """Return the next vehicle behind a coordinate, as `leader` does ahead."""
-    behind = (others.along < along) & (others.along > along - _REACH)
+    behind = (vehicles.along < along) & (vehicles.along > along - _REACH)
     if not behind.any():
         return Near()
-    index = int(np.argmax(np.where(behind, others.along, -np.inf)))
-    gap = along - others.along[index] - (others.length[index] + way.length) / 2
-    return Near(int(others.track[index]), float(gap), float(others.speed[index]))
+    index = int(np.argmax(np.where(behind, vehicles.along, -np.inf)))
+    gap = along - vehicles.along[index] - (vehicles.length[index] + way.length) / 2
+    return Near(int(vehicles.track[index]), float(gap), float(vehicles.speed[index]))
 
 
 class InTime:

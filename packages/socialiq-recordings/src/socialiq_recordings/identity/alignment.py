@@ -81,23 +81,23 @@ def shape_of(recording: Recording) -> Shape:
     return Shape(points[np.unique(cells, axis=0, return_index=True)[1]], False)
 
 
-def shared(one: Shape, other: Shape) -> float:
+def shared(first: Shape, second: Shape) -> float:
     """Return the share of the smaller shape's points that lie on the other, best aligned.
 
     Shapes that are straight fit everywhere along themselves, and paths of vehicles scatter: both
     are compared in the frames that they are written in.
     """
-    if not len(one.points) or not len(other.points):
+    if not len(first.points) or not len(second.points):
         return 0.0
-    beside = BESIDE if one.of_road and other.of_road else _BESIDE_PATH
-    best = _overlap(one.points, other.points, Placement(0.0, np.zeros(2)), beside)
-    if best > _ALIKE or not (one.of_road and other.of_road):
+    beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
+    best = _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)
+    if best > _ALIKE or not (first.of_road and second.of_road):
         return best
-    if min(_bends(one.points), _bends(other.points)) < _STRAIGHT:
+    if min(_bends(first.points), _bends(second.points)) < _STRAIGHT:
         return best
     kernel = np.exp(-0.5 * (np.minimum(np.arange(360), 360 - np.arange(360)) / 1.5) ** 2)
     spectra = []
-    for shape in (one, other):
+    for shape in (first, second):
         degrees = np.floor(np.degrees(shape.points[:, 2]) % 360).astype(np.int64) % 360
         histogram = np.bincount(degrees, minlength=360).astype(np.float64)
         spectra.append(np.fft.fft(histogram) * np.fft.fft(kernel))
@@ -109,16 +109,16 @@ def shared(one: Shape, other: Shape) -> float:
         turns.append(np.radians(peak))
         correlation[np.arange(peak - 4, peak + 5) % 360] = -np.inf
     for turn in turns:
-        placement = _placed(one.points, other.points, turn)
-        best = max(best, _overlap(one.points, other.points, placement, beside))
+        placement = _placed(first.points, second.points, turn)
+        best = max(best, _overlap(first.points, second.points, placement, beside))
         if best > _ALIKE:
             break
     return best
 
 
-def _overlap(one: np.ndarray, other: np.ndarray, placement: Placement, beside: float) -> float:
+def _overlap(first: np.ndarray, second: np.ndarray, placement: Placement, beside: float) -> float:
     """Return the larger of the two shares of points that lie on the other shape, once placed."""
-    return max(_on(placement.of(other), one, beside), _on(placement.back(one), other, beside))
+    return max(_on(placement.of(second), first, beside), _on(placement.back(first), second, beside))
 
 
 def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
@@ -138,10 +138,10 @@ def _bends(points: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(along.T @ along / len(along))[0])
 
 
-def _placed(one: np.ndarray, other: np.ndarray, turn: float) -> Placement:
+def _placed(fixed: np.ndarray, turning: np.ndarray, turn: float) -> Placement:
     """Return the placement of the other's points on the one's with about this turn."""
-    turned = Placement(turn, np.zeros(2)).of(other)
-    few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (one, turned))
+    turned = Placement(turn, np.zeros(2)).of(turning)
+    few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (fixed, turned))
     same = np.abs(wrapped(few[:, None, 2] - voters[None, :, 2])) < _TURNED / 2
     first, second = np.nonzero(same)
     if not len(first):
@@ -151,11 +151,11 @@ def _placed(one: np.ndarray, other: np.ndarray, turn: float) -> Placement:
     width = int(np.ptp(votes[:, 1])) + 1
     cells, count = np.unique((votes - low) @ np.array([width, 1]), return_counts=True)
     most = np.array(divmod(int(cells[np.argmax(count)]), width)) + low
-    placement, tree = Placement(turn, most * (STEP / 2)), KDTree(one[:, :2])
+    placement, tree = Placement(turn, most * (STEP / 2)), KDTree(fixed[:, :2])
     for reach in _REACHES:
-        moved = placement.of(other)
+        moved = placement.of(turning)
         distance, nearest = tree.query(moved[:, :2])
-        line = one[nearest]
+        line = fixed[nearest]
         use = (distance < reach) & (np.abs(wrapped(line[:, 2] - moved[:, 2])) < _TURNED)
         if use.sum() < 5:
             return placement
@@ -288,25 +288,27 @@ def _most_frequent(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return distinct[order], counts[order]
 
 
-def _placement(one: Motion, other: Motion, pair: np.ndarray, lag: int) -> Placement | None:
+def _placement(
+    motion: Motion, other_motion: Motion, pair: np.ndarray, lag: int
+) -> Placement | None:
     """Return the rigid motion of a vehicle's path in the other recording to that in the one.
 
     The least-squares solution of Kabsch (1976), in the plane.
     """
     # The rows of both tracks at their common times.
-    start, end = one.tracks.starts[pair[0] : pair[0] + 2].tolist()
-    other_start, other_end = other.tracks.starts[pair[1] : pair[1] + 2].tolist()
-    first = int(one.tracks.frame[start])
-    other_first = int(other.tracks.frame[other_start]) - lag
+    start, end = motion.tracks.starts[pair[0] : pair[0] + 2].tolist()
+    other_start, other_end = other_motion.tracks.starts[pair[1] : pair[1] + 2].tolist()
+    first = int(motion.tracks.frame[start])
+    other_first = int(other_motion.tracks.frame[other_start]) - lag
     begin = max(first, other_first)
     count = min(first + end - start, other_first + other_end - other_start) - begin
-    if max(count, 0) * one.tracks.dt < 1.0 - 1e-9:
+    if max(count, 0) * motion.tracks.dt < 1.0 - 1e-9:
         return None
     start, other_start = start + begin - first, other_start + begin - other_first
     rows, other_rows = slice(start, start + count), slice(other_start, other_start + count)
-    speeds = np.abs(one.speed[rows] - other.speed[other_rows])
-    a = np.column_stack([one.tracks.x[rows], one.tracks.y[rows]])
-    b = np.column_stack([other.tracks.x[other_rows], other.tracks.y[other_rows]])
+    speeds = np.abs(motion.speed[rows] - other_motion.speed[other_rows])
+    a = np.column_stack([motion.tracks.x[rows], motion.tracks.y[rows]])
+    b = np.column_stack([other_motion.tracks.x[other_rows], other_motion.tracks.y[other_rows]])
     if np.median(speeds) > SAME_SPEED or np.hypot(*np.ptp(a, axis=0)) < _LEAST_PATH:
         return None
     centre, other_centre = a.mean(axis=0), b.mean(axis=0)
@@ -319,36 +321,38 @@ def _placement(one: Motion, other: Motion, pair: np.ndarray, lag: int) -> Placem
 
 
 def _matched(
-    one: Motion, other: Motion, placement: Placement, lag: int
+    motion: Motion, other_motion: Motion, placement: Placement, lag: int
 ) -> tuple[float, Common] | None:
     """Return the share of the common view with a partner, and the vehicles in common."""
-    places = other.places(-lag)
+    places = other_motion.places(-lag)
     moved = placement.of(places[:, [0, 1, 1]])[:, :2]
-    distance, nearest = one.by_time.query(
+    distance, nearest = motion.by_time.query(
         np.column_stack([moved, places[:, 2]]), distance_upper_bound=SAME_PLACE
     )
     met = np.isfinite(distance)
     if met.sum() < FEWEST_STATES:
         return None
     # States with a partner, of those that both recordings could have seen.
-    frames, points = one.tracks.frame + lag, one.places(0)[:, :2]
-    inside = _within(moved, points) & np.isin(other.tracks.frame, frames)
-    covered = _within(points, moved) & np.isin(frames, other.tracks.frame)
+    frames, points = motion.tracks.frame + lag, motion.places(0)[:, :2]
+    inside = _within(moved, points) & np.isin(other_motion.tracks.frame, frames)
+    covered = _within(points, moved) & np.isin(frames, other_motion.tracks.frame)
     fewer = min(int(inside.sum()), int(covered.sum()))
     share = float(met.sum()) / fewer if fewer else 0.0
     if share < _LEAST_SHARE:
         return None
-    pairs = np.column_stack([one.tracks.track[np.asarray(nearest)[met]], other.tracks.track[met]])
+    pairs = np.column_stack(
+        [motion.tracks.track[np.asarray(nearest)[met]], other_motion.tracks.track[met]]
+    )
     distinct, counts = _most_frequent(pairs.astype(np.int64))
     rows = [
         row
         for row in np.flatnonzero(counts >= FEWEST_STATES).tolist()
         if not (distinct[:row] == distinct[row]).any()
     ]
-    if not rows or (len(rows) < 2 and counts[0] * one.tracks.dt < _ALONE):
+    if not rows or (len(rows) < 2 and counts[0] * motion.tracks.dt < _ALONE):
         return None
-    count = len(np.unique(other.tracks.frame[met]))
-    common = Common(lag * one.tracks.dt, count * one.tracks.dt, distinct[rows])
+    count = len(np.unique(other_motion.tracks.frame[met]))
+    common = Common(lag * motion.tracks.dt, count * motion.tracks.dt, distinct[rows])
     return share * count, common
 
 

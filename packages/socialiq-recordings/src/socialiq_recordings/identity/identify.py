@@ -146,13 +146,13 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
     return sites
 
 
-def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]:
+def _persisting(recording: Recording, other_recording: Recording) -> tuple[tuple[int, int], ...]:
     """Return tracks of equal number and size, if they are more than chance would give.
 
     Under chance a common number has the same class and size with the share that all pairs of the
     two recordings have, so the count of agreements is binomial.
     """
-    tracks, other_tracks = one.tracks, other.tracks
+    tracks, other_tracks = recording.tracks, other_recording.tracks
     _, a, b = np.intersect1d(tracks.identity, other_tracks.identity, return_indices=True)
     if not len(a):
         return ()
@@ -177,9 +177,9 @@ def _root(forest: list[int], node: int) -> int:
     return node
 
 
-def _join(forest: list[int], one: int, other: int) -> None:
+def _join(forest: list[int], first: int, second: int) -> None:
     """Join two trees; the smaller number is the root."""
-    low, high = sorted((_root(forest, one), _root(forest, other)))
+    low, high = sorted((_root(forest, first), _root(forest, second)))
     forest[high] = low
 
 

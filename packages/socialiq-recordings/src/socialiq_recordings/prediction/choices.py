@@ -107,21 +107,21 @@ Metres = Float64[np.ndarray, "moment candidate"]
 Course = Float64[np.ndarray, "step moment candidate"]
 
 
-def rewards(seen: Situations, grid: Float64[np.ndarray, " candidate"]) -> RewardPair:
+def rewards(situations: Situations, grid: Float64[np.ndarray, " candidate"]) -> RewardPair:
     """Return r_env and r_social of each acceleration of a grid in m/s², each (moment, candidate).
 
     r_env is the driver's progress beyond that at its present speed. r_social is minus what the
     other vehicle of the conflict and the follower lose against the driver's absence.
     """
-    shape = (len(seen), len(grid))
-    path = [(np.zeros(shape), np.broadcast_to(seen.speed[:, None], shape))]
+    shape = (len(situations), len(grid))
+    path = [(np.zeros(shape), np.broadcast_to(situations.speed[:, None], shape))]
     for step in range(_STEPS):
         path.append(_on(path[-1], np.broadcast_to(grid * (step * _DT < 1.0), shape)))
     driven, speed = (np.stack(column) for column in zip(*path, strict=True))
-    env = (driven[-1] - AHEAD * seen.speed[:, None]) / UNIT
-    lost, follows = np.zeros(shape), np.isfinite(seen.behind)
-    for rows, losses in ((seen.conflict, _lost_in_conflict), (follows, _lost_behind)):
-        lost[rows] += losses(seen.rows(rows), driven[:, rows], speed[:, rows])
+    env = (driven[-1] - AHEAD * situations.speed[:, None]) / UNIT
+    lost, follows = np.zeros(shape), np.isfinite(situations.behind)
+    for rows, losses in ((situations.conflict, _lost_in_conflict), (follows, _lost_behind)):
+        lost[rows] += losses(situations.rows(rows), driven[:, rows], speed[:, rows])
     return RewardPair(env, 0.0 - lost / UNIT)  # 0, not -0
 
 
@@ -140,11 +140,11 @@ def _others(
     return model, (np.zeros(shape), np.broadcast_to(speed[:, None], shape))
 
 
-def _lost_behind(seen: Situations, driven: Course, speed: Course) -> Metres:
+def _lost_behind(situations: Situations, driven: Course, speed: Course) -> Metres:
     """Return the metres that followers lose because the driver is ahead of them."""
-    model, begin = _others(seen.behind_speed, driven.shape[1:])
-    gap, ahead = seen.behind[:, None], seen.leader_speed[:, None]
-    free = (seen.behind + seen.length + seen.gap)[:, None]
+    model, begin = _others(situations.behind_speed, driven.shape[1:])
+    gap, ahead = situations.behind[:, None], situations.leader_speed[:, None]
+    free = (situations.behind + situations.length + situations.gap)[:, None]
     behind = absent = begin
     for step in range(_STEPS):
         to_driver = gap + driven[step] - behind[0]
@@ -154,32 +154,33 @@ def _lost_behind(seen: Situations, driven: Course, speed: Course) -> Metres:
     return np.maximum(absent[0] - behind[0], 0.0)
 
 
-def _lost_in_conflict(seen: Situations, driven: Course, speed: Course) -> Metres:
+def _lost_in_conflict(situations: Situations, driven: Course, speed: Course) -> Metres:
     """Return the metres that other vehicles of conflicts lose because the driver comes first."""
-    model, begin = _others(seen.other_speed, driven.shape[1:])
-    ahead, stand = seen.other_leader_speed[:, None], np.zeros(driven.shape[1:])
+    model, begin = _others(situations.other_speed, driven.shape[1:])
+    ahead, stand = situations.other_leader_speed[:, None], np.zeros(driven.shape[1:])
     enters, leaves = (
-        _reached(driven, speed, metres) for metres in (seen.to_area, seen.to_area + seen.through)
+        _reached(driven, speed, metres)
+        for metres in (situations.to_area, situations.to_area + situations.through)
     )
     with np.errstate(divide="ignore"):
-        other_enters = np.maximum(seen.other_to_area, 0.0) / seen.other_speed
+        other_enters = np.maximum(situations.other_to_area, 0.0) / situations.other_speed
     first = enters <= other_enters[:, None]
 
-    def behind_leader(other: tuple[Metres, Metres]) -> Metres:
-        gap = seen.other_gap[:, None] + ahead * now - other[0]
-        return accelerations(model, other[1], gap, ahead)
+    def behind_leader(vehicle: tuple[Metres, Metres]) -> Metres:
+        gap = situations.other_gap[:, None] + ahead * now - vehicle[0]
+        return accelerations(model, vehicle[1], gap, ahead)
 
     partner = absent = begin
     for step in range(_STEPS):
         now = step * _DT
-        to_area, left = seen.other_to_area[:, None] - partner[0], leaves - now
+        to_area, left = situations.other_to_area[:, None] - partner[0], leaves - now
         # It would arrive at its speed before the driver has left.
         blocked = first & (to_area > 0) & (left > 0) & (to_area < left * partner[1])
         free, stopping = behind_leader(partner), accelerations(model, partner[1], to_area, stand)
         rate = np.where(blocked, np.minimum(free, stopping), free)
-        beyond = driven[step] - seen.to_area[:, None]
-        follows = first & seen.merging[:, None] & (beyond >= 0)
-        gap = to_area + beyond - seen.length[:, None]
+        beyond = driven[step] - situations.to_area[:, None]
+        follows = first & situations.merging[:, None] & (beyond >= 0)
+        gap = to_area + beyond - situations.length[:, None]
         following = accelerations(model, partner[1], gap, speed[step])
         rate = np.where(follows, np.minimum(rate, following), rate)
         partner, absent = _on(partner, rate), _on(absent, behind_leader(absent))

@@ -48,18 +48,18 @@ def accelerations(
 
 
 def next_second(
-    log_parameters: Float64[np.ndarray, "*some parameter"], seen: Situations
+    log_parameters: Float64[np.ndarray, "*some parameter"], situations: Situations
 ) -> Float64[np.ndarray, " moment"]:
     """Return the mean acceleration of the next second behind a leader that keeps its speed, m/s².
 
     Of one set of parameters, or one for each moment.
     """
-    speed, gap, dt = seen.speed, seen.gap, 1.0 / _STEPS
+    speed, gap, dt = situations.speed, situations.gap, 1.0 / _STEPS
     for _ in range(_STEPS):
-        rate = accelerations(log_parameters, speed, gap, seen.leader_speed)
+        rate = accelerations(log_parameters, speed, gap, situations.leader_speed)
         driven, speed = ballistic(speed, rate, dt)
-        gap = gap + seen.leader_speed * dt - driven
-    return speed - seen.speed
+        gap = gap + situations.leader_speed * dt - driven
+    return speed - situations.speed
 
 
 def fit_population(train: Situations) -> Parameters:
@@ -74,7 +74,7 @@ def fit_population(train: Situations) -> Parameters:
 
 
 def fit_drivers(
-    population: Parameters, own: Situations, error: float, spread: float
+    population: Parameters, situations: Situations, error: float, spread: float
 ) -> dict[int, Parameters]:
     """Return the most probable log-parameters of each driver.
 
@@ -82,14 +82,17 @@ def fit_drivers(
     around the population's, with the deviation `spread`; steps of Gauss and Newton for all drivers
     at once, from their moments that may be learned from.
     """
-    vehicles, driver = np.unique(own.vehicle, return_inverse=True)
+    vehicles, driver = np.unique(situations.vehicle, return_inverse=True)
     fitted = np.tile(population, (len(vehicles), 1))
     size = len(population)
     for _ in range(_ROUNDS):
-        off = own.acceleration - next_second(fitted[driver], own)
+        off = situations.acceleration - next_second(fitted[driver], situations)
         steps = fitted[driver][:, None, :] + _STEP * np.eye(size)
         slopes = np.stack(
-            [next_second(steps[:, k], own) - next_second(fitted[driver], own) for k in range(size)],
+            [
+                next_second(steps[:, k], situations) - next_second(fitted[driver], situations)
+                for k in range(size)
+            ],
             axis=1,
         )
         slopes /= _STEP
@@ -102,11 +105,11 @@ def fit_drivers(
 
 
 def of_drivers(
-    population: Parameters, drivers: dict[int, Parameters], seen: Situations
+    population: Parameters, drivers: dict[int, Parameters], situations: Situations
 ) -> Float64[np.ndarray, "moment parameter"]:
     """Return the log-parameters of each moment's driver; the population's of an unknown one."""
-    rows = [drivers.get(vehicle, population) for vehicle in seen.vehicle.tolist()]
-    return np.array(rows).reshape(len(seen), len(population))
+    rows = [drivers.get(vehicle, population) for vehicle in situations.vehicle.tolist()]
+    return np.array(rows).reshape(len(situations), len(population))
 
 
 def best_spread(
@@ -128,31 +131,39 @@ _SPEED = 10.0  # m/s
 _LONG = 5.0  # s; longer times are all the same
 
 
-def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
+def features(situations: Situations) -> Float64[np.ndarray, "moment feature"]:
     """Return what models learn from: numbers of about unit size, 0 where nothing is there."""
-    leads, follows, conflict = np.isfinite(seen.gap), np.isfinite(seen.behind), seen.conflict
-    arrives = _time(seen.to_area, seen.speed)
-    other_arrives = _time(seen.other_to_area, seen.other_speed)
+    leads, follows, conflict = (
+        np.isfinite(situations.gap),
+        np.isfinite(situations.behind),
+        situations.conflict,
+    )
+    arrives = _time(situations.to_area, situations.speed)
+    other_arrives = _time(situations.other_to_area, situations.other_speed)
     columns = {
-        "speed": seen.speed / _SPEED,
-        "moving": seen.moving,
-        "leader_near": _near(seen.gap),
-        "leader_headway": np.where(leads, 1 - _time(seen.gap, seen.speed) / _LONG, 0.0),
-        "leader_slower": np.where(leads, (seen.speed - seen.leader_speed) / _SPEED, 0.0),
-        "idm": np.clip(next_second(literature(), seen), -4.0, 2.0),
-        "follower_near": _near(seen.behind),
-        "follower_faster": np.where(follows, (seen.behind_speed - seen.speed) / _SPEED, 0.0),
-        "junction_near": _near(seen.to_junction),
-        "left": np.clip(seen.turn, 0.0, 90.0) / 90.0,
-        "right": np.clip(-seen.turn, 0.0, 90.0) / 90.0,
-        "limit": np.where(np.isfinite(seen.limit), seen.limit, 0.0) / _SPEED,
-        "gives_way": seen.gives_way,
+        "speed": situations.speed / _SPEED,
+        "moving": situations.moving,
+        "leader_near": _near(situations.gap),
+        "leader_headway": np.where(leads, 1 - _time(situations.gap, situations.speed) / _LONG, 0.0),
+        "leader_slower": np.where(
+            leads, (situations.speed - situations.leader_speed) / _SPEED, 0.0
+        ),
+        "idm": np.clip(next_second(literature(), situations), -4.0, 2.0),
+        "follower_near": _near(situations.behind),
+        "follower_faster": np.where(
+            follows, (situations.behind_speed - situations.speed) / _SPEED, 0.0
+        ),
+        "junction_near": _near(situations.to_junction),
+        "left": np.clip(situations.turn, 0.0, 90.0) / 90.0,
+        "right": np.clip(-situations.turn, 0.0, 90.0) / 90.0,
+        "limit": np.where(np.isfinite(situations.limit), situations.limit, 0.0) / _SPEED,
+        "gives_way": situations.gives_way,
         "conflict": conflict,
         "arrives": np.where(conflict, 1 - arrives / _LONG, 0.0),
         "other_arrives": np.where(conflict, 1 - other_arrives / _LONG, 0.0),
         "first": np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
-        "merging": seen.merging & conflict,
-        "other_speed": np.where(conflict, seen.other_speed / _SPEED, 0.0),
+        "merging": situations.merging & conflict,
+        "other_speed": np.where(conflict, situations.other_speed / _SPEED, 0.0),
     }
     return np.stack([np.asarray(column, np.float64) for column in columns.values()], axis=1)
 

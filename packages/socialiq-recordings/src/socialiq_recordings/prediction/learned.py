@@ -71,13 +71,15 @@ class Training:
         check_counts(self, ("updates", "batch_size"))
 
 
-def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:
+def demonstrations(situations: Situations, levels: Sequence[float]) -> Demonstrations:
     """Return moments as demonstrations whose actions are levels of acceleration.
 
     An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view. The
     levels, in m/s², are ascending and equally spaced.
     """
-    moments = seen.rows(np.lexsort((seen.time, seen.recording, seen.vehicle)))
+    moments = situations.rows(
+        np.lexsort((situations.time, situations.recording, situations.vehicle))
+    )
     goes_on = moments.previous() == np.arange(len(moments)) - 1
     goes_on[0] = False
     last = np.append(~goes_on[1:], True)
@@ -116,13 +118,13 @@ class Levels:
         self.spread = Spread.fit(observed - self.centre[action], observed, task.train.moving)
 
     def log_density(
-        self, chances: Chances, seen: Situations
+        self, chances: Chances, situations: Situations
     ) -> Float64[np.ndarray, "moment policy"]:
         """Return each policy's log-density of the observed accelerations, 1 / (m/s²)."""
-        alone = [Forecast.at(np.full(len(seen), centre)) for centre in self.centre]
-        observed = seen.acceleration, seen.moving
+        alone = [Forecast.at(np.full(len(situations), centre)) for centre in self.centre]
+        observed = situations.acceleration, situations.moving
         of_level = np.stack([self.spread.log_density(level, *observed) for level in alone], axis=1)
-        return np.asarray(logsumexp(chances(seen) + of_level[:, None, :], axis=2))
+        return np.asarray(logsumexp(chances(situations) + of_level[:, None, :], axis=2))
 
     def fitted(
         self, chances: Chances, log_share: Shares, by_driver: dict[int, Shares] | None = None
@@ -133,11 +135,11 @@ class Levels:
         """
         shares_of = by_driver or {}
 
-        def forecast(seen: Situations, last: Any) -> Forecast:  # noqa: ARG001
-            shares = [shares_of.get(vehicle, log_share) for vehicle in seen.vehicle.tolist()]
-            columns = np.array(shares).reshape(len(seen), len(log_share), 1)
-            mixed = np.asarray(logsumexp(columns + chances(seen), axis=1))
-            return Forecast(mixed, np.tile(self.centre, (len(seen), 1)))
+        def forecast(situations: Situations, last: Any) -> Forecast:  # noqa: ARG001
+            shares = [shares_of.get(vehicle, log_share) for vehicle in situations.vehicle.tolist()]
+            columns = np.array(shares).reshape(len(situations), len(log_share), 1)
+            mixed = np.asarray(logsumexp(columns + chances(situations), axis=1))
+            return Forecast(mixed, np.tile(self.centre, (len(situations), 1)))
 
         return Fitted(forecast, self.spread, by_driver is not None)
 
@@ -145,8 +147,8 @@ class Levels:
 def of_policies(policies: Sequence[Any]) -> Chances:
     """Return the log-probabilities of policies that read `features`, by their `probabilities`."""
 
-    def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
-        inputs = features(seen).astype(np.float32)
+    def chances(situations: Situations) -> Float64[np.ndarray, "moment policy level"]:
+        inputs = features(situations).astype(np.float32)
         by_policy = [np.asarray(policy.probabilities(inputs)) for policy in policies]
         chance = np.maximum(np.stack(by_policy, axis=1).astype(np.float64), _LEAST)
         return np.log(chance / chance.sum(axis=2, keepdims=True))
@@ -260,11 +262,11 @@ def of_family(policies: Sequence[Any]) -> Chances:
     every = of_policies(policies)
     share = np.array(SHARES)[:, None, None]
 
-    def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
-        log_chances = every(seen)
+    def chances(situations: Situations) -> Float64[np.ndarray, "moment policy level"]:
+        log_chances = every(situations)
         clone, turned = log_chances[:, None, :1], log_chances[:, None, 1:]
         mixed = log_softmax((1 - share) * clone + share * turned, axis=3)
-        return mixed.reshape(len(seen), -1, mixed.shape[3])
+        return mixed.reshape(len(situations), -1, mixed.shape[3])
 
     return chances
 

@@ -152,23 +152,23 @@ class Fitted(NamedTuple):
     inferred: Mapping[str, float] = {}  # numbers that it inferred, by name
 
 
-def residuals(idm: following.Parameters, seen: Situations) -> Numbers:
+def residuals(idm: following.Parameters, situations: Situations) -> Numbers:
     """Return observed less the IDM's acceleration of each driver's moment before; 0 without one.
 
-    `seen` must have all earlier moments of its drivers.
+    All earlier moments of the drivers must be among the situations.
     """
-    off, before = seen.acceleration - next_second(idm, seen), seen.previous()
+    off, before = situations.acceleration - next_second(idm, situations), situations.previous()
     return np.where(before >= 0, off[before], 0.0)
 
 
 def rollout(
-    fitted: Fitted, idm: following.Parameters, seen: Situations, residual: Numbers
+    fitted: Fitted, idm: following.Parameters, situations: Situations, residual: Numbers
 ) -> Numbers:
     """Return the distances after `HORIZON` s of a model's mean accelerations, m.
 
     All others keep their speeds. `residual` are the last residuals of the IDM `idm`.
     """
-    total, moments = np.zeros(len(seen)), seen
+    total, moments = np.zeros(len(situations)), situations
     for _ in range(HORIZON):
         rate = fitted.forecast(moments, residual).mean
         total += ballistic(moments.speed, rate, 1.0)[0]
@@ -181,32 +181,32 @@ def _of_mean(mean: Model, task: Task, errors: np.ndarray | None = None) -> Fitte
     """Return a model of a mean; its spread is that of its errors in training, if none are given."""
     off = task.train.acceleration - mean(task.train, task.residual) if errors is None else errors
     spread = Spread.fit(off, task.train.acceleration, task.train.moving)
-    return Fitted(lambda seen, last: Forecast.at(mean(seen, last)), spread)
+    return Fitted(lambda situations, last: Forecast.at(mean(situations, last)), spread)
 
 
 def _constant_speed(task: Task) -> Fitted:
-    return _of_mean(lambda seen, _: np.zeros(len(seen)), task)
+    return _of_mean(lambda situations, _: np.zeros(len(situations)), task)
 
 
 def _last_acceleration(task: Task) -> Fitted:
     """Return the model of a fitted share of the last second's acceleration."""
     share = _share(_last(task.train), task.train.acceleration)
-    return _of_mean(lambda seen, _: share * _last(seen), task)
+    return _of_mean(lambda situations, _: share * _last(situations), task)
 
 
 def _idm_literature(task: Task) -> Fitted:
-    return _of_mean(lambda seen, _: next_second(following.literature(), seen), task)
+    return _of_mean(lambda situations, _: next_second(following.literature(), situations), task)
 
 
 def _idm_fitted(task: Task) -> Fitted:
-    return _of_mean(lambda seen, _: next_second(task.idm, seen), task)
+    return _of_mean(lambda situations, _: next_second(task.idm, situations), task)
 
 
 def _idm_residual(task: Task) -> Fitted:
     """Return the fitted IDM and a fitted share of the driver's last residual."""
     off = task.train.acceleration - next_second(task.idm, task.train)
     share = _share(task.residual, off)
-    return _of_mean(lambda seen, last: next_second(task.idm, seen) + share * last, task)
+    return _of_mean(lambda situations, last: next_second(task.idm, situations) + share * last, task)
 
 
 def _idm_by_driver(task: Task) -> Fitted:
@@ -219,9 +219,11 @@ def _idm_by_driver(task: Task) -> Fitted:
     error = max(float(np.sqrt(np.mean(np.minimum(off**2, 9.0)))), 0.1)
     spread = following.best_spread(task.idm, task.train, task.first, error)
 
-    def mean_of(own: Situations) -> Model:
-        drivers = following.fit_drivers(task.idm, own, error, spread)
-        return lambda seen, _: next_second(following.of_drivers(task.idm, drivers, seen), seen)
+    def mean_of(first: Situations) -> Model:
+        drivers = following.fit_drivers(task.idm, first, error, spread)
+        return lambda situations, _: next_second(
+            following.of_drivers(task.idm, drivers, situations), situations
+        )
 
     # Of first halves, from which drivers' parameters come, the errors are those of the population.
     trained = mean_of(task.train.rows(task.first))
@@ -230,12 +232,15 @@ def _idm_by_driver(task: Task) -> Fitted:
 
 
 def _boosting(task: Task) -> Fitted:
-    return _boosted(task, lambda seen, _: features(seen))
+    return _boosted(task, lambda situations, _: features(situations))
 
 
 def _boosting_residual(task: Task) -> Fitted:
     """Return gradient boosting of the situation, the last acceleration and the last residual."""
-    return _boosted(task, lambda seen, last: np.column_stack([features(seen), _last(seen), last]))
+    return _boosted(
+        task,
+        lambda situations, last: np.column_stack([features(situations), _last(situations), last]),
+    )
 
 
 def _boosted(task: Task, inputs: Model) -> Fitted:
@@ -261,7 +266,7 @@ def _boosted(task: Task, inputs: Model) -> Fitted:
         fitted = trees(~rows if not rows.all() else rows)
         errors[rows] = target[rows] - fitted.predict(columns[rows])
     fitted = trees(np.ones(len(target), bool))
-    return _of_mean(lambda seen, last: fitted.predict(inputs(seen, last)), task, errors)
+    return _of_mean(lambda situations, last: fitted.predict(inputs(situations, last)), task, errors)
 
 
 def ensembles() -> Any:
@@ -273,8 +278,8 @@ def ensembles() -> Any:
     return optional("sklearn.ensemble", "prediction", "gradient boosting", DISTRIBUTION)
 
 
-def _last(seen: Situations) -> Numbers:
-    return np.nan_to_num(seen.last)
+def _last(situations: Situations) -> Numbers:
+    return np.nan_to_num(situations.last)
 
 
 def _share(numbers: np.ndarray, target: np.ndarray) -> float:

@@ -50,12 +50,12 @@ class Held(NamedTuple):
     second: Bool[np.ndarray, " moment"]
     predicted: Sequence[Predicted]  # of every model
 
-    def mask(self, subset: str, part: str) -> Bool[np.ndarray, " moment"]:
+    def mask(self, subset: str, half: str) -> Bool[np.ndarray, " moment"]:
         """Return the moments of a subset and a part."""
         moving = self.moments.moving
         kinds = {"all": np.ones_like(moving), "moving": moving}
         kinds["conflict"] = moving & self.moments.conflict
-        return kinds[subset] & (self.second | (part == "all"))
+        return kinds[subset] & (self.second | (half == "all"))
 
 
 def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
@@ -122,7 +122,7 @@ def _better_trivial(
 ) -> Predicted | None:
     """Return the trivial model that predicts some moments better; None without any."""
     trivial = [model for model in models if model.model in TRIVIAL]
-    return max(trivial, key=lambda one: one.log_density[mask].mean()) if trivial else None
+    return max(trivial, key=lambda model: model.log_density[mask].mean()) if trivial else None
 
 
 FITTED = "IDM, fitted"

@@ -145,13 +145,13 @@ class Situations:
         return halves
 
 
-def grouped(group: Int64[np.ndarray, " moment"], parts: int) -> Int64[np.ndarray, " moment"]:
+def grouped(group: Int64[np.ndarray, " moment"], folds: int) -> Int64[np.ndarray, " moment"]:
     """Return the part of each moment, of at most so many; groups stay whole.
 
     The largest group left goes to the part that is the smallest so far.
     """
     number, sizes = np.unique(group, return_inverse=True, return_counts=True)[1:]
-    filled = np.zeros(min(parts, len(sizes)))
+    filled = np.zeros(min(folds, len(sizes)))
     part_of = np.zeros(len(sizes), np.int64)
     for largest in np.argsort(-sizes, kind="stable"):
         part_of[largest] = np.argmin(filled)
@@ -322,19 +322,19 @@ class _Seen:
             "other_leader_speed": ahead.speed,
         }
 
-    def _arrives(self, way: Way, other: Way, area: Area, frame: int) -> float:
+    def _arrives(self, way: Way, partner: Way, area: Area, frame: int) -> float:
         """Return the time until the later of two arrives; infinite if they are in no conflict."""
         now, config = frame * self.dt, self.encounters.config
-        sides = ((way, area.entry[0], area.exit[0]), (other, area.entry[1], area.exit[1]))
+        sides = ((way, area.entry[0], area.exit[0]), (partner, area.entry[1], area.exit[1]))
         times = [projected(*side, frame) for side in sides]
         arrives = max(occupancy.enters for occupancy in times) - now
         gone = min(occupancy.leaves for occupancy in times) <= now
         if gone or arrives > SOON or apart(*times) > config.near:
             return math.inf
         first = self.encounters.first_in_line
-        alone = first(way, area.entry[0], frame, other.track)
-        alone = alone and first(other, area.entry[1], frame, way.track)
-        alone = alone and not self.encounters.held(way, other, frame)
+        alone = first(way, area.entry[0], frame, partner.track)
+        alone = alone and first(partner, area.entry[1], frame, way.track)
+        alone = alone and not self.encounters.held(way, partner, frame)
         return max(arrives, 0.0) if alone else math.inf
 
 

@@ -51,36 +51,36 @@ class Fold(NamedTuple):
     test: Bool[np.ndarray, " moment"]  # moments to predict
 
 
-def possible(seen: Situations) -> tuple[Holdout, ...]:
+def possible(situations: Situations) -> tuple[Holdout, ...]:
     """Return what can be held out of some moments."""
     holdouts = []
     for holdout in HOLDOUTS:
         try:
-            folds(seen, holdout)
+            folds(situations, holdout)
         except UserError:
             continue
         holdouts.append(holdout)
     return tuple(holdouts)
 
 
-def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
+def folds(situations: Situations, holdout: Holdout) -> list[Fold]:
     """Return the folds of all moments.
 
     Raises:
         UserError: If there are too few; the line says what is missing.
     """
     one_of("holdout", holdout, HOLDOUTS)
-    sites = np.unique(seen.site)
+    sites = np.unique(situations.site)
     if holdout == "sites" and len(sites) < 2:
         raise UserError(
             "these recordings show one site: add another place, or hold out vehicles or moments "
             "(--holdout)"
         )
     if holdout == "sites":
-        tests = [seen.site == site for site in sites]
+        tests = [situations.site == site for site in sites]
         result = [Fold("sites", number, ~test, test) for number, test in enumerate(tests)]
     else:
-        result = _moments(seen) if holdout == "moments" else _vehicles(seen)
+        result = _moments(situations) if holdout == "moments" else _vehicles(situations)
     short = [fold for fold in result if fold.train.sum() < LEAST]
     if short or not result:
         count = int(short[0].train.sum()) if short else 0
@@ -91,25 +91,25 @@ def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
     return result
 
 
-def _moments(seen: Situations) -> list[Fold]:
+def _moments(situations: Situations) -> list[Fold]:
     """Cut each stretch of time that recordings cover without a break in the middle."""
-    cut, order = np.zeros(len(seen)), np.argsort(seen.time, kind="stable")
-    breaks = np.flatnonzero(np.diff(seen.time[order]) > _BREAK) + 1
+    cut, order = np.zeros(len(situations)), np.argsort(situations.time, kind="stable")
+    breaks = np.flatnonzero(np.diff(situations.time[order]) > _BREAK) + 1
     for rows in np.split(order, breaks):
-        cut[rows] = (seen.time[rows].min() + seen.time[rows].max() + 1.0) / 2
+        cut[rows] = (situations.time[rows].min() + situations.time[rows].max() + 1.0) / 2
     # The acceleration of a moment to learn from ends before the first one to predict begins.
-    return [Fold("moments", 0, seen.time + 1.0 <= cut, seen.time >= cut)]
+    return [Fold("moments", 0, situations.time + 1.0 <= cut, situations.time >= cut)]
 
 
-def _vehicles(seen: Situations) -> list[Fold]:
+def _vehicles(situations: Situations) -> list[Fold]:
     """Hold out chains; of a single one blocks of time, without vehicles that meet the block's."""
-    if len(np.unique(seen.chain)) > 1:
-        group = grouped(seen.chain, PARTS)
+    if len(np.unique(situations.chain)) > 1:
+        group = grouped(situations.chain, PARTS)
         return [
             Fold("vehicles", number, group != number, group == number)
             for number in range(int(group.max()) + 1)
         ]
-    vehicles, driver = np.unique(seen.vehicle, return_inverse=True)
+    vehicles, driver = np.unique(situations.vehicle, return_inverse=True)
     if len(vehicles) < LEAST:
         raise UserError(
             f"these recordings share their vehicles, {len(vehicles)} in all, and vehicles are held "
@@ -117,15 +117,15 @@ def _vehicles(seen: Situations) -> list[Fold]:
             "(socialiq data predict --holdout moments)"
         )
     first = np.full(len(vehicles), np.inf)
-    np.minimum.at(first, driver, seen.time)
+    np.minimum.at(first, driver, situations.time)
     block = np.argsort(np.argsort(first, kind="stable"), kind="stable") * PARTS // len(vehicles)
     result = []
     for number in range(PARTS):
         test = (block == number)[driver]
         # The seconds of the block's moments, and those before and after them.
-        seconds = np.floor(seen.time[test])[:, None] + np.array([-1.0, 0.0, 1.0])
+        seconds = np.floor(situations.time[test])[:, None] + np.array([-1.0, 0.0, 1.0])
         met = np.zeros(len(vehicles), bool)
-        np.logical_or.at(met, driver, np.isin(np.floor(seen.time), seconds))
+        np.logical_or.at(met, driver, np.isin(np.floor(situations.time), seconds))
         result.append(Fold("vehicles", number, ~met[driver] & ~test, test))
     return result
 
@@ -180,25 +180,25 @@ def situations(recordings: Sequence[Recording], drop: bool = True) -> Situations
     return situations_of(recordings, identify(recordings), drop)
 
 
-def predict(seen: Situations, config: Config) -> Prediction:
+def predict(situations: Situations, config: Config) -> Prediction:
     """Fit every model on every fold of all moments, predict what is held out, and score it.
 
     Raises:
         UserError: If what is to be held out can't be.
     """
-    holdouts = dict.fromkeys(config.holdouts or possible(seen))
+    holdouts = dict.fromkeys(config.holdouts or possible(situations))
     if not holdouts:
-        folds(seen, "moments")  # its line says what is missing
-    all_folds = [fold for holdout in holdouts for fold in folds(seen, holdout)]
+        folds(situations, "moments")  # its line says what is missing
+    all_folds = [fold for holdout in holdouts for fold in folds(situations, holdout)]
     names = [name for name in ALL_MODELS if name in (*TRIVIAL, *config.models)]
-    half = seen.half()
-    tasks = [_task(seen, half, fold, config.seed) for fold in all_folds]
+    half = situations.half()
+    tasks = [_task(situations, half, fold, config.seed) for fold in all_folds]
     policies = learned.trained(tasks, config.training, names)
     outputs: dict[str, list[list[scores.Predicted]]] = {holdout: [] for holdout in holdouts}
     sizes = []
     for fold, task, policies_of in zip(all_folds, tasks, policies, strict=True):
         fitted = {name: MODELS[name](task) for name in names if name in MODELS} | policies_of
-        test, last = seen.rows(fold.test), residuals(task.idm, seen)[fold.test]
+        test, last = situations.rows(fold.test), residuals(task.idm, situations)[fold.test]
         predictions = []
         for name, model in fitted.items():
             forecast = model.forecast(test, last)
@@ -221,14 +221,14 @@ def predict(seen: Situations, config: Config) -> Prediction:
     tested = []
     for holdout, by_fold in outputs.items():
         of_holdout = [fold for fold in all_folds if fold.holdout == holdout]
-        tested.append(_joined(seen, half, holdout, of_holdout, by_fold))
+        tested.append(_joined(situations, half, holdout, of_holdout, by_fold))
     draws = config.seed, config.resamples
     rows = [row for held in tested for row in scores.scores(held, *draws)]
     return Prediction(rows, sizes, scores.contrasts(tested, *draws))
 
 
 def _joined(
-    seen: Situations,
+    situations: Situations,
     half: np.ndarray,
     holdout: str,
     folds_of: list[Fold],
@@ -244,19 +244,19 @@ def _joined(
             for name in ("log_density", "mean", "driven")
         )
         models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
-    return scores.Held(holdout, seen.rows(rows[order]), half[rows[order]] == 1, models)
+    return scores.Held(holdout, situations.rows(rows[order]), half[rows[order]] == 1, models)
 
 
-def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
-    train = seen.rows(fold.train)
+def _task(situations: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:
+    train = situations.rows(fold.train)
     idm = fit_population(train)
-    last = residuals(idm, seen)
-    is_own = (half == 0) & np.isin(seen.vehicle, np.unique(seen.vehicle[fold.test]))
+    last = residuals(idm, situations)
+    is_own = (half == 0) & np.isin(situations.vehicle, np.unique(situations.vehicle[fold.test]))
     first = half[fold.train] == 0
-    return Task(train, last[fold.train], first, seen.rows(is_own), idm, seed)
+    return Task(train, last[fold.train], first, situations.rows(is_own), idm, seed)
 
 
-def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
+def choices(situations: Situations, seed: int = 0) -> ChoiceTable:
     """Return every moment as a choice among accelerations, tilted by nothing but the base model.
 
     Log-probabilities of a moment are in proportion to the density by the base predictor, which was
@@ -267,12 +267,12 @@ def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
     """
     low, high, step = GRID
     grid = np.arange(low, high + step / 2, step)
-    half = seen.half()
-    log_base, mean = np.full((len(seen), len(grid)), np.nan), np.zeros(len(seen))
-    for fold in folds(seen, "vehicles"):
-        task = _task(seen, half, fold, seed)
+    half = situations.half()
+    log_base, mean = np.full((len(situations), len(grid)), np.nan), np.zeros(len(situations))
+    for fold in folds(situations, "vehicles"):
+        task = _task(situations, half, fold, seed)
         model = MODELS[BASE](task)
-        test, last = seen.rows(fold.test), residuals(task.idm, seen)[fold.test]
+        test, last = situations.rows(fold.test), residuals(task.idm, situations)[fold.test]
         forecast = model.forecast(test, last)
         densities = [
             model.spread.log_density(forecast, np.full(len(test), acceleration), test.moving)
@@ -281,18 +281,18 @@ def choices(seen: Situations, seed: int = 0) -> ChoiceTable:
         log_density = np.stack(densities, axis=1)
         log_base[fold.test] = log_density - logsumexp(log_density, axis=1, keepdims=True)
         mean[fold.test] = np.exp(log_base[fold.test]) @ grid
-    before, pair = seen.previous(), rewards(seen, grid)
-    off = seen.acceleration - mean
+    before, pair = situations.previous(), rewards(situations, grid)
+    off = situations.acceleration - mean
     return ChoiceTable(
-        driver=seen.vehicle,
-        chain=seen.chain,
-        time=seen.time,
+        driver=situations.vehicle,
+        chain=situations.chain,
+        time=situations.time,
         half=half,
-        conflict=seen.conflict & seen.moving,
+        conflict=situations.conflict & situations.moving,
         grid=grid,
         log_base=log_base,
         r_env=pair.env,
         r_social=pair.social,
-        acceleration=seen.acceleration,
+        acceleration=situations.acceleration,
         residual=np.where(before >= 0, off[before], 0.0),
     )

@@ -149,17 +149,19 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     return column_map
 
 
-def _only(table: str, content: dict[str, Any], known: tuple[str, ...]) -> None:
+def _only(table: str, content: dict[str, Any], allowed: tuple[str, ...]) -> None:
     for key in content:
-        if key not in known:
+        if key not in allowed:
             where = f"[{table}] " if table else ""
-            raise UserError(f"{where}{one_line(key, 40)} is unknown: known are {', '.join(known)}")
+            raise UserError(
+                f"{where}{one_line(key, 40)} is unknown: known are {', '.join(allowed)}"
+            )
 
 
-def _choice(what: str, value: Any, known: tuple[Any, ...]) -> Any:
-    if value not in known or isinstance(value, bool) != isinstance(known[0], bool):
+def _choice(what: str, value: Any, allowed: tuple[Any, ...]) -> Any:
+    if value not in allowed or isinstance(value, bool) != isinstance(allowed[0], bool):
         raise UserError(
-            f"{what} is {one_line(repr(value), 40)}: choose {known[0]!r} or {known[1]!r}"
+            f"{what} is {one_line(repr(value), 40)}: choose {allowed[0]!r} or {allowed[1]!r}"
         )
     return value
 

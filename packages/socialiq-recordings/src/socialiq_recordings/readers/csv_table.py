@@ -63,7 +63,9 @@ class Table:
         """Return the name of a row, as the beginning of a message; the header is row 1."""
         return f"row {self._numbers[row] + 2}: "
 
-    def read(self, columns: dict[str, str], texts: frozenset[str], whole: frozenset[str]) -> None:
+    def read(
+        self, columns: dict[str, str], texts: frozenset[str], integers: frozenset[str]
+    ) -> None:
         """Read columns of the file, its names by ours.
 
         Texts and whole numbers are named; the others are numbers, NaN for an empty cell.
@@ -76,7 +78,7 @@ class Table:
         try:
             places = _places(self.path, next(rows, []), columns)
             while chunk := list(islice(rows, _ROWS)):
-                self._take(chunk, places, columns, texts, whole)
+                self._take(chunk, places, columns, texts, integers)
         except csv.Error as error:
             row = f"row {self.n_rows + 2}"
             raise UserError(f"{self.path}, after {row}: {error}: is this a CSV file?") from error
@@ -113,7 +115,7 @@ class Table:
         places: dict[str, int],
         columns: dict[str, str],
         texts: frozenset[str],
-        whole: frozenset[str],
+        integers: frozenset[str],
     ) -> None:
         if self.n_rows + len(chunk) > self._most:
             raise UserError(
@@ -133,23 +135,23 @@ class Table:
                     [numbers.setdefault(cell, len(numbers)) for cell in cells], np.int32
                 )
             else:
-                column = self._parsed(columns[name], cells, name in whole)
+                column = self._parsed(columns[name], cells, name in integers)
             self._columns.setdefault(name, []).append(column)
         self.n_rows += len(chunk)
 
-    def _parsed(self, column: str, cells: list[str], whole: bool) -> np.ndarray:
+    def _parsed(self, column: str, cells: list[str], is_integer: bool) -> np.ndarray:
         try:
-            if whole:
+            if is_integer:
                 return np.array(list(map(int, cells)), np.int64)
             return np.array(list(map(float, cells)))
         except (ValueError, OverflowError):
             pass  # A cell is empty or not a number: check each.
-        values = np.full(len(cells), _NO_NUMBER if whole else np.nan)
+        values = np.full(len(cells), _NO_NUMBER if is_integer else np.nan)
         for at, cell in enumerate(cells):
             try:
-                values[at] = _whole_number(cell) if whole else _number(cell)
+                values[at] = _whole_number(cell) if is_integer else _number(cell)
             except ValueError:
-                what = "a whole number" if whole else "a number"
+                what = "a whole number" if is_integer else "a number"
                 fault = f"{one_line(column, 40)} is '{one_line(cell, 40)}', not {what}"
                 self._bad.setdefault(self.n_rows + at, fault)
         return values

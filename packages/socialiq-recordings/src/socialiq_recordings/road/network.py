@@ -164,9 +164,9 @@ class Lanes:
     conflicts: dict[tuple[int, int], Conflict]  # of two lanelets, the smaller number first
     junction_of: dict[int, int]  # number by lanelet in conflict: those that conflicts connect share
 
-    def conflict(self, one: int, other: int) -> bool:
+    def conflict(self, first: int, second: int) -> bool:
         """Whether two lanelets are in conflict."""
-        return (min(one, other), max(one, other)) in self.conflicts
+        return (min(first, second), max(first, second)) in self.conflicts
 
 
 def lanes_of(road: RoadNetwork) -> Lanes:

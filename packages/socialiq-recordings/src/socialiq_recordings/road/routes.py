@@ -221,15 +221,15 @@ class Matcher:
             length += self.path(route[-1]).length
         return Matched((*lanelets, *route[1:]), places, off)
 
-    def _between(self, one: int, other: int) -> list[int]:
+    def _between(self, lanelet: int, goal: int) -> list[int]:
         """Return the lanelets passed without a state, and the lanelet reached."""
-        ways = [[one]]
+        ways = [[lanelet]]
         for _ in range(_HOPS):
             ways = [[*way, number] for way in ways for number in self._next(way[-1])]
             for way in ways:
-                if way[-1] == other:
+                if way[-1] == goal:
                     return way[1:]
-        return [other]
+        return [goal]
 
     def _go_on(self, route: list[int]) -> bool:
         """Append the straightest lanelet that follows, if there is a new one."""

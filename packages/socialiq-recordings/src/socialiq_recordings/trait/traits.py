@@ -152,8 +152,8 @@ def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0)
     nothing about others.
     """
 
-    def weights(others: Any, gain: Any) -> Any:
-        return np.stack(np.broadcast_arrays(gain, others), axis=-1)
+    def weights(social: Any, gain: Any) -> Any:
+        return np.stack(np.broadcast_arrays(gain, social), axis=-1)
 
     sizes = np.array(sorted({0.0, *strengths})) / scale
     value = np.concatenate([-sizes[:0:-1], sizes])

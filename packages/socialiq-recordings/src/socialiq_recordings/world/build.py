@@ -207,18 +207,18 @@ _MAJOR = ("priority", "none", "light")
 _LEFT, _STRAIGHT = 45.0, 30.0  # degrees
 
 
-def _yields(encounters: Encounters, way: Way, other: Way, area: Area) -> int:
+def _yields(encounters: Encounters, way: Way, partner: Way, area: Area) -> int:
     """Return 1 if the first vehicle yields, -1 if the other does, 0 if who comes first goes first.
 
     Signs decide; without them, and where ways cross, a left turn yields to one that is straight.
     """
-    signs = sign(encounters, way, other), sign(encounters, other, way)
+    signs = sign(encounters, way, partner), sign(encounters, partner, way)
     if signs[0] in _MINOR and signs[1] in _MAJOR:
         return 1
     if signs[1] in _MINOR and signs[0] in _MAJOR:
         return -1
     if area.kind == Conflict.CROSSING:
-        turns = turn(way, area.entry[0], area.exit[0]), turn(other, area.entry[1], area.exit[1])
+        turns = turn(way, area.entry[0], area.exit[0]), turn(partner, area.entry[1], area.exit[1])
         left = turns[0] > _LEFT, turns[1] > _LEFT
         if left[0] != left[1] and min(abs(turn) for turn in turns) < _STRAIGHT:
             return 1 if left[0] else -1

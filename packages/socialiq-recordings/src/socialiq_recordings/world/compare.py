@@ -35,7 +35,7 @@ QUANTITIES = {
 """Quantities that are compared, with their labels."""
 
 
-def simulate(made: Made, seed: int, repeats: int = 1) -> Observed:
+def simulate(built: Made, seed: int, repeats: int = 1) -> Observed:
     """Return what simulated traffic shows from the recorded starts, as long as was recorded.
 
     Every vehicle is a driver of the population, a new one in each repeat; `seed` is that of the
@@ -43,11 +43,11 @@ def simulate(made: Made, seed: int, repeats: int = 1) -> Observed:
     """
     every, counted = [], []
     for repeat in range(repeats):
-        for recording, (encounters, tracks) in enumerate(zip(made.every, made.kept, strict=True)):
+        for recording, (encounters, tracks) in enumerate(zip(built.every, built.kept, strict=True)):
             frame, dt = encounters.scene.tracks.frame, encounters.scene.tracks.dt
             seconds = (int(frame.max()) - int(frame.min())) * dt
             steps = int(seconds * SUB_STEPS + 1e-6) + 1
-            moved = _moved(encounters, run(made.world, recording, steps, seed + repeat))
+            moved = _moved(encounters, run(built.world, recording, steps, seed + repeat))
             if moved is not None:
                 every.append(moved[0])
                 counted.append({moved[1][track] for track in tracks if track in moved[1]})
@@ -132,13 +132,13 @@ def table(recorded: Observed, simulated: Observed) -> list[Row]:
 
 
 def distance(
-    one: Sequence[float] | np.ndarray, other: Sequence[float] | np.ndarray
+    first: Sequence[float] | np.ndarray, second: Sequence[float] | np.ndarray
 ) -> float | None:
     """Return the largest difference of two distribution functions; None if one has no value."""
-    if not len(one) or not len(other):
+    if not len(first) or not len(second):
         return None
-    every = np.sort(np.concatenate([one, other]))
-    shares = [np.searchsorted(np.sort(v), every, side="right") / len(v) for v in (one, other)]
+    every = np.sort(np.concatenate([first, second]))
+    shares = [np.searchsorted(np.sort(v), every, side="right") / len(v) for v in (first, second)]
     return float(np.abs(shares[0] - shares[1]).max())
 
 

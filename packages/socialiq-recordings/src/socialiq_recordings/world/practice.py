@@ -78,7 +78,7 @@ def train_with_practice(
     world: RecordedWorld,
     static: OfflineDialConfig,
     hyperparameters: Sequence[OfflineDialHyperparameters],
-    shown: Demonstrations,
+    demonstrations: Demonstrations,
     practice: Practice,
     callbacks: Callable[[int, str], Callbacks] | None = None,
     chunk: int = 500,
@@ -96,7 +96,10 @@ def train_with_practice(
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
 
     def learn(number: int) -> dict[str, Trained]:
-        data = [concatenate([shown, *tables]) if tables else shown for tables in driven]
+        data = [
+            concatenate([demonstrations, *tables]) if tables else demonstrations
+            for tables in driven
+        ]
         of_stage = functools.partial(callbacks, number) if callbacks else None
         return train(static, hyperparameters, data, of_stage, chunk)
 

@@ -74,8 +74,8 @@ def _rows(evaluator: Evaluator, spec: str, command: Any) -> list[Row]:
                 chances = _chances_of(loaded.policy, data.n_actions, command.soft)
                 estimate = evaluator.evaluate(chances)
         row: Row = {"angle": angle}
-        row |= _cells("fitted_q", estimate.fitted, angle, shown=True)
-        row |= _cells("importance", estimate.whole, angle, shown=estimate.weighted_supported)
+        row |= _cells("fitted_q", estimate.fitted, angle, filled=True)
+        row |= _cells("importance", estimate.whole, angle, filled=estimate.weighted_supported)
         row |= {"effective_episodes": estimate.effective, "not_shown": estimate.left}
         rows.append(row | {"warning": estimate.warning})
     return rows
@@ -99,9 +99,9 @@ def _chances_of(policy: Policy, n_actions: int, soft: bool) -> Chances:
     return chosen
 
 
-def _cells(name: str, estimate: Estimate, angle: float, *, shown: bool) -> dict[str, Any]:
+def _cells(name: str, estimate: Estimate, angle: float, *, filled: bool) -> dict[str, Any]:
     """Return an estimate with its interval; empty cells for what has nothing to stand on."""
-    values = estimate.value(angle) if shown else (math.nan,) * 3
+    values = estimate.value(angle) if filled else (math.nan,) * 3
     columns = (name, f"{name}_low", f"{name}_high")
     return {
         column: value if math.isfinite(value) else ""

@@ -113,8 +113,10 @@ def _options_of(kind: Any, program: str, line: list[str], description: str | Non
     complaint = io.StringIO()
     settings = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes)
 
-    def parsed(given: list[str]) -> Any:
-        return tyro.cli(kind, prog=program, description=description, args=given, config=settings)
+    def parsed(arguments: list[str]) -> Any:
+        return tyro.cli(
+            kind, prog=program, description=description, args=arguments, config=settings
+        )
 
     try:
         with contextlib.redirect_stderr(complaint):

@@ -212,32 +212,32 @@ def option_names(show_help: Callable[[], object]) -> list[str]:
     return list(dict.fromkeys(_OPTION.findall(page.getvalue())))
 
 
-def unknown_option(program: str, words: Sequence[str], known: Sequence[str]) -> UserError | None:
+def unknown_option(program: str, words: Sequence[str], options: Sequence[str]) -> UserError | None:
     """Return the mistake of the first option that a command doesn't have, or None.
 
     Args:
         program: The command, as it is called.
         words: The command line after the command's name.
-        known: The command's options, without their dashes.
+        options: The command's options, without their dashes.
     """
     for word in words:
         name = word.removeprefix("--").partition("=")[0].replace("_", "-")
-        if not word.startswith("--") or not name or name in (*known, "help"):
+        if not word.startswith("--") or not name or name in (*options, "help"):
             continue
         if program.startswith("socialiq train "):
             spellings = [text.replace("-", "_") for text in (name, ALIASES.get(name, name))]
             for setting in spellings:
                 if setting in commands.learner_settings() and setting not in _DECIDED:
                     return UserError(f"--{name} is a setting: give --set {setting}=VALUE")
-        near = nearest_option(name, known)
+        near = nearest_option(name, options)
         hint = f"did you mean --{near}? " if near else ""
         return UserError(f"unknown option --{name}: {hint}{program} --help lists the options")
     return None
 
 
-def nearest_option(name: str, known: Sequence[str]) -> str | None:
-    """Return the known option that is meant most likely; nested options have dots."""
-    plain = {option.rpartition(".")[2]: option for option in reversed(known)}
+def nearest_option(name: str, options: Sequence[str]) -> str | None:
+    """Return the option that is meant most likely; nested options have dots."""
+    plain = {option.rpartition(".")[2]: option for option in reversed(options)}
     shortened = re.sub(r"^(n|num|nb|number-of|total)-", "", name)
     for word in (name, shortened):
         for spelling in (word, ALIASES.get(word, word), f"{word}s", word.removesuffix("s")):

@@ -67,7 +67,7 @@ def sweep(
     return Sweep(chosen, tuple(metrics))
 
 
-def calibrated(dial: DialPolicy, found: Sweep) -> DialPolicy:
+def calibrated(dial: DialPolicy, sweep: Sweep) -> DialPolicy:
     """Return a dial that answers an angle with the best of the evaluated policies at this angle.
 
     The policies that are best at some angle are the corners of their points' convex hull. From one
@@ -79,9 +79,9 @@ def calibrated(dial: DialPolicy, found: Sweep) -> DialPolicy:
     """
     if dial.settings:
         raise UserError("this dial is calibrated already: take the one that it was made of")
-    points, at = found.points, dial.low
+    points, at = sweep.points, dial.low
     best = int(np.argmax(points @ np.array(exact_weights(at))))
-    settings = [(at, found.angles[best])]
+    settings = [(at, sweep.angles[best])]
     while True:
         less, gain = points[best] - points, points - points[best]
         rises = gain[:, 1] > 0.0
@@ -92,7 +92,7 @@ def calibrated(dial: DialPolicy, found: Sweep) -> DialPolicy:
         if turn[best] <= at:  # as good as the last corner, and further
             settings.pop()
         at = max(at, float(turn[best]))
-        settings.append((at, found.angles[best]))
+        settings.append((at, sweep.angles[best]))
 
 
 def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> AttainableSet:

@@ -69,7 +69,7 @@ class Lines(NamedTuple):
     slope: Float[np.ndarray, "state action"]
 
 
-def problem_of(part: Table, setting: Setting) -> Problem:
+def problem_of(table: Table, setting: Setting) -> Problem:
     """Return the objective for the pool of the three experts (5.2), with Table C.1's settings.
 
     Raises:
@@ -77,8 +77,8 @@ def problem_of(part: Table, setting: Setting) -> Problem:
     """
     one_of("measure", setting.measure, MEASURES)
     one_of("mixture", setting.mixture, MIXTURES)
-    mdp, horizon = part.mdp, part.world.horizon
-    policies = [expert_policy(part, angle) for angle in MODES.values()]
+    mdp, horizon = table.mdp, table.world.horizon
+    policies = [expert_policy(table, angle) for angle in MODES.values()]
     reward = score(exact_weights(check_angle(setting.angle)), mdp.rewards)
     weight = np.ones(len(policies))
     if setting.mixture == "equal_transitions":
@@ -113,14 +113,14 @@ def target_norm(problem: Problem) -> float:
     return float(norm / np.sqrt(mass))
 
 
-def predictions(part: Table, lines: Lines) -> list[Prediction]:
+def predictions(table: Table, lines: Lines) -> list[Prediction]:
     """Return every flip predicted at a finite λ, with the greedy policies on both sides."""
     reach = response.reach(*lines)
-    before = evaluate_exactly(part, _greedy(lines, 0.0))
+    before = evaluate_exactly(table, _greedy(lines, 0.0))
     flips = []
     for flip in response.flips(*lines):
         if np.isfinite(flip.strength):
-            after = evaluate_exactly(part, _greedy(lines, flip.strength * (1.0 + 1e-9)))
+            after = evaluate_exactly(table, _greedy(lines, flip.strength * (1.0 + 1e-9)))
             flips.append(Prediction(flip, flip.strength <= reach, before, after))
             before = after
     return flips

@@ -73,7 +73,9 @@ def record(
     Raises:
         UserError: If there is no seed.
     """
-    columns, classical = columns_of(play(batch, policy, seeds), lambda made: tuple(made.classical))
+    columns, classical = columns_of(
+        play(batch, policy, seeds), lambda result: tuple(result.classical)
+    )
     transitions = Demonstrations.of(
         **columns,
         mode_names=(mode,),
@@ -84,14 +86,14 @@ def record(
 
 
 def columns_of(
-    steps: Iterator[Step], more: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
+    steps: Iterator[Step], extra: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
 ) -> tuple[dict[str, Any], list[np.ndarray]]:
     """Return decisions by episode as arguments of `Demonstrations.of`, and further columns."""
     columns_of_steps = []
     for step in steps:
         result, running = step.made, step.running
         columns = (step.episode, step.observation, step.action, result.observation, result.ending)
-        columns = (*columns, *result.rewards, *more(result))
+        columns = (*columns, *result.rewards, *extra(result))
         columns_of_steps.append([column[running] for column in columns])
     joined = [np.concatenate(column) for column in zip(*columns_of_steps, strict=True)]
     order = np.argsort(joined[0], kind="stable")

@@ -219,8 +219,8 @@ def _values(network: Any, observation: Array, direction: RewardPair) -> Float[Ar
 def _values_of_runs(
     networks: Any, observation: Array, direction: RewardPair
 ) -> Float[Array, "run env action"]:
-    def of_run(network: DialNetwork, seen: Array, turned: RewardPair) -> Array:
-        return jax.vmap(network)(seen, turned)
+    def of_run(network: DialNetwork, inputs: Array, turned: RewardPair) -> Array:
+        return jax.vmap(network)(inputs, turned)
 
     return eqx.filter_vmap(of_run)(networks, observation, direction)
 

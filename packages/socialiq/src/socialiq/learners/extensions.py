@@ -20,7 +20,7 @@ from socialiq.learners.kernel import Learner
 _SAMPLE = np.linspace(-1.0, 1.0, 8, dtype=np.float32)  # rewards on which a function is tried
 
 
-def load(place: str, option: str, allow_code: bool) -> Any:
+def load(source: str, option: str, allow_code: bool) -> Any:
     """Import what an option of the command line names as FILE.py:NAME.
 
     The file may be imported if that is allowed: its author's code runs with your rights.
@@ -28,8 +28,8 @@ def load(place: str, option: str, allow_code: bool) -> Any:
     Raises:
         UserError: If the code may not run, or there is no such file or name, or it fails.
     """
-    file, _, name = place.rpartition(":")
-    label = one_line(place)
+    file, _, name = source.rpartition(":")
+    label = one_line(source)
     if not file.endswith(".py") or not name.isidentifier():
         raise UserError(f"{option} {label} is no FILE.py:NAME: write for instance mine.py:l1")
     if not allow_code:

@@ -308,7 +308,7 @@ def _check_own(learner: Learner, hyperparameters: HyperparameterArrays) -> None:
     what = ", ".join(f"'{description['name']}'" for description in learner.functions().values())
     try:
         terms = jax.eval_shape(
-            lambda one: learner.update(one, *learner.initialise(one))[2], hyperparameters
+            lambda run: learner.update(run, *learner.initialise(run))[2], hyperparameters
         )
     except UserError:
         raise

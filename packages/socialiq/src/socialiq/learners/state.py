@@ -54,7 +54,7 @@ class TrainState(NamedTuple):
         The learning rate is a scalar, or one for each part of the network: a prefix of its tree.
         """
         direction, optimiser = _ADAM.update(gradient, self.optimiser)
-        change = jax.tree.map(lambda rate, part: _scaled(-rate, part), learning_rate, direction)
+        change = jax.tree.map(lambda rate, steps: _scaled(-rate, steps), learning_rate, direction)
         network = optax.apply_updates(self.network, change)
         if self.target_network is None:
             return self._replace(network=network, optimiser=optimiser)

@@ -184,43 +184,45 @@ class View:
         xp = row.__array_namespace__()
         return xp.concatenate([row[..., 1:5] * self.choice.scale, row[..., 5:]], axis=-1)
 
-    def of_others(self, ego: Any, others: Any) -> Any:
+    def of_others(self, ego: Any, vehicles: Any) -> Any:
         """Return features of the other vehicles: presence, absolute, and optionally relative."""
-        if isinstance(others, np.ndarray):
-            return self._of_others_in_numpy(ego, others)
+        if isinstance(vehicles, np.ndarray):
+            return self._of_others_in_numpy(ego, vehicles)
         xp = ego.__array_namespace__()
-        columns = [others[..., :1], self.absolute(others)]
+        columns = [vehicles[..., :1], self.absolute(vehicles)]
         if self.choice.relative:
             ego = ego[..., None, :]
             scale, along = self.choice.scale, ego[..., 5:]
-            offset = others[..., 1:3] - ego[..., 1:3]
+            offset = vehicles[..., 1:3] - ego[..., 1:3]
             position, velocity = (
-                _turned(vector, along) for vector in (offset, others[..., 3:5] - ego[..., 3:5])
+                _turned(vector, along) for vector in (offset, vehicles[..., 3:5] - ego[..., 3:5])
             )
             columns += [scale * column for column in (*position, *velocity)]
-            columns += _turned(others[..., 5:], along)
+            columns += _turned(vehicles[..., 5:], along)
             if self.choice.ahead:
                 vectors = (xp.concatenate(vector, -1) for vector in (position, velocity))
                 columns.append(closeness(*vectors))
-        return xp.concatenate(columns, axis=-1) * others[..., :1]
+        return xp.concatenate(columns, axis=-1) * vehicles[..., :1]
 
-    def _of_others_in_numpy(self, ego: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def _of_others_in_numpy(self, ego: np.ndarray, vehicles: np.ndarray) -> np.ndarray:
         """Return `of_others` to the bit, in few operations: each has a cost at a single row."""
-        scale, shape = self.choice.scale, (*others.shape[:-1], row_width(self.choice))
-        columns = np.empty(shape, others.dtype)
-        columns[..., :ROW] = others
+        scale, shape = self.choice.scale, (*vehicles.shape[:-1], row_width(self.choice))
+        columns = np.empty(shape, vehicles.dtype)
+        columns[..., :ROW] = vehicles
         columns[..., 1:5] *= scale
         if self.choice.relative:
             ego = ego[..., None, :]
             cos, sin = ego[..., 5:6], ego[..., 6:]
-            offset = others[..., 1:].copy()  # position, velocity, heading; headings are only turned
+            offset = vehicles[
+                ..., 1:
+            ].copy()  # position, velocity, heading; headings are only turned
             offset[..., :4] -= ego[..., 1:5]
             x, y, turned = offset[..., ::2], offset[..., 1::2], columns[..., ROW : ROW + 6]
             turned[..., ::2], turned[..., 1::2] = x * cos + y * sin, y * cos - x * sin
             if self.choice.ahead:
                 columns[..., ROW + 6 :] = closeness(turned[..., :2], turned[..., 2:4])
             turned[..., :4] *= scale
-        columns *= others[..., :1]
+        columns *= vehicles[..., :1]
         return columns
 
 

@@ -52,12 +52,12 @@ def finish(axes: Any, title: str = "", legend: int | None = None, **properties: 
     plain(axes)
 
 
-def head(drawn: Figure, title: str, legend_of: Any = None, columns: int = 3) -> None:
+def head(drawing: Figure, title: str, legend_of: Any = None, columns: int = 3) -> None:
     """Give a figure a title over all panels, and below them the legend of one panel."""
-    drawn.suptitle(title, fontsize=10)
+    drawing.suptitle(title, fontsize=10)
     if legend_of is not None:
         handles, labels = legend_of.get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside lower center", ncols=columns)
+        drawing.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
 def png(figures: Mapping[str, Figure]) -> dict[str, bytes]:

@@ -95,12 +95,12 @@ def _is_there(word: str) -> bool:
     return bool(word) and (os.path.isfile(word) or os.path.isdir(word))  # noqa: PTH112, PTH113
 
 
-def hash_files(words: Sequence[str], named: Sequence[tuple[str, Path]]) -> CodeHash:
+def hash_files(words: Sequence[str], labelled: Sequence[tuple[str, Path]]) -> CodeHash:
     """Hash words, and files and folders with their paths; each part is preceded by its length.
 
     Args:
         words: Words of the specification, in their order.
-        named: Files and folders, each with the word that names it.
+        labelled: Files and folders, each with the word that names it.
 
     Raises:
         UserError: If a file can't be read, a folder has too many files, or a link leaves it.
@@ -108,7 +108,7 @@ def hash_files(words: Sequence[str], named: Sequence[tuple[str, Path]]) -> CodeH
     digest, caches, files, size = hashlib.sha256(), [], 0, 0
     for word in words:
         _add(digest, "word", word)
-    for word, path in named:
+    for word, path in labelled:
         _add(digest, "path", word)
         try:
             below = _below(path, path.resolve(), "", caches)
@@ -127,7 +127,7 @@ def hash_files(words: Sequence[str], named: Sequence[tuple[str, Path]]) -> CodeH
         f"the words, and whole the {files} files ({size:,} bytes) that they name; "
         "not what programs load besides: the interpreter's folder and shared libraries"
     )
-    paths = tuple(dict.fromkeys(path.absolute() for _, path in named))
+    paths = tuple(dict.fromkeys(path.absolute() for _, path in labelled))
     return CodeHash(digest.hexdigest(), covers, paths, tuple(caches))
 
 

@@ -21,7 +21,7 @@ from typing import Any
 MOST = 400  # characters of an error
 
 
-def main(place: str, attribute: str, paths: list[str]) -> int:
+def main(source: str, attribute: str, paths: list[str]) -> int:
     """Load the policy and answer every line of the standard input."""
     # What the module prints goes to the standard error: the standard output is for answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
@@ -32,7 +32,7 @@ def main(place: str, attribute: str, paths: list[str]) -> int:
         message = json.loads(line)
         try:
             if policy is None:
-                policy, size = getattr(_module(place), attribute), message.get("action_size", 0)
+                policy, size = getattr(_module(source), attribute), message.get("action_size", 0)
                 policy = policy() if inspect.isclass(policy) else policy
                 if not callable(getattr(policy, "predict", policy)):
                     policy = "is not a policy: it must be a function or have `predict`"
@@ -48,10 +48,10 @@ def main(place: str, attribute: str, paths: list[str]) -> int:
     return 0
 
 
-def _module(place: str) -> Any:
-    if not place.endswith(".py"):
-        return importlib.import_module(place)
-    path = Path(place)
+def _module(source: str) -> Any:
+    if not source.endswith(".py"):
+        return importlib.import_module(source)
+    path = Path(source)
     sys.path.append(str(path.parent))
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec and spec.loader

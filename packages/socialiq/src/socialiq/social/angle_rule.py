@@ -233,15 +233,15 @@ def _case(content: Any, number: int) -> Case:
     return Case(_angle(content["angle"], f"angle of {what}"), tuple(conditions))
 
 
-def _angle(given: Any, what: str) -> Angle:
+def _angle(value: Any, what: str) -> Angle:
     """Read a number of degrees, or an interpolated angle."""
-    if not isinstance(given, Mapping):
-        return _degrees(given, what)
-    if set(given) != {"by", "at", "degrees"}:
+    if not isinstance(value, Mapping):
+        return _degrees(value, what)
+    if set(value) != {"by", "at", "degrees"}:
         raise UserError(
             f"{what} must be a number of degrees, or a table with by (a feature), at and degrees"
         )
-    by, lists = given["by"], (given["at"], given["degrees"])
+    by, lists = value["by"], (value["at"], value["degrees"])
     if not isinstance(by, str) or not _NAME.fullmatch(by):
         raise UserError(f"by of {what} is not the name of a feature")
     sizes = [len(column) if isinstance(column, list | tuple) else 0 for column in lists]
@@ -255,27 +255,27 @@ def _angle(given: Any, what: str) -> Angle:
     )
 
 
-def _degrees(given: Any, what: str) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float) or not 0 <= given < 360:
-        raise UserError(f"{what} must be a number of degrees in [0, 360), got {_shown(given)}")
-    return float(given)
+def _degrees(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 360:
+        raise UserError(f"{what} must be a number of degrees in [0, 360), got {_shown(value)}")
+    return float(value)
 
 
-def _number(given: Any, what: str) -> float:
-    plain = not isinstance(given, bool) and isinstance(given, int | float)
-    if not plain or not -LARGEST <= given <= LARGEST:  # NaN compares false
+def _number(value: Any, what: str) -> float:
+    plain = not isinstance(value, bool) and isinstance(value, int | float)
+    if not plain or not -LARGEST <= value <= LARGEST:  # NaN compares false
         raise UserError(
-            f"{what} must be a number within plus or minus {LARGEST:g}, got {_shown(given)}"
+            f"{what} must be a number within plus or minus {LARGEST:g}, got {_shown(value)}"
         )
-    return float(given)
+    return float(value)
 
 
-def _shown(given: Any) -> str:
-    if isinstance(given, Mapping | Sequence) and not isinstance(given, str):
-        return "a table" if isinstance(given, Mapping) else "a list"
-    if isinstance(given, int) and abs(given) > 10**15:
+def _shown(value: Any) -> str:
+    if isinstance(value, Mapping | Sequence) and not isinstance(value, str):
+        return "a table" if isinstance(value, Mapping) else "a list"
+    if isinstance(value, int) and abs(value) > 10**15:
         return "a huge number"
-    return one_line(str(given), 60)
+    return one_line(str(value), 60)
 
 
 def angle_words(angle: Angle) -> str:

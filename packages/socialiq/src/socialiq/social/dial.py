@@ -25,9 +25,9 @@ class Setting(NamedTuple):
     radius: float  # length of the mixture's expected sums, along the wanted angle
 
 
-def mixture(points: Float[np.ndarray, "policy 2"], one: Setting) -> Float[np.ndarray, " xy"]:
+def mixture(points: Float[np.ndarray, "policy 2"], mixed: Setting) -> Float[np.ndarray, " xy"]:
     """Return the expected sums of (r_env, r_social) of a mixture of these policies."""
-    return (1.0 - one.share) * points[one.first] + one.share * points[one.second]
+    return (1.0 - mixed.share) * points[mixed.first] + mixed.share * points[mixed.second]
 
 
 def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:

@@ -133,7 +133,7 @@ _FIRST_STEP = 0.1  # share of the error for the selection of references that can
 _HALVINGS = 40
 
 
-def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " reference"]:
+def upper_bounds(means: Studentised, error: float) -> Float[np.ndarray, " reference"]:
     """Return a one-sided upper bound of each mean by bootstrap-t.
 
     Their maximum bounds the largest mean at the same error, whatever the number of references
@@ -142,11 +142,11 @@ def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " refere
     intersection-union test (Berger 1982), which is exact where one reference is clearly the best
     and conservative where several tie.
     """
-    low = np.quantile(found.resampled, error, axis=0)
-    return found.mean - low * found.error
+    low = np.quantile(means.resampled, error, axis=0)
+    return means.mean - low * means.error
 
 
-def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
+def largest_exceeds(means: Studentised, limit: float, error: float) -> bool:
     """Whether the largest mean is significantly above a limit.
 
     Here one reference is enough, and the apparently best reference was selected by the data, so the
@@ -158,22 +158,22 @@ def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
     standard errors must be positive.
     """
     # Simultaneous upper bounds of the means, at a tenth of the error.
-    smallest = found.resampled.min(axis=1)
-    highest = found.mean - float(np.quantile(smallest, _FIRST_STEP * error)) * found.error
-    first = 0.0 if len(found.mean) == 1 else _FIRST_STEP
+    smallest = means.resampled.min(axis=1)
+    highest = means.mean - float(np.quantile(smallest, _FIRST_STEP * error)) * means.error
+    first = 0.0 if len(means.mean) == 1 else _FIRST_STEP
     if (highest < limit).all():
         return False
-    lowered = np.minimum(highest - limit, 0.0) / found.error if first else np.zeros(1)
-    largest = (found.resampled + lowered).max(axis=1)
+    lowered = np.minimum(highest - limit, 0.0) / means.error if first else np.zeros(1)
+    largest = (means.resampled + lowered).max(axis=1)
     critical = max(0.0, float(np.quantile(largest, 1.0 - (1.0 - first) * error)))
-    return bool(((found.mean - limit) / found.error).max() > critical)
+    return bool(((means.mean - limit) / means.error).max() > critical)
 
 
-def largest_lower_bound(found: Studentised, error: float) -> float:
+def largest_lower_bound(means: Studentised, error: float) -> float:
     """Return a one-sided lower bound of the largest mean, by bisection of `largest_exceeds`."""
-    high = float(found.mean.max())
-    low = high - 50.0 * float(found.error.max())
+    high = float(means.mean.max())
+    low = high - 50.0 * float(means.error.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if largest_exceeds(found, middle, error) else (low, middle)
+        low, high = (middle, high) if largest_exceeds(means, middle, error) else (low, middle)
     return low

@@ -135,7 +135,7 @@ def permutation_p(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"
 
     result = permutation_test(
         (first, second),
-        lambda one, other, axis: one.mean(axis) - other.mean(axis),
+        lambda a, b, axis: a.mean(axis) - b.mean(axis),
         n_resamples=9999,
         vectorized=True,
         rng=np.random.default_rng(0),

@@ -42,7 +42,7 @@ def occupancies(
 def mean_target(
     mdp: TabularMDP,
     policies: Sequence[StateActionArray],
-    parts: Float[np.ndarray, "demonstrator state action"],
+    by_demonstrator: Float[np.ndarray, "demonstrator state action"],
     reward: StateActionArray,
     kind: str,
     discount: float,
@@ -58,7 +58,7 @@ def mean_target(
     Args:
         mdp: The dynamics.
         policies: Policy of each demonstrator.
-        parts: Result of `occupancies`; p(k|s, a) is a part's share at (s, a).
+        by_demonstrator: Result of `occupancies`; p(k|s, a) is a part's share at (s, a).
         reward: R(α) of Eq 4.3.
         kind: One of `TARGET_KINDS`.
         discount: γ, and γ_svo of the returns.
@@ -73,7 +73,7 @@ def mean_target(
     check_reward(mdp, reward)
     if kind == "instantaneous":
         return reward
-    level = parts.sum(axis=0)
+    level = by_demonstrator.sum(axis=0)
     demonstrated = level > 0.0
     if kind == "advantage":
         states = level.sum(axis=1, keepdims=True)
@@ -86,7 +86,7 @@ def mean_target(
     targets = [value.q if kind == "to_go" else value.q - value.v[:, None] for value in values]
     return np.where(
         demonstrated,
-        (parts * np.stack(targets)).sum(axis=0) / np.where(demonstrated, level, 1.0),
+        (by_demonstrator * np.stack(targets)).sum(axis=0) / np.where(demonstrated, level, 1.0),
         0.0,
     )
 

@@ -268,4 +268,6 @@ def _driver_of_turn(turn: int, seed: int, options: Options) -> Policy:
     kind = np.float64 if turn == 2 else np.float32
     low, high = np.array([least, -steering]), np.array([1.0, steering])
     low, high, rng = low[: options.width], high[: options.width], np.random.default_rng(seed)
-    return RulePolicy(lambda seen: rng.uniform(low, high, (len(seen), len(low))).astype(kind))
+    return RulePolicy(
+        lambda vehicles: rng.uniform(low, high, (len(vehicles), len(low))).astype(kind)
+    )

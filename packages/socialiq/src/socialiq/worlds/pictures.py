@@ -69,22 +69,22 @@ def _draw(axes: Any, world: GridWorld, state: State) -> None:
         _draw_vehicle(axes, user, EGO if user is ego else OTHER)
 
 
-def _draw_vehicle(axes: Any, place: Place, color: str) -> None:
+def _draw_vehicle(axes: Any, user: Place, color: str) -> None:
     """Draw a road user; its speed is as many chevrons, speed 0 a bar across its front."""
     from matplotlib.patches import FancyBboxPatch
 
-    x, y, is_eastbound = place.x, place.y, place.heading == 0
+    x, y, is_eastbound = user.x, user.y, user.heading == 0
     length, width = (0.74, 0.44) if is_eastbound else (0.44, 0.74)
     look = {"facecolor": color, "edgecolor": "white", "linewidth": 1.0, "zorder": 3}
     corner, rounded = (x - length / 2, y - width / 2), "round,pad=0,rounding_size=0.12"
     axes.add_patch(FancyBboxPatch(corner, length, width, boxstyle=rounded, **look))
-    for shift in {1: (0.05,), 2: (-0.1, 0.12)}.get(place.speed or 0, ()):
+    for shift in {1: (0.05,), 2: (-0.1, 0.12)}.get(user.speed or 0, ()):
         along, across = (shift - 0.09, shift + 0.06, shift - 0.09), (-0.12, 0.0, 0.12)
         points = [x + a for a in along], [y + c for c in across]
         if not is_eastbound:
             points = [x + c for c in across], [y + a for a in along]
         axes.plot(*points, color="white", linewidth=1.8, zorder=4)
-    if place.speed == 0:
+    if user.speed == 0:
         points = [x + 0.24] * 2, [y - 0.14, y + 0.14]
         if not is_eastbound:
             points = [x - 0.14, x + 0.14], [y + 0.24] * 2

@@ -146,7 +146,7 @@ def continuous_options(name: str) -> ContinuousOptions:
     return ContinuousOptions(**CONTINUOUS[name])
 
 
-def parse_options(world: str, kind: type[Kind], given: Mapping[str, Any]) -> Kind:
+def parse_options(world: str, kind: type[Kind], values: Mapping[str, Any]) -> Kind:
     """Return a world's options, of a dataclass, from values by name of the field.
 
     Raises:
@@ -154,13 +154,13 @@ def parse_options(world: str, kind: type[Kind], given: Mapping[str, Any]) -> Kin
     """
     kinds = typing.get_type_hints(kind)
     fields = tuple(field.name for field in dataclasses.fields(kind))  # pyright: ignore[reportArgumentType]
-    for option in given:
+    for option in values:
         one_of(f"option of {world}", option, fields)
-    for option, value in given.items():
+    for option, value in values.items():
         allowed = typing.get_args(kinds[option])
         if typing.get_origin(kinds[option]) is typing.Literal and value not in allowed:
             raise UserError(
                 f"unknown value '{value}' for {option} of {world}: "
                 f"choose one of {', '.join(map(str, allowed))}"
             )
-    return kind(**given)
+    return kind(**values)

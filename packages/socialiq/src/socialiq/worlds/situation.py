@@ -42,38 +42,38 @@ class Feature(NamedTuple):
     of: Callable[[np.ndarray], np.ndarray]
 
 
-def _before(seen: np.ndarray) -> np.ndarray:
+def _before(state: np.ndarray) -> np.ndarray:
     """Whether each slot of the 7x7 world has a vehicle south of the conflict cell."""
-    rows = seen[:, [2, 4]]
+    rows = state[:, [2, 4]]
     return (rows >= 0) & (rows < crossing7.CONFLICT)
 
 
-def _nearest_cells(seen: np.ndarray) -> np.ndarray:
-    cells = np.where(_before(seen), crossing7.CONFLICT - seen[:, [2, 4]], crossing7.SIZE)
+def _nearest_cells(state: np.ndarray) -> np.ndarray:
+    cells = np.where(_before(state), crossing7.CONFLICT - state[:, [2, 4]], crossing7.SIZE)
     return cells.min(axis=1)
 
 
 _CROSSING5 = {
     "approaching": Feature(
         "1 while the other road user is before the conflict cell, else 0",
-        lambda seen: seen[:, 3] < crossing5.CONFLICT,
+        lambda state: state[:, 3] < crossing5.CONFLICT,
     ),
     "cells_to_conflict": Feature(
         "cells from the ego to the conflict cell; negative beyond it",
-        lambda seen: crossing5.CONFLICT - seen[:, 0],
+        lambda state: crossing5.CONFLICT - state[:, 0],
     ),
 }
 
 _CROSSING7 = {
     "approaching": Feature(
-        "vehicles before the conflict cell", lambda seen: _before(seen).sum(axis=1)
+        "vehicles before the conflict cell", lambda state: _before(state).sum(axis=1)
     ),
     "waiting": Feature(
         "vehicles before the conflict cell that stand",
-        lambda seen: (_before(seen) & (seen[:, [3, 5]] == crossing7.STOP)).sum(axis=1),
+        lambda state: (_before(state) & (state[:, [3, 5]] == crossing7.STOP)).sum(axis=1),
     ),
     "vehicles": Feature(
-        "vehicles on the road", lambda seen: (seen[:, [2, 4]] != crossing7.ABSENT).sum(axis=1)
+        "vehicles on the road", lambda state: (state[:, [2, 4]] != crossing7.ABSENT).sum(axis=1)
     ),
     "nearest_cells": Feature(
         "cells from the nearest approaching vehicle to the conflict cell; 7 if there is none",
@@ -81,57 +81,59 @@ _CROSSING7 = {
     ),
     "cells_to_conflict": Feature(
         "cells from the ego to the conflict cell; negative beyond it",
-        lambda seen: crossing7.CONFLICT - seen[:, 0],
+        lambda state: crossing7.CONFLICT - state[:, 0],
     ),
-    "ego_speed": Feature("the ego's speed in cells a step", lambda seen: seen[:, 1]),
+    "ego_speed": Feature("the ego's speed in cells a step", lambda state: state[:, 1]),
 }
 
 
-def _others(seen: np.ndarray) -> np.ndarray:
+def _others(vehicles: np.ndarray) -> np.ndarray:
     """Whether each row after the ego's is a vehicle in view."""
-    return seen[:, 1:, 0] > 0
+    return vehicles[:, 1:, 0] > 0
 
 
-def _distance(seen: np.ndarray) -> np.ndarray:
+def _distance(vehicles: np.ndarray) -> np.ndarray:
     """Metres from the ego to each other vehicle; the range of perception where there is none."""
-    away = np.hypot(seen[:, 1:, 1] - seen[:, :1, 1], seen[:, 1:, 2] - seen[:, :1, 2])
-    return np.where(_others(seen), away, _PERCEPTION)
+    away = np.hypot(
+        vehicles[:, 1:, 1] - vehicles[:, :1, 1], vehicles[:, 1:, 2] - vehicles[:, :1, 2]
+    )
+    return np.where(_others(vehicles), away, _PERCEPTION)
 
 
-def _waiting(seen: np.ndarray) -> np.ndarray:
-    slow = np.hypot(seen[:, 1:, 3], seen[:, 1:, 4]) < _STANDING
-    return (_others(seen) & slow & (_distance(seen) <= _NEAR)).sum(axis=1)
+def _waiting(vehicles: np.ndarray) -> np.ndarray:
+    slow = np.hypot(vehicles[:, 1:, 3], vehicles[:, 1:, 4]) < _STANDING
+    return (_others(vehicles) & slow & (_distance(vehicles) <= _NEAR)).sum(axis=1)
 
 
-def _with_priority(seen: np.ndarray) -> np.ndarray:
-    other_road = np.abs(seen[:, 1:, 5]) > np.abs(seen[:, 1:, 6])
-    return (policies.conflict(seen, _SOON) & other_road).sum(axis=1)
+def _with_priority(vehicles: np.ndarray) -> np.ndarray:
+    other_road = np.abs(vehicles[:, 1:, 5]) > np.abs(vehicles[:, 1:, 6])
+    return (policies.conflict(vehicles, _SOON) & other_road).sum(axis=1)
 
 
 _INTERSECTION = {
-    "vehicles": Feature("other vehicles in view", lambda seen: _others(seen).sum(axis=1)),
+    "vehicles": Feature("other vehicles in view", lambda vehicles: _others(vehicles).sum(axis=1)),
     "vehicles_within_30m": Feature(
         "other vehicles within 30 m of the ego",
-        lambda seen: (_others(seen) & (_distance(seen) <= _NEAR)).sum(axis=1),
+        lambda vehicles: (_others(vehicles) & (_distance(vehicles) <= _NEAR)).sum(axis=1),
     ),
     "waiting": Feature("other vehicles within 30 m of the ego, slower than 1 m/s", _waiting),
     "crossing": Feature(
         "crossing vehicles in the junction, or there within 3 s",
-        lambda seen: policies.conflict(seen, _SOON).sum(axis=1),
+        lambda vehicles: policies.conflict(vehicles, _SOON).sum(axis=1),
     ),
     "crossing_with_priority": Feature(
         "those of them on the other road, which has priority over the ego's", _with_priority
     ),
     "nearest_metres": Feature(
         "metres to the nearest vehicle in view; 200 if there is none",
-        lambda seen: _distance(seen).min(axis=1),
+        lambda vehicles: _distance(vehicles).min(axis=1),
     ),
     "metres_to_stop_line": Feature(
         "metres from the ego to its stop line; negative beyond it",
-        lambda seen: seen[:, 0, 2] - policies.STOP_LINE,
+        lambda vehicles: vehicles[:, 0, 2] - policies.STOP_LINE,
     ),
     "ego_speed": Feature(
-        "the ego's speed in m/s", lambda seen: np.hypot(seen[:, 0, 3], seen[:, 0, 4])
+        "the ego's speed in m/s", lambda vehicles: np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4])
     ),
 }
 

@@ -105,10 +105,10 @@ class RewardPairWrapper(gymnasium.Wrapper):
         return flat(after), scalar, transition.terminated, transition.truncated, info
 
 
-def called(what: str, function: Callable[..., Any], *given: Any, **named: Any) -> Any:
+def called(what: str, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
     """Return what code of a user returns; a failure is a `UserError` that says `what` failed."""
     try:
-        return function(*given, **named)
+        return function(*arguments, **keywords)
     except UserError:
         raise
     except FAILURES as error:

@@ -112,9 +112,9 @@ class Answers(NamedTuple):
     queries: int
     differing: int
 
-    def plus(self, other: Answers) -> Answers:
+    def plus(self, answers: Answers) -> Answers:
         """Return the sums."""
-        return Answers(self.queries + other.queries, self.differing + other.differing)
+        return Answers(self.queries + answers.queries, self.differing + answers.differing)
 
 
 class Consistency(NamedTuple):

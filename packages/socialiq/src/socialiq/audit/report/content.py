@@ -214,9 +214,9 @@ def _declaration(profile: Profile) -> dict[str, Any]:
     return declared
 
 
-def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
+def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
     """Return the section `seeds` of the report."""
-    revealed, beacon = drawn.revealed, None
+    revealed, beacon = draw.revealed, None
     if isinstance(revealed, Round):
         beacon = {
             "chain_sha256": CHAIN,
@@ -226,13 +226,13 @@ def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
             "randomness": revealed.randomness,
         }
     return {
-        "seed": drawn.seed,
-        "source": drawn.source,
-        "worth": words.worth(drawn),
+        "seed": draw.seed,
+        "source": draw.source,
+        "worth": words.worth(draw),
         "nonce": revealed if isinstance(revealed, Nonce) else None,
         "beacon": beacon,
         "episodes": episodes,
-        "commitment_sha256": drawn.commitment.sha256,
+        "commitment_sha256": draw.commitment.sha256,
         "order": _ORDER,
     }
 

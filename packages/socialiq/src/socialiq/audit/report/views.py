@@ -197,12 +197,12 @@ def html(report: Mapping[str, Any]) -> str:
     )
 
 
-def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **more: Any) -> str:
+def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **variables: Any) -> str:
     """Return a page of Markdown by a template and further variables; all values are escaped."""
-    return _rendered(report, template, most=_LONGEST, **more)
+    return _rendered(report, template, most=_LONGEST, **variables)
 
 
-def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **more: Any) -> str:
+def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variables: Any) -> str:
     """Return a page by its template, a value of Markdown with so many characters at most."""
     pages, names = templates(_PACKAGE, most=most), words.names_of(report)
     pages.filters.update(FILTERS)
@@ -216,7 +216,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **more: A
         would_pass=decisions,
         other_passes=other_passes,
         compatible=compatible(report),
-        **more,
+        **variables,
     )
 
 

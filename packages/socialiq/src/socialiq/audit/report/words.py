@@ -145,25 +145,25 @@ _WORTH: dict[Source, str] = {
 }
 
 
-def worth(drawn: Draw) -> str:
+def worth(draw: Draw) -> str:
     """Return what a seed is worth as evidence that no one chose the episodes."""
-    if isinstance(drawn.revealed, Round):
+    if isinstance(draw.revealed, Round):
         return (
-            f"The seed comes from the commitment and round {drawn.revealed.number:,} of the public "
+            f"The seed comes from the commitment and round {draw.revealed.number:,} of the public "
             f"beacon drand {NETWORK}, whose signature was checked. No one could choose it, "
             "provided that someone other than the owner held the commitment's hash before "
-            f"{drawn.revealed.time:%Y-%m-%d %H:%M:%S} UTC, when the round was published."
+            f"{draw.revealed.time:%Y-%m-%d %H:%M:%S} UTC, when the round was published."
         )
-    return _WORTH[drawn.source]
+    return _WORTH[draw.source]
 
 
-def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
+def caveats_of_replay(replayed: int, chosen: int) -> list[Caveat]:
     """Return a caveat if not all chosen episodes were the same when they were run again."""
-    if shown == chosen:
+    if replayed == chosen:
         return []
     text = (
-        f"{chosen - shown} of {chosen} chosen episodes were others when they were run again, one "
-        "by one: the policy's answers depend on more than the observation alone."
+        f"{chosen - replayed} of {chosen} chosen episodes were others when they were run again, "
+        "one by one: the policy's answers depend on more than the observation alone."
     )
     return [Caveat("episodes", text)]
 

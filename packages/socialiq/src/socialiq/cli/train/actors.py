@@ -93,10 +93,10 @@ class Task:
     allow_code: bool = False
     preset: str = ""
 
-    def run(self, name: str, given: Mapping[str, Any] | None = None) -> int:
+    def run(self, name: str, further: Mapping[str, Any] | None = None) -> int:
         """Train one of `LEARNERS` with further settings, write, print; return the exit status."""
         command, data = self.command, self.data
-        settings = command.size.settings() | dict(given or {})
+        settings = command.size.settings() | dict(further or {})
         configs = LEARNERS[name].StaticConfig(), LEARNERS[name].Hyperparameters()
         if self.preset:
             presets = config.PRESETS.get(self.preset, {})

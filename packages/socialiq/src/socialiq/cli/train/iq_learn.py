@@ -181,7 +181,7 @@ def _trained(
     data: Demonstrations,
     static: Any,
     runs: list[Any],
-    own: dict[str, Any],
+    functions: dict[str, Any],
     world: str = "",
 ) -> int:
     """Train with discrete actions, and write the folder; return the exit status."""
@@ -193,14 +193,16 @@ def _trained(
     elif world:
         make = environment_maker(world, (data.n_features, data.n_actions), command.allow_code)
         collector = acting_in(make, static, runs, shared.CHUNK)
-    if "learner" not in own:
+    if "learner" not in functions:
         check_fit(static, runs, [data], simulator, collector is not None)
     folder = shared.RunFolder(command.out, "policy", command.options, command.json)
     if simulator is not None:
         table = tabulate(simulator).reachable_part()
         monitor = exact_monitor(table, [numbers.temperature for numbers in runs])
     with folder.callbacks([shared.label(numbers) for numbers in runs], monitor) as callbacks:
-        trained = train(static, runs, [data], simulator, callbacks, shared.CHUNK, collector, **own)
+        trained = train(
+            static, runs, [data], simulator, callbacks, shared.CHUNK, collector, **functions
+        )
     described = shared.described_file(command.data) | {"transitions": data.n_transitions}
     record = {"world": world, "data": described} | trained.learner.functions()
     return folder.finish_policies(trained, record)

@@ -88,12 +88,12 @@ class SetOptions:
     """KEY=VALUE ... of any setting that has no option, with commas between several values; an
     unknown key is answered with the list of those that the learner has."""
 
-    def apply(self, configs: Sequence[Any], given: Mapping[str, Any]) -> list[Any]:
+    def apply(self, configs: Sequence[Any], options: Mapping[str, Any]) -> list[Any]:
         """Return the learner's configs with the given options and --set laid over them."""
         words = assignments([word for words in self.set for word in words])
         for name in words.keys() & {*DECIDED}:
             raise UserError(f"{name} is no setting: other options, the data or the world decide it")
-        changed = laid_over(configs, {**given, **words}, DECIDED)
+        changed = laid_over(configs, {**options, **words}, DECIDED)
         for config in changed:
             check_options(config)
         return changed

@@ -198,14 +198,14 @@ class ActorCritic(Learner):
     def improvement(
         self,
         network: Networks,
-        seen: Float[Array, "batch input"],
+        inputs: Float[Array, "batch input"],
         key: PRNGKeyArray,
         hyperparameters: HyperparameterArrays,
     ) -> Terms:
         """Return the losses of the actor and of a tuned temperature, and the entropy."""
         temperature = self.temperature(network, hyperparameters)
-        sampled = draw_actions(network.actor, seen, key, self.static.actions_per_state)
-        q = drawn_values(frozen(network.critics), seen, sampled).min(axis=-1)
+        sampled = draw_actions(network.actor, inputs, key, self.static.actions_per_state)
+        q = drawn_values(frozen(network.critics), inputs, sampled).min(axis=-1)
         terms = {"actor": actor_loss(q, sampled, temperature)}
         if self.static.tuned:
             entropy = hyperparameters.entropy_target * self.sizes[1]
@@ -235,30 +235,30 @@ class Drawn(NamedTuple):
 
 
 def draw_actions(
-    actor: Actor, seen: Float[Array, "batch input"], key: PRNGKeyArray, count: int
+    actor: Actor, inputs: Float[Array, "batch input"], key: PRNGKeyArray, count: int
 ) -> Drawn:
     """Draw so many actions in each state, with gradients to the actor."""
-    mean, log_std = jax.vmap(actor)(seen)
+    mean, log_std = jax.vmap(actor)(inputs)
     noise = jax.random.normal(key, (count, *mean.shape))
     of_rows = jax.vmap(draw)
     return Drawn(*jax.vmap(of_rows, in_axes=(0, None, None))(noise, mean, log_std))
 
 
 def drawn_values(
-    critics: TwinCritics, seen: Float[Array, "batch input"], drawn: Drawn
+    critics: TwinCritics, inputs: Float[Array, "batch input"], sampled: Drawn
 ) -> Float[Array, "draw batch 2"]:
     """Q_1 and Q_2 of drawn actions."""
-    return jax.vmap(jax.vmap(critics), in_axes=(None, 0))(seen, drawn.action)
+    return jax.vmap(jax.vmap(critics), in_axes=(None, 0))(inputs, sampled.action)
 
 
 def soft_value(
-    q: Float[Array, "draw batch"], drawn: Drawn, temperature: Scalar | float
+    q: Float[Array, "draw batch"], sampled: Drawn, temperature: Scalar | float
 ) -> Float[Array, " batch"]:
     """V(s) = E_π[Q(s, a) - τ log π(a|s)], the mean over the drawn actions.
 
     At π = exp(Q/τ) / ∫ exp(Q/τ) it is τ log ∫ exp(Q/τ) da, Eq 2.5 with an integral for the sum.
     """
-    return jnp.mean(q - temperature * drawn.log_density, axis=0)
+    return jnp.mean(q - temperature * sampled.log_density, axis=0)
 
 
 def critic_loss(q: Float[Array, "batch 2"], target: Float[Array, " batch"]) -> Scalar:
@@ -266,12 +266,14 @@ def critic_loss(q: Float[Array, "batch 2"], target: Float[Array, " batch"]) -> S
     return jnp.mean(jnp.sum(jnp.square(q - target[:, None]), axis=-1)) / 2.0
 
 
-def actor_loss(q: Float[Array, "draw batch"], drawn: Drawn, temperature: Scalar | float) -> Scalar:
+def actor_loss(
+    q: Float[Array, "draw batch"], sampled: Drawn, temperature: Scalar | float
+) -> Scalar:
     """E[τ log π(a|s) - Q(s, a)] of drawn actions, whose gradient runs through the action."""
-    return -jnp.mean(soft_value(q, drawn, temperature))
+    return -jnp.mean(soft_value(q, sampled, temperature))
 
 
-def temperature_loss(log_temperature: Scalar, drawn: Drawn, entropy: Any) -> Scalar:
+def temperature_loss(log_temperature: Scalar, sampled: Drawn, entropy: Any) -> Scalar:
     """-log τ E[log π + H]: τ rises while the policy's entropy is below H, and falls above it."""
-    gap = jax.lax.stop_gradient(jnp.mean(drawn.log_density) + entropy)
+    gap = jax.lax.stop_gradient(jnp.mean(sampled.log_density) + entropy)
     return -log_temperature * gap

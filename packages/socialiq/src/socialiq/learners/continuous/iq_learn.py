@@ -89,7 +89,7 @@ class ContinuousIQLearn(ActorCritic):
         """The mean of both critics' objectives, and the losses of actor and temperature."""
         rows, for_critics, for_actor = batch, *jax.random.split(batch.key)
         of_each = self.critic_terms(network, target_network, rows, for_critics, hyperparameters)
-        terms = jax.tree.map(lambda *both: sum(both) / len(both), *of_each)
+        terms = jax.tree.map(lambda *values: sum(values) / len(values), *of_each)
         total = jnp.sum(jnp.stack([terms[name] for name in ADDED if name in terms]))
         inputs = self.inputs(rows.batch.observation, rows.direction)
         terms |= self.improvement(network, inputs, for_actor, hyperparameters)
@@ -170,15 +170,15 @@ class ContinuousIQLearn(ActorCritic):
         self,
         network: Networks,
         critics: TwinCritics,
-        seen: Float[Array, "batch input"],
+        inputs: Float[Array, "batch input"],
         key: PRNGKeyArray,
         temperature: Scalar,
         smaller: bool = False,
     ) -> Float[Array, "batch 2"]:
         """V(s) = E_π[Q_i - τ log π] of each critic, or of the smaller Q for both; π is fixed."""
         count = self.static.actions_per_state
-        sampled = actor_critic.draw_actions(frozen(network.actor), seen, key, count)
-        q = actor_critic.drawn_values(critics, seen, sampled)
+        sampled = actor_critic.draw_actions(frozen(network.actor), inputs, key, count)
+        q = actor_critic.drawn_values(critics, inputs, sampled)
         if smaller:
             q = jnp.broadcast_to(q.min(axis=-1, keepdims=True), q.shape)
         columns = [
@@ -188,13 +188,13 @@ class ContinuousIQLearn(ActorCritic):
 
 
 def regression_terms(
-    shown: Float[Array, " expert"], own: Float[Array, " own"], chi2_alpha: Scalar | float
+    expert: Float[Array, " expert"], learner: Float[Array, " own"], chi2_alpha: Scalar | float
 ) -> Terms:
     """Return the two terms of the regression of r̂ (`losses.regression_term`)."""
     bound = losses.reward_bound(chi2_alpha)
     return {
-        "expert": losses.regression_term(shown, bound, chi2_alpha),
-        "own": losses.regression_term(own, -bound, chi2_alpha),
+        "expert": losses.regression_term(expert, bound, chi2_alpha),
+        "own": losses.regression_term(learner, -bound, chi2_alpha),
     }
 
 

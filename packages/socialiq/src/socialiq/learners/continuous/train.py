@@ -39,7 +39,7 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 500,
     before_chunk: BeforeChunk | None = None,
-    own: UserFunctions = OURS,
+    user_functions: UserFunctions = OURS,
 ) -> Trained:
     """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
@@ -59,7 +59,7 @@ def train(
         kind = "instantaneous" if getattr(static, "prior", "") == "none" else kind
         discount = getattr(static, "social_discount", 1.0)
         table = ExpertTable.of(datasets, kind, discount, continuous=True)
-    functions = {"own": own} if issubclass(learner, ContinuousIQLearn) else {}
+    functions = {"own": user_functions} if issubclass(learner, ContinuousIQLearn) else {}
     instance = learner(static, sizes, table, simulator, **functions)
     world = simulator.description if simulator else "offline or collected"
     return instance.train(hyperparameters, callbacks, chunk, before_chunk, world)

@@ -138,7 +138,7 @@ def _skill_loss(
     correction: Float[Array, "batch action"],
     target_network: DialNetwork,
     rows: Rows,
-    own: RewardPair,
+    direction: RewardPair,
     hyperparameters: HyperparameterArrays,
 ) -> Scalar:
     """Loss of f(s, a): actions of demonstrators that their own R(a_i) + f doesn't explain yet.
@@ -151,7 +151,7 @@ def _skill_loss(
     """
     count = rows.n_expert
     f, action = correction[:count], rows.batch.action[:count]
-    q = jax.vmap(target_network)(rows.batch.observation[:count], own)
+    q = jax.vmap(target_network)(rows.batch.observation[:count], direction)
     policy = jax.lax.stop_gradient(jax.nn.softmax(q / hyperparameters.temperature))
     taken = _at(f, action)
     moved = jnp.mean(jnp.sum(policy * f, axis=1) - taken)

@@ -195,7 +195,7 @@ def train(
     return done
 
 
-def recorded(data: Transitions, whole: int = 0) -> tuple[Rows, Float[Array, " 2"]]:
+def recorded(data: Transitions, decisions: int = 0) -> tuple[Rows, Float[Array, " 2"]]:
     """Return all transitions of whole episodes, log β still 0, and the spread of returns-to-go.
 
     A whole episode has so many decisions; 0: as many as the longest one.
@@ -208,11 +208,11 @@ def recorded(data: Transitions, whole: int = 0) -> tuple[Rows, Float[Array, " 2"
     starts = np.asarray(data.episode_starts)
     step = numbers - starts[np.searchsorted(starts, numbers, side="right") - 1]
     longest = int(step.max()) + 1
-    if whole and longest > whole:
-        raise UserError(f"an episode has {longest} decisions, more than a whole one: {whole}")
-    horizon, empty = whole or longest, jnp.zeros((len(step), data.n_actions), jnp.float32)
+    if decisions and longest > decisions:
+        raise UserError(f"an episode has {longest} decisions, more than a whole one: {decisions}")
+    horizon, empty = decisions or longest, jnp.zeros((len(step), data.n_actions), jnp.float32)
     ending = np.asarray(data.ending)
-    cut = (ending == int(Ending.TIMEOUT)) & (step + 1 < whole)
+    cut = (ending == int(Ending.TIMEOUT)) & (step + 1 < decisions)
     rows = Rows(
         jnp.asarray(data.observation, jnp.float32),
         jnp.asarray(data.action, jnp.int32),

@@ -140,7 +140,7 @@ def ensemble_values(
     unit: Float[Array, " 2"],
 ) -> Float[Array, "member row action 2"]:
     """Return Q of each member of an ensemble, in units of reward."""
-    return unit * jax.vmap(lambda one: jax.vmap(one)(observation, time, direction))(critics)
+    return unit * jax.vmap(lambda critic: jax.vmap(critic)(observation, time, direction))(critics)
 
 
 def behaviour_loss(network: QNetwork, rows: Rows) -> Scalar:

@@ -84,15 +84,15 @@ def reward_bound(chi2_alpha: Scalar | float) -> Any:
     return 4.0 * chi2_alpha
 
 
-def regression_term(reward: Column, wanted: Any, chi2_alpha: Scalar | float) -> Scalar:
-    """E[(r̂ - wanted)²] / (8 α_χ): one side of Eq 2.7 as a regression of the soft Bellman reward.
+def regression_term(reward: Column, target: Any, chi2_alpha: Scalar | float) -> Scalar:
+    """E[(r̂ - target)²] / (8 α_χ): one side of Eq 2.7 as a regression of the soft Bellman reward.
 
     Where term 2 is over the learner's own rows and these are drawn from its policy, E[V - γ V']
     is E[r̂] but for the entropy, which has no gradient in Q. With term 3 over as many rows of
     either side, terms 1 to 3 are then, but for a constant, E_E[(r̂ - 4 α_χ)²] / (8 α_χ) plus
-    E_own[(r̂ + 4 α_χ)²] / (8 α_χ) (Al-Hafez et al. 2023): `wanted` is ± `reward_bound`.
+    E_own[(r̂ + 4 α_χ)²] / (8 α_χ) (Al-Hafez et al. 2023): `target` is ± `reward_bound`.
     """
-    return jnp.mean(jnp.square(reward - wanted)) / (8.0 * chi2_alpha)
+    return jnp.mean(jnp.square(reward - target)) / (8.0 * chi2_alpha)
 
 
 def value_bounds(

@@ -61,7 +61,7 @@ def objective(
     batches: Batches,
     hyperparameters: HyperparameterArrays,
     static: IQLearnConfig,
-    own: UserFunctions = OURS,
+    functions: UserFunctions = OURS,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """Return the loss and its terms by name.
 
@@ -86,7 +86,7 @@ def objective(
         start = losses.soft_value(jax.vmap(network)(batches.initial), temperature)
 
     values = (losses.soft_value(q, temperature), follows, start)
-    terms = terms_of(reward, target, *values, hyperparameters, static, own)
+    terms = terms_of(reward, target, *values, hyperparameters, static, functions)
     total = jnp.sum(jnp.stack(list(terms.values())))
     demonstrated = jnp.mean(reward[: static.batch_size])
     recorded = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": demonstrated}
@@ -101,7 +101,7 @@ def terms_of(
     start: Array | None,
     hyperparameters: HyperparameterArrays,
     static: IQLearnConfig,
-    own: UserFunctions,
+    functions: UserFunctions,
 ) -> dict[str, Scalar]:
     """Return terms 1 to 3 of Eq 2.7 and the social prior of r̂ and R(α); term 3 only with χ².
 
@@ -113,7 +113,9 @@ def terms_of(
     shifted = reward
     if static.prior == "bellman_shift":
         shifted = losses.bellman_shift(reward, target, strength)
-    terms = {"expert": losses.expert_term(own.divergence or static.divergence, shifted[expert])}
+    terms = {
+        "expert": losses.expert_term(functions.divergence or static.divergence, shifted[expert])
+    }
     if start is not None:
         terms["value"] = losses.initial_value_term(start, hyperparameters.discount)
     else:
@@ -124,10 +126,10 @@ def terms_of(
         alpha = hyperparameters.chi2_alpha
         gap = losses.shifted_chi2(reward[rows], target[rows], strength, alpha)
         return terms | {"prior": hyperparameters.prior_weight * gap}
-    if static.divergence == "chi2" and own.divergence is None:
+    if static.divergence == "chi2" and functions.divergence is None:
         bounded = shifted if static.shift_term_3 else reward
         terms["chi2"] = losses.chi2_term(bounded[rows], hyperparameters.chi2_alpha)
     if static.prior == "reward":
-        gap = (own.prior or losses.social_prior)(reward[expert], target[expert], strength)
+        gap = (functions.prior or losses.social_prior)(reward[expert], target[expert], strength)
         terms["prior"] = hyperparameters.prior_weight * gap
     return terms

@@ -234,11 +234,11 @@ def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tup
 
 
 def followed(
-    endings: Float[Array, "2 kind"], own: Int[Array, " batch"], state: TrainState
+    endings: Float[Array, "2 kind"], kinds: Int[Array, " batch"], state: TrainState
 ) -> Float[Array, "2 kind"]:
     """Mix the endings of a batch of replay into the average, a plain one at first."""
     share = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
-    batch = shares_of_endings(own, jnp.ones(len(own), bool))
+    batch = shares_of_endings(kinds, jnp.ones(len(kinds), bool))
     return endings.at[1].add(share * (batch - endings[1]))
 
 

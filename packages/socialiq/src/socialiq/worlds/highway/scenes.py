@@ -95,11 +95,11 @@ class Scene(NamedTuple):
     config: Mapping[str, Any] = MappingProxyType({})
 
 
-def entry(lane: int, along: float, speed: float, **more: Any) -> np.ndarray:
+def entry(lane: int, along: float, speed: float, **further: Any) -> np.ndarray:
     """Return an ENTRY record with the given fields."""
     record = np.zeros((), ENTRY)
     fields = {"lane": lane, "lanes": 1, "along": along, "speed": speed, "changes": True}
-    for name, value in (fields | {"destination": -1, "destinations": 1} | more).items():
+    for name, value in (fields | {"destination": -1, "destinations": 1} | further).items():
         record[name] = value
     return record
 

@@ -76,17 +76,17 @@ class RulePolicy:
         return (actions if np.ndim(observation) > 1 else np.asarray(actions[0])), state
 
 
-def stop_line(seen: Seen) -> Int64[np.ndarray, " batch"]:
+def stop_line(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
     """Drive to 11 m before the stop line, then brake and stay."""
-    return np.where(_to_stop_line(seen) > STOP_BEFORE, FASTER, SLOWER)
+    return np.where(_to_stop_line(vehicles) > STOP_BEFORE, FASTER, SLOWER)
 
 
 def gap(seconds: float) -> Rule:
     """Return a rule that enters when no crossing vehicle is within some seconds of the junction."""
-    return lambda seen: np.where(_gives_way(seen, seconds), SLOWER, FASTER)
+    return lambda vehicles: np.where(_gives_way(vehicles, seconds), SLOWER, FASTER)
 
 
-def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
+def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
     """Follow the Intelligent Driver Model, as the other drivers do.
 
     To give way, the rule adds a standing vehicle with its rear on the stop line, as is usual for
@@ -95,7 +95,7 @@ def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
     speed of the model a second later, but FASTER only if the model accelerates: a step of 4.5 m/s
     that is rounded up leaves no space to stop behind a crashed vehicle.
     """
-    speed, target = np.hypot(seen[:, 0, 3], seen[:, 0, 4]), _idm_speed(seen)
+    speed, target = np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4]), _idm_speed(vehicles)
     level = np.abs(speed[:, None] - TARGET_SPEEDS).argmin(axis=1)
     slower, same, faster = (
         TARGET_SPEEDS[(level + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
@@ -104,12 +104,12 @@ def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
     return np.where(target >= faster, FASTER, held)
 
 
-def _idm_speed(seen: Seen) -> Float[np.ndarray, " batch"]:
+def _idm_speed(vehicles: Seen) -> Float[np.ndarray, " batch"]:
     """Return the model's speed after `IDM_STEP`, m/s."""
-    speed = np.hypot(seen[:, 0, 3], seen[:, 0, 4])
-    acceleration = _idm_acceleration(speed, *_leader(seen))
-    stopped = _idm_acceleration(speed, _to_stop_line(seen) + VEHICLE_LENGTH / 2, speed)
-    waits = _gives_way(seen, IDM_GAP)
+    speed = np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4])
+    acceleration = _idm_acceleration(speed, *_leader(vehicles))
+    stopped = _idm_acceleration(speed, _to_stop_line(vehicles) + VEHICLE_LENGTH / 2, speed)
+    waits = _gives_way(vehicles, IDM_GAP)
     return speed + IDM_STEP * np.where(waits, np.minimum(acceleration, stopped), acceleration)
 
 
@@ -121,15 +121,17 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
     """
     rng = np.random.default_rng(seed)
 
-    def act(seen: Seen) -> Float32[np.ndarray, "batch value"]:
+    def act(vehicles: Seen) -> Float32[np.ndarray, "batch value"]:
         if name == "random":
-            return rng.uniform(-1.0, 1.0, (len(seen), size)).astype(np.float32)
-        speed = seen[:, 0, 3] * seen[:, 0, 5] + seen[:, 0, 4] * seen[:, 0, 6]
+            return rng.uniform(-1.0, 1.0, (len(vehicles), size)).astype(np.float32)
+        speed = vehicles[:, 0, 3] * vehicles[:, 0, 5] + vehicles[:, 0, 4] * vehicles[:, 0, 6]
         if name == "idm":
-            target = np.maximum(_idm_speed(seen), 0.0)
+            target = np.maximum(_idm_speed(vehicles), 0.0)
         else:
-            target = np.choose(_RULES[name](seen), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]])
-        chosen = np.zeros((len(seen), size), np.float32)
+            target = np.choose(
+                _RULES[name](vehicles), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]]
+            )
+        chosen = np.zeros((len(vehicles), size), np.float32)
         chosen[:, 0] = ((target - speed) / IDM_STEP / ACCELERATION_RANGE[1]).clip(-1.0, 1.0)
         return chosen
 
@@ -142,14 +144,14 @@ def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePoli
     if options is not None and options.continuous:
         return RulePolicy(accelerating(name, options.width, seed))
     rng = np.random.default_rng(seed)
-    rules = _RULES | {"random": lambda seen: rng.integers(len(ACTIONS), size=len(seen))}
+    rules = _RULES | {"random": lambda vehicles: rng.integers(len(ACTIONS), size=len(vehicles))}
     return RulePolicy(rules[name])
 
 
 _RULES: dict[str, Rule] = {
-    "go": lambda seen: np.full(len(seen), FASTER),
-    "idle": lambda seen: np.full(len(seen), IDLE),  # keep the target speed
-    "wait": lambda seen: np.full(len(seen), SLOWER),
+    "go": lambda vehicles: np.full(len(vehicles), FASTER),
+    "idle": lambda vehicles: np.full(len(vehicles), IDLE),  # keep the target speed
+    "wait": lambda vehicles: np.full(len(vehicles), SLOWER),
     "stop_line": stop_line,
     "gap_2s": gap(2.0),
     "gap_3s": gap(3.0),
@@ -159,47 +161,47 @@ _RULES: dict[str, Rule] = {
 NAMES = (*_RULES, "random")
 
 
-def _to_stop_line(seen: Seen) -> Float[np.ndarray, " batch"]:
+def _to_stop_line(vehicles: Seen) -> Float[np.ndarray, " batch"]:
     """Return the metres from the ego to its stop line; negative beyond it."""
-    return seen[:, 0, 2] - STOP_LINE
+    return vehicles[:, 0, 2] - STOP_LINE
 
 
-def conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
+def conflict(vehicles: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
     """Whether each vehicle is in the junction, or reaches it within `seconds` at its speed."""
-    x, y, vx, vy = (seen[:, 1:, number] for number in range(1, 5))
-    there = seen[:, 1:, 0] > 0
+    x, y, vx, vy = (vehicles[:, 1:, number] for number in range(1, 5))
+    there = vehicles[:, 1:, 0] > 0
     away = np.maximum(np.maximum(np.abs(x), np.abs(y)) - CONFLICT_REACH, 0.0)
     speed = np.hypot(vx, vy)
     approaching = x * vx + y * vy < 0
     soon = approaching & (away < seconds * np.maximum(speed, 0.1))
-    behind = (np.abs(x - seen[:, :1, 1]) < SAME_LANE) & (y > STOP_LINE)
+    behind = (np.abs(x - vehicles[:, :1, 1]) < SAME_LANE) & (y > STOP_LINE)
     return there & ~behind & (soon | (away == 0))
 
 
-def _gives_way(seen: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
+def _gives_way(vehicles: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
     """Whether the ego is on the last metres of its approach and a vehicle conflicts."""
-    distance = _to_stop_line(seen)
+    distance = _to_stop_line(vehicles)
     judging = (distance > 0) & (distance <= LOOK_FROM)
-    return judging & conflict(seen, seconds).any(axis=1)
+    return judging & conflict(vehicles, seconds).any(axis=1)
 
 
-def _leader(seen: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:
+def _leader(vehicles: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:
     """Return the distance of the nearest leader, infinite if none, and the closing speed.
 
     On the approach a leader is on the ego's lane before the junction; later on, in a narrow cone
     of the ego's heading and not heading against it.
     """
-    ego = seen[:, :1]
+    ego = vehicles[:, :1]
     cos, sin = ego[..., 5], ego[..., 6]
-    x, y = seen[:, 1:, 1] - ego[..., 1], seen[:, 1:, 2] - ego[..., 2]
+    x, y = vehicles[:, 1:, 1] - ego[..., 1], vehicles[:, 1:, 2] - ego[..., 2]
     ahead, aside = x * cos + y * sin, np.abs(y * cos - x * sin)
-    with_it = seen[:, 1:, 5] * cos + seen[:, 1:, 6] * sin > 0
-    on_lane = (np.abs(x) < SAME_LANE) & (seen[:, 1:, 2] > CONFLICT_REACH)
+    with_it = vehicles[:, 1:, 5] * cos + vehicles[:, 1:, 6] * sin > 0
+    on_lane = (np.abs(x) < SAME_LANE) & (vehicles[:, 1:, 2] > CONFLICT_REACH)
     in_cone = (aside < IDM_CONE * ahead) & with_it
-    leads = np.where(_to_stop_line(seen)[:, None] > 0, on_lane, in_cone)
-    gaps = np.where((seen[:, 1:, 0] > 0) & leads & (ahead > 0), ahead, np.inf)
+    leads = np.where(_to_stop_line(vehicles)[:, None] > 0, on_lane, in_cone)
+    gaps = np.where((vehicles[:, 1:, 0] > 0) & leads & (ahead > 0), ahead, np.inf)
     nearest = gaps.argmin(axis=1)[:, None]
-    along = seen[:, :, 3] * cos + seen[:, :, 4] * sin
+    along = vehicles[:, :, 3] * cos + vehicles[:, :, 4] * sin
     closing = along[:, :1] - np.take_along_axis(along[:, 1:], nearest, axis=1)
     return np.take_along_axis(gaps, nearest, axis=1)[:, 0], closing[:, 0]
 

@@ -82,21 +82,21 @@ def free_acceleration(vehicle, limit, exponent):
 
 
 @kernel
-def braking_for(vehicle, other, lane):
+def braking_for(vehicle, leader, lane):
     """Return what the model brakes for a leader, m/s²; the gap is measured along a lane.
 
     The desired gap may be negative if the leader is faster, as in highway-env.
     """
-    gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, vehicle.x, vehicle.y)
-    ratio = desired_gap(vehicle, other) / not_zero(gap)
+    gap = longitudinal(lane, leader.x, leader.y) - longitudinal(lane, vehicle.x, vehicle.y)
+    ratio = desired_gap(vehicle, leader) / not_zero(gap)
     return vehicle.max_acceleration * (ratio * ratio)
 
 
 @kernel
-def desired_gap(vehicle, other):
+def desired_gap(vehicle, leader):
     """Return the model's desired gap to a leader, m."""
-    closing_x = vehicle.speed * vehicle.along_x - other.speed * other.along_x
-    closing_y = vehicle.speed * vehicle.along_y - other.speed * other.along_y
+    closing_x = vehicle.speed * vehicle.along_x - leader.speed * leader.along_x
+    closing_y = vehicle.speed * vehicle.along_y - leader.speed * leader.along_y
     closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y
     steady = vehicle.jam_distance + vehicle.speed * vehicle.time_headway
     strongest, comfort = vehicle.max_acceleration, vehicle.comfort_deceleration
@@ -189,11 +189,11 @@ def contact_of(vehicles, ego, dt, contact, touched):
 
 
 @kernel
-def _who_struck(ego, other):
+def _who_struck(ego, partner):
     """Return the `Contact` by which vehicle's motion closed the gap between the centres."""
-    dx, dy = other.x - ego.x, other.y - ego.y
+    dx, dy = partner.x - ego.x, partner.y - ego.y
     ego_closes = ego.speed * (ego.along_x * dx + ego.along_y * dy)
-    other_closes = -other.speed * (other.along_x * dx + other.along_y * dy)
+    other_closes = -partner.speed * (partner.along_x * dx + partner.along_y * dy)
     return _EGO_STRUCK if ego_closes >= other_closes else _EGO_WAS_STRUCK
 
 

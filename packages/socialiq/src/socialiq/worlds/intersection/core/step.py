@@ -101,12 +101,12 @@ def _draw(episode, field):
 
 
 @kernel
-def _move_slot(episode, vehicles, slot, place):
-    if place == slot:
+def _move_slot(episode, vehicles, slot, target):
+    if target == slot:
         return
-    vehicles[place] = vehicles[slot]
+    vehicles[target] = vehicles[slot]
     if slot == episode.ego:
-        episode.ego = place
+        episode.ego = target
 
 
 @kernel

@@ -180,9 +180,9 @@ def yielder(vehicles, first, second, tie):
 
 
 @kernel
-def _ahead(vehicle, other):
+def _ahead(vehicle, partner):
     """Return the distance of another vehicle ahead, m."""
-    dx, dy = other.x - vehicle.x, other.y - vehicle.y
+    dx, dy = partner.x - vehicle.x, partner.y - vehicle.y
     return vehicle.along_x * dx + vehicle.along_y * dy
 
 
@@ -222,14 +222,14 @@ def _predict_held(vehicle, predictions):
 
 
 @kernel
-def _meet(mine, theirs):
+def _meet(path, other_path):
     """Whether two vehicles' rectangles touch at any of the predicted times."""
     for number in range(N_PREDICTIONS):
-        dx, dy = theirs[number, 0] - mine[number, 0], theirs[number, 1] - mine[number, 1]
+        dx, dy = other_path[number, 0] - path[number, 0], other_path[number, 1] - path[number, 1]
         squared = dx * dx + dy * dy
         if squared > _SURELY_APART or math.sqrt(squared) > VEHICLE_LENGTH:
             continue
-        first, second = mine[number], theirs[number]
+        first, second = path[number], other_path[number]
         if _has_point_inside(first, second) or _has_point_inside(second, first):
             return True
     return False
