@@ -13,10 +13,15 @@ os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusi
 import jax
 import jaxtyping
 import pytest
+from hypothesis import settings
+from tests.patience import PATIENT
 
 from socialiq.evaluation.parts import available_cores
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
+
+settings.register_profile("patient", PATIENT)
+settings.load_profile("patient")
 
 EXTRAS = Path(__file__).parent / "extras"
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows|two cores)")

@@ -18,13 +18,13 @@ from socialiq.worlds.registry import make_grid
 POLICY = """
 import json, sys, time
 table = dict((tuple(state), action) for state, action in json.load(open(sys.argv[1])))
-asked, began = 0, None
+asked = 0
 for line in sys.stdin:
     message = json.loads(line)
     if "protocol" in message:
         answer = {**message}
     else:
-        asked, began = asked + 1, began or time.monotonic()
+        asked += 1
         rows = message["observations"]
         actions = [table[tuple(row)] if RULE else 0 for place, row in enumerate(rows)]
         answer = {"id": message["id"], "actions": actions}
@@ -80,7 +80,7 @@ def test_a_policy_of_observations_passes(audited):
         ("place > 2", "shuffled"),
         ("asked <= 5", "repeated"),
         ("asked <= 50", "single"),
-        ("time.monotonic() < began + 0.001", "repeated"),
+        ("time.monotonic_ns() // 1000 % 2", "repeated"),
         ("__import__('random').random() < 0.9", "repeated"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The sources: names of variables say their content, functions fit a screen."""
+"""The sources: names say their content, functions fit a screen, tests wait for events."""
 
 import ast
 from collections import Counter
@@ -90,3 +90,66 @@ def test_long_functions_are_found():
 def test_functions_fit_a_screen():
     long = [f"{path}: {name}" for path, tree in trees() for name in long_functions(tree)]
     assert long == []
+
+
+CLOCKS = ("monotonic", "perf_counter", "process_time", "thread_time", "time")
+WAITING = ("communicate", "join", "recv", "wait", "HTTPConnection")
+"""Calls that a number limits, their first argument or `timeout`."""
+COMMANDS = ("tests/fuzz/__main__.py",)  # it runs for the minutes that it is given
+
+
+def reads_a_clock(node: ast.AST, names: set[str]) -> bool:
+    """Whether an expression calls a clock or has one of the names."""
+    for item in ast.walk(node):
+        if isinstance(item, ast.Name) and item.id in names:
+            return True
+        if isinstance(item, ast.Call):
+            name = ast.unparse(item.func).removesuffix("_ns")
+            if name in CLOCKS[:-1] or name in (f"time.{clock}" for clock in CLOCKS):
+                return True
+    return False
+
+
+def limits_of_time(tree: ast.AST) -> list[int]:
+    """Return the lines that compare times of a clock, or wait for a number of seconds."""
+    names: set[str] = set()
+    lines = []
+    for item in ast.walk(tree):
+        if isinstance(item, ast.Assign):
+            pairs = [(target, item.value) for target in item.targets]
+            if isinstance(item.targets[0], ast.Tuple) and isinstance(item.value, ast.Tuple):
+                pairs = [*zip(item.targets[0].elts, item.value.elts, strict=True)]
+            names |= {ast.unparse(target) for target, value in pairs if reads_a_clock(value, names)}
+    for item in ast.walk(tree):
+        if isinstance(item, ast.Compare) and reads_a_clock(item, names):
+            lines.append(item.lineno)
+        if isinstance(item, ast.Call) and ast.unparse(item.func).split(".")[-1] in WAITING:
+            words = {word.arg: word.value for word in item.keywords}
+            limits = (*item.args[:1], words.get("timeout"))
+            values = [limit.value for limit in limits if isinstance(limit, ast.Constant)]
+            if any(isinstance(value, int | float) for value in values):
+                lines.append(item.lineno)
+    return lines
+
+
+def test_limits_of_time_are_found():
+    for text in (
+        "began = time.monotonic()\nx\nassert time.perf_counter_ns() < 5",
+        "from time import monotonic\nend = monotonic() + 5\nwhile end > 0: pass",
+        "x\ny\nchild.communicate(timeout=60)",
+        "x\ny\nchild.wait(10)",
+    ):
+        assert limits_of_time(ast.parse(text)) == [3]
+    assert limits_of_time(ast.parse("began = time.monotonic()\nchild.wait(HANG)\n1 < x")) == []
+
+
+def test_no_test_depends_on_the_speed_of_the_machine():
+    """`tests/patience.py` alone compares times, to end what hangs."""
+    limits = {
+        name: lines
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        if (name := str(path.relative_to(ROOT))) not in COMMANDS
+        if (lines := limits_of_time(ast.parse(path.read_text())))
+    }
+    assert list(limits) == ["tests/patience.py"], limits
+    assert len(limits["tests/patience.py"]) == 1

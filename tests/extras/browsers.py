@@ -10,7 +10,7 @@ sync_api = pytest.importorskip("playwright.sync_api", reason="extra `browser` is
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 BROWSER = next((found for name in NAMES if (found := shutil.which(name))), "")
-PATIENCE = 120_000  # ms; the machine may be busy
+PATIENCE = 1000 * HANG  # ms
 
 needs_browser = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
 

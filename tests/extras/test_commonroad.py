@@ -34,7 +34,7 @@ def theirs():
     command = [python, str(script), *map(str, OWN + RECORDED)]
     # The other environment must not see ours.
     clean = {name: one for name, one in os.environ.items() if not name.startswith("PYTHON")}
-    done = subprocess.run(command, capture_output=True, check=True, timeout=600, env=clean)
+    done = subprocess.run(command, capture_output=True, check=True, env=clean)
     return json.loads(done.stdout)
 
 

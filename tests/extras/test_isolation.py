@@ -9,11 +9,11 @@ import os
 import shlex
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.patience import HANG, LONGER, wait_until
 
 from socialiq.errors import UserError
 from socialiq.policies import isolation
@@ -22,7 +22,7 @@ from socialiq.policies.load import load_policy
 from socialiq.policies.process import GIB, Limits
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)
-REQUIRED = {"limits": Limits(start=30.0, step=10.0)}
+REQUIRED = {"limits": Limits(start=HANG, step=HANG)}
 
 # It tells what a line of Python finds by ending with it.
 POLICY = """
@@ -138,7 +138,7 @@ def test_it_has_no_rights(tmp_path, user):
 
 def test_it_has_limits(tmp_path):
     limits = "[resource.getrlimit(one)[1] for one in (resource.RLIMIT_AS, resource.RLIMIT_CORE)]"
-    more = {"limits": Limits(30.0, 10.0, GIB)}
+    more = {"limits": Limits(HANG, HANG, GIB)}
     assert found(tmp_path, limits, **more) == str([GIB, 0])
 
 
@@ -147,7 +147,7 @@ def test_its_processes_are_few(tmp_path, monkeypatch, user):
     if os.getuid() == 0 and user == "as another user":
         return
     monkeypatch.setattr(isolation, "PROCESSES", 20)
-    forks = "[os.fork() or time.sleep(60) for _ in range(40)]"
+    forks = f"[os.fork() or time.sleep({LONGER}) for _ in range(40)]"
     assert found(tmp_path, forks) == "BlockingIOError"
 
 
@@ -161,30 +161,27 @@ def running(marker):
 
 
 def test_nothing_that_it_starts_survives(tmp_path):
-    marker = f"31.{os.getpid()}"
+    marker = f"{LONGER}{os.getpid()}"
     daemon = f"subprocess.Popen(['sleep', '{marker}'], start_new_session=True)"
-    what = f"({daemon}, time.sleep(60))"
+    what = f"({daemon}, time.sleep({LONGER}))"
     late = pytest.raises(UserError, match="did not answer within 1 s")
-    with started(tmp_path, what, limits=Limits(30.0, 1.0)) as loaded, late:
+    with started(tmp_path, what, limits=Limits(HANG, 1.0)) as loaded, late:
         loaded.policy.predict(OBSERVATIONS)
-    until = time.monotonic() + 10
-    while running(marker) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not running(marker)
+    wait_until(lambda: not running(marker))
 
 
-PARENT = """
+PARENT = f"""
 import sys, time
 from socialiq.policies.load import load_policy
 from socialiq.policies.isolation import isolation_of
 load_policy("process:" + sys.argv[1], 2, 3, isolation=isolation_of("required"))
 print("loaded", flush=True)
-time.sleep(600)
+time.sleep({LONGER})
 """
 
 
 def test_it_dies_with_its_parent(tmp_path):
-    marker = f"32.{os.getpid()}"
+    marker = f"{LONGER + 1}{os.getpid()}"
     policy = tmp_path / "policy.py"
     start = f"import subprocess\nsubprocess.Popen(['sleep', '{marker}'], start_new_session=True)\n"
     policy.write_text(start + POLICY.replace("WHAT", "0"))
@@ -195,10 +192,7 @@ def test_it_dies_with_its_parent(tmp_path):
         assert parent.stdout is not None and parent.stdout.readline() == b"loaded\n"
         assert running(marker)
         parent.kill()
-    until = time.monotonic() + 10
-    while running(marker) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not running(marker)
+    wait_until(lambda: not running(marker))
 
 
 CODE = """

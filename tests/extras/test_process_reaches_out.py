@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.patience import LONGER
 
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
@@ -83,7 +84,7 @@ def daemon():
         os._exit(0)
     for stream in (0, 1, 2):
         os.close(stream)
-    until = time.monotonic() + 60
+    until = time.monotonic() + LONGER
     while time.monotonic() < until:
         try:
             page = OUT / "report.html"
@@ -124,7 +125,11 @@ def listening():
 
 def test_nothing_is_within_its_reach(tmp_path, listening):
     out, policy, profile = (tmp_path / name for name in ("out", "policy.py", "profile.toml"))
-    placed = POLICY.replace("REPORT", repr(str(out))).replace("PORT", str(listening))
+    placed = (
+        POLICY.replace("REPORT", repr(str(out)))
+        .replace("LONGER", str(LONGER))
+        .replace("PORT", str(listening))
+    )
     notes = tmp_path / "notes.txt"
     notes.write_text("mine")
     placed = placed.replace("NOTES", repr(str(notes)))

@@ -96,7 +96,7 @@ def test_neither_tensorflow_nor_torch_is_imported(tmp_path):
         f"EventFiles(Path({str(tmp_path)!r}), ('a',)).__exit__(None, None, None)\n"
         "assert not {'tensorflow', 'torch'} & set(sys.modules)\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path, capsys):

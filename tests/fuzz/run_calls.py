@@ -15,12 +15,13 @@ from types import FrameType
 from typing import NamedTuple
 
 from tests.fuzz.calls import Call
+from tests.patience import HANG
 
 from socialiq.cli.main import main
 from socialiq.worlds.highway import PORTABLE
 
 SECONDS = 60.0
-"""Longest time of a call; some of them train, on a machine that may have other work."""
+"""Most time of the processor that a call takes; some of them train."""
 
 STATUSES = (0, 1, 2, 3)
 
@@ -49,18 +50,24 @@ class Outcome(NamedTuple):
 
 @contextlib.contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise `TooLong` in the body when its time is over."""
+    """Raise `TooLong` in the body when its time of the processor is over, or when it hangs."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         raise TooLong
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    limits = (
+        (signal.SIGPROF, signal.ITIMER_PROF, seconds),
+        (signal.SIGALRM, signal.ITIMER_REAL, HANG),
+    )
+    before = [signal.signal(number, stop) for number, _, _ in limits]
     try:
+        for _, timer, most in limits:
+            signal.setitimer(timer, most)
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for (number, timer, _), handler in zip(limits, before, strict=True):
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, handler)
 
 
 class Runner:

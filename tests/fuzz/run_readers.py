@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from tests.fuzz import damage
 from tests.fuzz.readers import Reader, content_of, place_of
 from tests.fuzz.run_calls import TooLong, limited
+from tests.patience import PATIENT
 
 from socialiq.errors import UserError
 
 SECONDS = 10.0
-"""Longest time of a reader, with a file of at most some 100 KiB."""
+"""Most time of the processor that a reader takes, with a file of at most some 100 KiB."""
 MEMORY = 4 << 30
 """Bytes of address space that a reader may take beside those that the process has."""
 
@@ -94,10 +95,10 @@ def property_of(
     path = place_of(reader, ok, work)
 
     @settings(
+        PATIENT,
         max_examples=examples,
         derandomize=number is None,
         database=None,
-        deadline=None,
         suppress_health_check=list(HealthCheck),
         phases=(Phase.generate, Phase.shrink),
         print_blob=False,

@@ -56,7 +56,7 @@ class Pool:
         return Problem(self.mdp, whole, target, discount=DISCOUNT, **numbers)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     seed=st.integers(0, 10_000),
     strength=st.floats(0.0, 3.0),

@@ -8,8 +8,7 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-
-START = 120  # s; the machine may be busy
+from tests.patience import HANG
 
 
 @contextlib.contextmanager
@@ -18,14 +17,14 @@ def serving(*words) -> Iterator[str]:
     command = [sys.executable, "-m", "socialiq", "view", *map(str, words), "--no-open"]
     with subprocess.Popen(command, stderr=subprocess.PIPE) as server:
         try:
-            ready, _, _ = select.select([server.stderr], [], [], START)
+            ready, _, _ = select.select([server.stderr], [], [], HANG)
             line = server.stderr.readline().decode() if ready else "no answer"
             assert line.startswith("http://127.0.0.1:"), line + server.stderr.read().decode()
             yield line.strip()
             server.send_signal(signal.SIGINT)
             rest = server.stderr.read().decode()
             assert rest == "Ctrl-C ends it\nstopped\n"
-            assert server.wait(10) == 0
+            assert server.wait(HANG) == 0
         finally:
             server.kill()
 

@@ -6,6 +6,7 @@ import json
 import urllib.parse
 
 import pytest
+from tests.patience import HANG
 
 pytest.importorskip("starlette", reason="extra `web` is not installed")
 pytest.importorskip("uvicorn", reason="extra `web` is not installed")
@@ -23,7 +24,7 @@ def address(serving):
 
 def answer(address, path, method="GET", **headers):
     """Return status, headers and body of one request, its path sent as it is."""
-    connection = http.client.HTTPConnection(address.hostname, address.port, timeout=30)
+    connection = http.client.HTTPConnection(address.hostname, address.port, timeout=HANG)
     given = {name.replace("_", "-"): value for name, value in headers.items()}
     with contextlib.closing(connection):
         connection.request(method, path, headers=given)
@@ -105,7 +106,7 @@ def test_it_decides_refuses_bad_questions_and_a_second_tab(address):
     own = f"http://{address.netloc}"
     with connect(place_of(address), origin=own) as tab:
         tab.send(json.dumps({"number": 7, "observations": [[0.0] * 70] * 2, "decisions": [0, 0]}))
-        found = json.loads(tab.recv(timeout=60))
+        found = json.loads(tab.recv(timeout=HANG))
         assert found["number"] == 7 and len(found["actions"]) == 2
         for bad in (
             "no JSON",
@@ -117,14 +118,14 @@ def test_it_decides_refuses_bad_questions_and_a_second_tab(address):
             '{"number": 1e999}',
         ):
             tab.send(bad)
-            fault = json.loads(tab.recv(timeout=60))["fault"]
+            fault = json.loads(tab.recv(timeout=HANG))["fault"]
             assert "\n" not in fault and "reload it" in fault
         with connect(place_of(address), origin=own) as second:
             with pytest.raises(ConnectionClosed) as closed:
-                second.recv(timeout=60)
+                second.recv(timeout=HANG)
             assert closed.value.rcvd.code == 4001
         tab.send(json.dumps({"number": 8, "observations": [[0.0] * 70], "decisions": [0]}))
-        assert json.loads(tab.recv(timeout=60))["number"] == 8
+        assert json.loads(tab.recv(timeout=HANG))["number"] == 8
     with connect(place_of(address), origin=own) as later:
         later.send(json.dumps({"number": 1, "observations": [[0.0] * 70], "decisions": [0]}))
-        assert json.loads(later.recv(timeout=60))["actions"]
+        assert json.loads(later.recv(timeout=HANG))["actions"]

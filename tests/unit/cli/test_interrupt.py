@@ -5,9 +5,9 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
+from tests.patience import HANG
 
 from socialiq.cli.main import main
 
@@ -28,12 +28,7 @@ def start(*arguments):
 
 def wait_for_first_chunk(process):
     """The plain progress line of a first chunk, without a terminal."""
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline:
-        line = process.stderr.readline()
-        if line.startswith("training: "):
-            return
-    pytest.fail("no progress was shown")
+    assert any(line.startswith("training: ") for line in process.stderr), "no progress was shown"
 
 
 @pytest.mark.slow
@@ -45,7 +40,7 @@ def test_ctrl_c_leaves_a_run_that_resumes_to_the_same_bits(tmp_path):
     process = start("train", "iq-learn", data, "--out", stopped, *SETTINGS)
     wait_for_first_chunk(process)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=HANG)
     assert process.returncode == 130
     assert errors.splitlines()[-1].endswith("go on with --resume")
     assert (stopped / "checkpoint.safetensors").is_file()

@@ -1,9 +1,11 @@
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from socialiq.cli import output
 from socialiq.cli.output import Display, fitted, rate_of
 from socialiq.learners.callbacks import Report
 
@@ -54,7 +56,8 @@ def test_a_stage_without_a_report_has_no_numbers(width):
     assert "starting" in line and len(line.rstrip()) <= width
 
 
-def test_without_a_terminal_there_are_plain_lines(capsys):
+def test_without_a_terminal_there_are_plain_lines(capsys, monkeypatch):
+    monkeypatch.setattr(output, "time", SimpleNamespace(monotonic=lambda: 0.0))
     console = Console(width=80, file=io.StringIO())
     with Display(console=console) as display:
         show = display.stage("train")

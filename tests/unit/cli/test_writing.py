@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.patience import HANG, wait_until
 
 from socialiq.cli.main import main
 from socialiq.nn.q_policy import QPolicy
@@ -114,7 +115,7 @@ def test_two_processes_with_one_output_never_lose_a_result(tmp_path, ok, kind):
     }[kind]
     words += [] if kind == "file" else ["--episodes", "200", "--no-log", "--json"]
     running = [started(*words, "--seed", seed, "--out", out) for seed in range(4)]
-    ends = [(one.communicate(timeout=300), one.returncode) for one in running]
+    ends = [(one.communicate(timeout=HANG), one.returncode) for one in running]
     accepted = (0,) if kind == "file" else (0, 1, 3)
     done = [json.loads(said[0]) for said, status in ends if status in accepted]
     assert len(done) == 1
@@ -136,12 +137,10 @@ def test_ctrl_c_leaves_nothing(tmp_path, ok, command):
     }[command]
     words += ["--episodes", "900000"] if command == "audit" else []
     process = started(*words, "--out", out)
-    deadline = time.monotonic() + 120
-    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.05)  # until it has claimed its output
+    wait_until(lambda: list(tmp_path.iterdir()))  # it has claimed its output
     time.sleep(1.0)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=HANG)
     assert process.returncode == 130, errors
     assert errors.endswith("socialiq: stopped; nothing was saved\n")
     assert list(tmp_path.iterdir()) == []

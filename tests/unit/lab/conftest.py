@@ -4,10 +4,10 @@ import importlib
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from tests.patience import wait_until
 
 import socialiq
 from socialiq_lab.worker import PORTABLE
@@ -62,7 +62,7 @@ def stop_at_first(config, folder, inputs, on_progress):
     if not (folder / "half").exists():
         with stop_requests() as stop:
             (folder / "half").touch()
-            if stop.wait(60):
+            if stop.wait():
                 raise Stopped("half is done")
     (folder / "value").write_text(str(config.value))
 
@@ -95,17 +95,6 @@ def two_chains(job, work):
     """Make two chains of three jobs."""
     return [job(f"s/{n}", work, Config(n), (f"s/{n - 2}",) * (n > 1)) for n in range(6)]
 '''
-
-
-@pytest.fixture(name="until", scope="session")
-def wait_until_a_condition_holds():
-    def until(condition, seconds=60.0):
-        deadline = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < deadline, "it never came to that"
-            time.sleep(0.02)
-
-    return until
 
 
 @pytest.fixture(name="quick", scope="session")
@@ -144,7 +133,7 @@ def processes_that_end_with_the_test(quick):
 
 
 @pytest.fixture(name="start_cluster")
-def clusters_on_the_loopback(start, until, tmp_path):
+def clusters_on_the_loopback(start, tmp_path):
     """Start a scheduler and workers; return its file and the processes."""
 
     def begin(workers=2, **variables):
@@ -153,7 +142,7 @@ def clusters_on_the_loopback(start, until, tmp_path):
         usual = ["--no-dashboard", "--scheduler-file", file]
         scheduler = start("-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", 0, *usual)
         # The scheduler makes its file first and fills it then.
-        until(lambda: file.exists() and file.read_text().rstrip().endswith("}"))
+        wait_until(lambda: file.exists() and file.read_text().rstrip().endswith("}"))
         options = ["--nthreads", 1, "--local-directory", tmp_path / "scratch", *usual]
         arguments = ["-m", "dask", "worker", "--host", "127.0.0.1", *options]
         variables = {**PORTABLE, "OMP_NUM_THREADS": "1", **variables}

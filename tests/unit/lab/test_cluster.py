@@ -6,6 +6,7 @@ import signal
 import threading
 
 import pytest
+from tests.patience import HANG, wait_until
 
 from socialiq.errors import UserError
 from socialiq_lab import cluster as cluster_module
@@ -59,22 +60,22 @@ def results_of_an_undisturbed_run(quick, tmp_path_factory):
     return found
 
 
-def process_of(work, name, until):
+def process_of(work, name):
     """The process of a job that has begun to count."""
     note, state = work / f"{name}.part" / "pid", work / f"{name}.part" / "state"
-    until(lambda: note.exists() and note.read_text() and state.exists())
+    wait_until(lambda: note.exists() and note.read_text() and state.exists())
     return int(note.read_text())
 
 
 @pytest.mark.slow
 def test_a_worker_killed_in_the_middle_of_a_job_changes_nothing(
-    quick, start_cluster, until, undisturbed, tmp_path
+    quick, start_cluster, undisturbed, tmp_path
 ):
     file, _, _ = start_cluster()
     work, killed = tmp_path / "work", []
 
     def kill():
-        killed.append(process_of(work, "s/2", until))
+        killed.append(process_of(work, "s/2"))
         os.kill(killed[0], signal.SIGKILL)
 
     killer = threading.Thread(target=kill)
@@ -88,32 +89,32 @@ def test_a_worker_killed_in_the_middle_of_a_job_changes_nothing(
 
 @pytest.mark.slow
 def test_a_command_killed_with_its_cluster_alive_is_given_again(
-    start, start_cluster, until, undisturbed, tmp_path
+    start, start_cluster, undisturbed, tmp_path
 ):
     """The worker goes on with the job; the new command waits for it and does it no second time."""
     file, _, _ = start_cluster()
     work = tmp_path / "work"
     command = start("-c", COMMAND, work, file)
-    process_of(work, "s/2", until)
+    process_of(work, "s/2")
     command.kill()
     command.wait()
     again = start("-c", COMMAND, work, file)
-    assert again.communicate(timeout=60) == ("", "")
+    assert again.communicate(timeout=HANG) == ("", "")
     assert again.returncode == 0
     assert files(work) == undisturbed
 
 
 @pytest.mark.slow
 def test_a_killed_scheduler_is_told_and_the_next_one_goes_on(
-    start, start_cluster, until, undisturbed, tmp_path
+    start, start_cluster, undisturbed, tmp_path
 ):
     file, scheduler, workers = start_cluster()
     work = tmp_path / "work"
     command = start("-c", COMMAND, work, file)
-    process_of(work, "s/2", until)
+    process_of(work, "s/2")
     finished = files(work)
     scheduler.kill()
-    _, errors = command.communicate(timeout=60)
+    _, errors = command.communicate(timeout=HANG)
     line = "the scheduler is gone: what is finished is kept; start it again and give the same com"
     assert errors.startswith(line) and errors.count("\n") == 1
     for worker in workers:
@@ -121,25 +122,25 @@ def test_a_killed_scheduler_is_told_and_the_next_one_goes_on(
     assert finished and finished.items() <= files(work).items()
     file, _, _ = start_cluster()
     again = start("-c", COMMAND, work, file)
-    assert again.communicate(timeout=60) == ("", "")
+    assert again.communicate(timeout=HANG) == ("", "")
     assert files(work) == undisturbed
 
 
 @pytest.mark.slow
 def test_ctrl_c_stops_the_jobs_of_the_cluster_and_leaves_its_workers(
-    quick, start, start_cluster, until, tmp_path
+    quick, start, start_cluster, tmp_path
 ):
     file, scheduler, workers = start_cluster()
     work = tmp_path / "work"
     code = COMMAND.replace("quick_jobs.count", "quick_jobs.stop_at_first")
     command = start("-c", code, work, file)
-    until((work / "s/0.part/half").exists)
+    wait_until((work / "s/0.part/half").exists)
     command.send_signal(signal.SIGINT)
-    _, errors = command.communicate(timeout=30)
+    _, errors = command.communicate(timeout=HANG)
     assert errors == "stopped: what is finished is kept; give the same command to go on\n"
     assert all(process.poll() is None for process in (scheduler, *workers))
     again = start("-c", code, work, file)
-    until((work / "s/2.part/half").exists)  # s/0 has gone on from its half
+    wait_until((work / "s/2.part/half").exists)  # s/0 has gone on from its half
     assert (work / "s/0/value").read_text() == "0"
     again.kill()
 

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from tests.patience import HANG, LONGER, is_running, wait_until
 
 from socialiq.errors import UserError
 from socialiq_lab.engine import Engine, run_jobs
@@ -38,14 +39,6 @@ def command_on_a_work_folder(start, tmp_path):
 
 def silent(stage):
     return None
-
-
-def runs(pid):
-    """Whether a process is there and is no zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def test_jobs_are_done_after_their_inputs_and_once(quick, tmp_path):
@@ -125,41 +118,41 @@ def test_a_job_that_kills_its_process_again_and_again_is_named(quick, tmp_path):
 @pytest.mark.parametrize(
     "send", [pytest.param(os.kill, id="parent", marks=pytest.mark.slow), os.killpg]
 )
-def test_ctrl_c_stops_and_the_same_command_goes_on(command, until, tmp_path, send):
+def test_ctrl_c_stops_and_the_same_command_goes_on(command, tmp_path, send):
     """From `kill` it reaches the command alone, from a terminal its workers too."""
     process = command("stop_at_first")
-    until((tmp_path / "slow.part" / "half").exists)
+    wait_until((tmp_path / "slow.part" / "half").exists)
     send(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=HANG)
     assert process.returncode == 1
     assert errors == "stopped: what is finished is kept; give the same command to go on\n"
     assert not (tmp_path / "slow").exists()
 
     again = command("stop_at_first")
-    _, errors = again.communicate(timeout=60)
+    _, errors = again.communicate(timeout=HANG)
     assert (again.returncode, errors) == (0, "")
     assert (tmp_path / "slow" / "value").read_text() == "5"
     assert (tmp_path / "calls").read_text() == "before.part "
 
 
-def test_ctrl_c_ends_a_job_that_does_not_listen(command, until, tmp_path):
-    process = command("linger", 1)
-    until((tmp_path / "slow.part" / "half").exists)
+def test_ctrl_c_ends_a_job_that_does_not_listen(command, tmp_path):
+    process = command("linger", int(LONGER))
+    wait_until((tmp_path / "slow.part" / "half").exists)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=10)
+    _, errors = process.communicate(timeout=HANG)
     assert errors == "stopped: what is finished is kept; give the same command to go on\n"
 
 
-def test_nobody_outlives_a_command_that_was_killed(command, until, tmp_path):
-    process, part = command("linger", 300), tmp_path / "slow.part"
-    until((part / "half").exists)
+def test_nobody_outlives_a_command_that_was_killed(command, tmp_path):
+    process, part = command("linger", int(LONGER)), tmp_path / "slow.part"
+    wait_until((part / "half").exists)
     worker = int((part / "pid").read_text())
-    assert runs(worker)
+    assert is_running(worker)
     with pytest.raises(UserError, match="in use by another run"), claimed(tmp_path):
         pytest.fail("claimed twice")
     process.kill()
     process.wait()
-    until(lambda: not runs(worker), 10)
+    wait_until(lambda: not is_running(worker))
     with claimed(tmp_path):
         assert not (tmp_path / "slow").exists()
 

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.patience import LONGER
 
 from socialiq.errors import UserError
 from socialiq.policies import isolation
@@ -38,7 +39,7 @@ def test_bubblewrap_that_makes_no_sandbox(tmp_path, monkeypatch):
 def test_bubblewrap_that_hangs(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(isolation, "_SECONDS", 0.2)
-    fake(tmp_path, "import time; time.sleep(60)")
+    fake(tmp_path, f"import time; time.sleep({LONGER})")
     assert isolation_of("auto").why.startswith("bubblewrap does not start")
 
 

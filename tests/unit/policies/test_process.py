@@ -5,17 +5,16 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.patience import HANG, LONGER, is_running, pid_in, wait_until
 
 from socialiq.errors import UserError
 from socialiq.policies.load import load_policy
 from socialiq.policies.process import GIB, Limits, limits_of
 
-QUICK = Limits(start=20.0, step=1.0)
+UNHURRIED = Limits(start=HANG, step=HANG)
 OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)
 
 # A well-behaved policy of two features and three actions; tests put other lines into it.
@@ -38,7 +37,7 @@ for line in sys.stdin:
 def start(tmp_path):
     started = []
 
-    def made(greeting="", request="", limits=QUICK, source=POLICY):
+    def made(greeting="", request="", limits=UNHURRIED, source=POLICY):
         path = tmp_path / "policy.py"
         path.write_text(source.replace("#greeting", greeting).replace("#request", request))
         command = shlex.join([sys.executable, str(path)])
@@ -54,28 +53,6 @@ def refused(match, act):
     with pytest.raises(UserError, match=match) as caught:
         act()
     assert "\n" not in str(caught.value) and "\x1b" not in str(caught.value)
-
-
-def is_running(pid):
-    """Whether a process runs; one that has ended and was not yet waited for does not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def ends(pid, seconds=10.0):
-    until = time.monotonic() + seconds
-    while is_running(pid) and time.monotonic() < until:
-        time.sleep(0.02)
-    return not is_running(pid)
-
-
-def pid_in(path):
-    until = time.monotonic() + 10
-    while not (path.exists() and path.read_text().endswith("\n")) and time.monotonic() < until:
-        time.sleep(0.02)
-    return int(path.read_text())
 
 
 def test_actions_are_the_processs(start):
@@ -96,7 +73,7 @@ def test_numbers_arrive_to_the_last_bit(start):
 
 def test_batches_larger_than_a_pipe_are_sent(start):
     many = np.random.default_rng(1).normal(size=(20_000, 2)).astype(np.float32)
-    loaded = start(limits=Limits(20.0, 20.0))
+    loaded = start()
     np.testing.assert_array_equal(loaded.policy.predict(many)[0], many[:, 0] > 0)
 
 
@@ -171,42 +148,43 @@ def test_talkative_process_does_not_block(start):
     assert loaded.policy.predict(OBSERVATIONS)[0].shape == (40,)
 
 
-@pytest.mark.parametrize("what", ["time.sleep(600)", "while True: pass", "sys.stdin.readline()"])
+@pytest.mark.parametrize(
+    "what", [f"time.sleep({LONGER})", "while True: pass", "sys.stdin.readline()"]
+)
 def test_late_answer_ends_the_process(start, tmp_path, what):
     file = tmp_path / "pid"
-    loaded = start(f'print(os.getpid(), file=open({str(file)!r}, "w"), flush=True)', what)
+    say = f'print(os.getpid(), file=open({str(file)!r}, "w"), flush=True)'
+    loaded = start(say, what, UNHURRIED._replace(step=1.0))
     pid = pid_in(file)
     assert is_running(pid)
-    began = time.monotonic()
     refused("did not answer within 1 s", lambda: loaded.policy.predict(OBSERVATIONS))
-    assert time.monotonic() - began < 10
-    assert ends(pid)
+    wait_until(lambda: not is_running(pid))
     refused("did not answer within 1 s", lambda: loaded.policy.predict(OBSERVATIONS))
 
 
 def test_process_that_does_not_read_is_late(start):
-    deaf = "import time\ntime.sleep(600)"
+    deaf = f"import time\ntime.sleep({LONGER})"
     refused("did not answer within 0.3 s", lambda: start(source=deaf, limits=Limits(0.3, 1.0)))
 
 
 def test_what_it_has_started_ends_with_it(start, tmp_path):
     file = tmp_path / "pid"
-    spawn = 'child = subprocess.Popen(["sleep", "600"]); '
+    spawn = f'child = subprocess.Popen(["sleep", "{LONGER}"]); '
     loaded = start(spawn + f'print(child.pid, file=open({str(file)!r}, "w"), flush=True)')
     pid = pid_in(file)
     assert is_running(pid)
     loaded.close()
-    assert ends(pid)
+    wait_until(lambda: not is_running(pid))
     loaded.close()
     refused("was ended", lambda: loaded.policy.predict(OBSERVATIONS))
 
 
-PARENT = """
+PARENT = f"""
 import os, sys, time
 from socialiq.policies.load import load_policy
 load_policy("process:" + sys.argv[1], 2, 3)
 print("loaded", flush=True)
-time.sleep(600)
+time.sleep({LONGER})
 """
 
 
@@ -225,7 +203,7 @@ def test_it_dies_with_its_parent(tmp_path, how):
             pid = pid_in(file)
             assert is_running(pid)
             os.kill(parent.pid, how)
-            assert ends(pid)
+            wait_until(lambda: not is_running(pid))
         finally:
             parent.kill()
 
@@ -262,7 +240,7 @@ def asked(loaded):
 
 def test_a_hungry_process_ends_and_says_why(start):
     """It asks for 2 GiB, of 1 GiB that it may have."""
-    loaded = start(request="held = bytearray(2 * 1024**3)", limits=QUICK._replace(memory=GIB))
+    loaded = start(request="held = bytearray(2 * 1024**3)", limits=UNHURRIED._replace(memory=GIB))
     refused("ended before it answered; last error line: MemoryError", lambda: asked(loaded))
     refused("ended before it answered", lambda: asked(loaded))
 
@@ -273,9 +251,11 @@ def test_all_that_a_process_starts_has_the_same_limit(start):
         "found = subprocess.run([sys.executable, '-c', words], capture_output=True, text=True); "
         "answer['name'] = found.stdout.strip()"
     )
-    assert start(told, limits=QUICK._replace(memory=GIB)).record.details["name"] == (f"{GIB} {GIB}")
+    assert start(told, limits=UNHURRIED._replace(memory=GIB)).record.details["name"] == (
+        f"{GIB} {GIB}"
+    )
     ours = " ".join(str(one) for one in resource.getrlimit(resource.RLIMIT_AS))
-    assert start(told, limits=QUICK._replace(memory=0)).record.details["name"] == ours
+    assert start(told, limits=UNHURRIED._replace(memory=0)).record.details["name"] == ours
 
 
 @pytest.mark.parametrize(
@@ -322,7 +302,7 @@ def answering(tmp_path):
         path = tmp_path / "policy.py"
         path.write_text(VECTORS.replace("#greeting", greeting).replace("#request", request))
         command = shlex.join([sys.executable, str(path)])
-        more = {"action_size": action_size, "limits": QUICK}
+        more = {"action_size": action_size, "limits": UNHURRIED}
         started.append(load_policy(f"process:{command}", 2, n_actions, **more))
         return started[-1]
 

@@ -1,7 +1,6 @@
 import os
 import pickle
 import struct
-import time
 
 import numpy as np
 import pytest
@@ -148,11 +147,9 @@ def test_program_that_underruns_its_stack_is_refused(crafted, program):
         b"\x80\x02" + b"N" * 500_000 + b".",
     ],
 )
-def test_long_programs_end_soon(crafted, without_shape_checker, program):
-    began = time.process_time()
+def test_long_programs_are_not_read_to_their_end(crafted, without_shape_checker, program):
     with crafted.bounded(20_000_000):
         refused(crafted.zipped({"a/data.pkl": program}), f"more than {MOST_OPCODES} opcodes")
-    assert time.process_time() - began < 10
 
 
 def test_other_things_than_a_dictionary_of_tensors_are_refused(crafted):

@@ -106,7 +106,7 @@ def test_a_value_above_the_limit_leaves_no_bound():
     assert lower_bound_of_largest(-values[1:], levels(0.5, 1.0), 1.0, ERROR) == -np.inf
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     values=st.lists(st.floats(-2.0, 1.0), min_size=1, max_size=40),
     margin=st.floats(0.01, 0.9),
@@ -117,7 +117,7 @@ def test_a_bound_lies_between_the_smallest_value_and_the_limit(values, margin):
     assert min(values) <= found <= 1.0
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(values=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=40), unit=st.floats(0.01, 100.0))
 def test_units_do_not_matter(values, unit):
     rows, mean = np.array([values]), np.array([0.1, 0.5])

@@ -79,7 +79,7 @@ def audited_evidence():
     return collect_evidence(world, policy("gap_2s"), episode_seeds(3, 40))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.lists(
         st.tuples(*[st.floats(-1e12, 1e12)] * 4, st.integers(0, 2**62)), min_size=1, max_size=5

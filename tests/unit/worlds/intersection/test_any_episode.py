@@ -48,7 +48,7 @@ def check_numbers(batch, made):
     seed=st.integers(0, 2**64 - 1),
     actions=st.lists(st.integers(0, 2), max_size=25),
 )
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_numbers_stay_finite_and_episodes_end(name, seed, actions):
     batch = batch_of(name)
     options = batch.options
