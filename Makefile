@@ -1,21 +1,23 @@
 # Two commands do it all on a fresh machine with Python >= 3.11: `make demo` and `make test`.
 PYTHON ?= python3
-BIN := .venv/bin
+VENV := .venv
+BIN := $(VENV)/bin
 DISTRIBUTIONS := $(wildcard packages/*/pyproject.toml)
 EDITABLE := $(patsubst %/pyproject.toml,--editable %,$(DISTRIBUTIONS))
 # One thread a library: the tests run side by side, and torch is slower with more.
 export OMP_NUM_THREADS := 1
+# What Python compiles stays on disk, or each of the hundreds of processes would compile it again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check tests core docs install clean
 
-demo: .venv/installed  ## set up, train the 7x7 trio and the baseline, print and draw
+demo: $(VENV)/installed  ## set up, train the 7x7 trio and the baseline, print and draw
 	$(BIN)/socialiq demo
 
 test:  ## what a change must pass: checks, then every test that is quick and needs no extra
-	$(MAKE) --jobs 2 check core
-	$(MAKE) tests
+	$(MAKE) --jobs 2 check tests
 
-check: .venv/installed-dev  ## lint, types, layers, spelling and plain words (docs/words.txt)
+check: $(VENV)/installed-dev  ## lint, types, layers, spelling and plain words (docs/words.txt)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
@@ -23,33 +25,33 @@ check: .venv/installed-dev  ## lint, types, layers, spelling and plain words (do
 	$(BIN)/codespell packages studies docs tests examples benchmarks *.md
 
 tests: core  ## the quick tests, shapes checked at run time, warnings as errors
-	$(BIN)/pytest -n 2 --dist loadscope -m "not slow" --ignore tests/extras $(PYTEST)
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow" --ignore tests/extras $(PYTEST)
 
 # Numba keeps the compiled intersection on disk. Without it there, both workers of pytest would
 # compile it at the same time, a minute each.
-core: .venv/installed-dev
+core: $(VENV)/installed-dev
 	$(BIN)/python -c "from socialiq.worlds import registry; registry.make('intersection').batch(1).reset(0)"
 
-docs: .venv/installed-docs  ## the documentation's site, in build/site; a warning is an error
+docs: $(VENV)/installed-docs  ## the documentation's site, in build/site; a warning is an error
 	$(BIN)/sphinx-build --jobs auto --fail-on-warning --keep-going --quiet docs build/site
 
-install: .venv/installed
+install: $(VENV)/installed
 
-.venv/bin/python:
-	$(PYTHON) -m venv .venv
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
 
-.venv/installed: .venv/bin/python $(DISTRIBUTIONS) constraints.txt
+$(VENV)/installed: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
 	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE)
 	touch $@
 
-.venv/installed-dev: .venv/bin/python $(DISTRIBUTIONS) constraints.txt
+$(VENV)/installed-dev: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
 	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[dev]'
-	touch $@ .venv/installed
+	touch $@ $(VENV)/installed
 
-.venv/installed-docs: .venv/bin/python $(DISTRIBUTIONS) constraints.txt
+$(VENV)/installed-docs: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
 	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[docs]'
-	touch $@ .venv/installed
+	touch $@ $(VENV)/installed
 
 clean:
-	rm -rf .venv
+	rm -rf .venv .venv-full

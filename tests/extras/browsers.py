@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Iterator
 
 import pytest
+from tests.patience import HANG
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
 
