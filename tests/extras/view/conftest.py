@@ -22,8 +22,8 @@ def serving(*words) -> Iterator[str]:
                 assert said[-1], "".join(said)  # it has ended
             yield said[-1].strip()
             server.send_signal(signal.SIGINT)
-            rest = server.stderr.read().decode().splitlines()
-            told = [line for line in rest if not line.startswith("compil")]  # a slow machine says so
+            rest = server.stderr.read().decode().splitlines()  # a slow machine tells of compiling
+            told = [line for line in rest if not line.startswith("compil")]
             assert told == ["Ctrl-C ends it", "stopped"]
             assert server.wait(HANG) == 0
         finally:
