@@ -1,6 +1,6 @@
 """A verdict's exit status that says something else than the verdict.
 
-The owner lets the reader of the output leave (`socialiq audit wait ... | true`), so that a FAIL
+The owner lets the reader of the output leave (`socialiq audit FILE ... | true`), so that a FAIL
 becomes status 0; or lets the program crash, so that a fault of the program looks like status 1.
 """
 
@@ -29,16 +29,11 @@ def run_without_reader(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module", name="failed")
-def failed_audit(tmp_path_factory):
+def failed_audit(place, tmp_path_factory):
     """The folder of an audit that fails, played without a reader, and how that process ended."""
-    folder = tmp_path_factory.mktemp("audit")
-    profile, out = str(folder / "profile.toml"), folder / "report"
-    new = ["profile", "new", "--world", "intersection", "--angle", "0", "--owner", "x"]
-    assert main([*new, "--margin", "0.1", "--out", profile]) == 0
-    # A vehicle that waits for ever says that it drives for itself.
-    done = run_without_reader(
-        "audit", "wait", "--profile", profile, "--episodes", "60", "--out", str(out)
-    )
+    out = tmp_path_factory.mktemp("audit") / "report"
+    words = [str(place / "altruist.safetensors"), "--profile", str(place / "profile.toml")]
+    done = run_without_reader("audit", *words, "--episodes", "60", "--out", str(out))
     return out, done
 
 

@@ -2,7 +2,7 @@
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -30,11 +30,12 @@ def test_variables_are_found():
     assert sorted(assigned(tree)) == ["a", "found", "one", "track", "x"]
 
 
-def trees() -> Iterator[tuple[str, ast.AST]]:
-    """Yield the path and the syntax tree of every source."""
-    for folder in ("packages", "studies"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            yield str(path.relative_to(ROOT)), ast.parse(path.read_text())
+@cache
+def trees(*folders: str) -> list[tuple[str, ast.AST]]:
+    """Return the path and the syntax tree of every source; those of a user by default."""
+    roots = [ROOT / name for name in folders or ("packages", "studies")]
+    paths = (path for root in roots for path in root.rglob("*.py"))
+    return [(str(path.relative_to(ROOT)), ast.parse(path.read_text())) for path in sorted(paths)]
 
 
 def long_functions(tree: ast.AST) -> list[str]:
@@ -147,9 +148,8 @@ def test_no_test_depends_on_the_speed_of_the_machine():
     """`tests/patience.py` alone compares times, to end what hangs."""
     limits = {
         name: lines
-        for path in sorted((ROOT / "tests").rglob("*.py"))
-        if (name := str(path.relative_to(ROOT))) not in COMMANDS
-        if (lines := limits_of_time(ast.parse(path.read_text())))
+        for name, tree in trees("tests")
+        if name not in COMMANDS and (lines := limits_of_time(tree))
     }
     assert list(limits) == ["tests/patience.py"], limits
     assert len(limits["tests/patience.py"]) == 1

@@ -188,9 +188,12 @@ def _sources(objects: list[Any]) -> dict[str, str]:
     return {name: sha256_of_file(path) for name, path in sorted(files.items()) if path.is_file()}
 
 
+_owners = functools.cache(importlib.metadata.packages_distributions)  # it reads all: half a second
+
+
 def _versions(objects: list[Any]) -> dict[str, str]:
     """Return the versions of Gymnasium and of the installed packages of these modules."""
-    owners = importlib.metadata.packages_distributions()
+    owners = _owners()
     tops = {_module_of(defined).split(".")[0] for defined in _foreign(objects)}
     names = {"gymnasium", *(owner for top in tops for owner in owners.get(top, ()))}
     return {name: importlib.metadata.version(name) for name in sorted(names)}
