@@ -39,18 +39,18 @@ install: $(VENV)/installed
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --upgrade pip
 
 $(VENV)/installed: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
-	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt $(EDITABLE)
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
-	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[dev]'
 	touch $@ $(VENV)/installed
 
 $(VENV)/installed-docs: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
-	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[docs]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[docs]'
 	touch $@ $(VENV)/installed
 
 clean:

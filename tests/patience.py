@@ -1,4 +1,4 @@
-"""What tests wait for: events. The one limit here guards against a hang, however slow the machine.
+"""Events that tests wait for. The one limit here guards against a hang, however slow the machine.
 
 No other test compares times (`tests/docs/test_sources.py`).
 """
