@@ -183,9 +183,9 @@ def test_a_declaration_without_a_world_and_a_condition_without_a_column_are_refu
     study = declared_study("a-study", {"config": {"seeds": [0]}, "train": [TRAIN]})
     with pytest.raises(UserError, match="name its world, or compute its tables"):
         study.tables(study.Config(), Context((), pathlib.Path(), silent))
-    with pytest.raises(UserError, match="unknown column 'methode': choose one of method, str"):
-        where(ROWS, {"methode": "ours"})
-    assert where([], {"methode": "ours"}) == []
+    with pytest.raises(UserError, match="unknown column 'methods': choose one of method, str"):
+        where(ROWS, {"methods": "ours"})
+    assert where([], {"methods": "ours"}) == []
 
 
 def test_a_study_that_computes_its_tables_derives_others_from_them():
