@@ -206,12 +206,12 @@ def train(
     return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
 
 
-def unread(static: Any, no_social: str, own: UserFunctions) -> str:
+def unread(static: Any, no_social: str, functions: UserFunctions) -> str:
     """Return why no term of IQ-Learn's objective reads an angle; "" if one does.
 
     `no_social` says that the demonstrations have no social rewards; replay may have them.
     """
-    if own.loss is not None:
+    if functions.loss is not None:
         return ""
     if static.prior == "none":
         return "prior 'none' reads no reward"
