@@ -94,7 +94,7 @@ def run(repeats: int) -> dict[str, Any]:
 
 def other_roads(repeats: int) -> dict[str, float]:
     """Steps per second of the other roads on both sides, and the median ratio."""
-    from socialiq.worlds.conformance import RealScene
+    from socialiq.worlds.highway.reference import RealScene
 
     found = {}
     for name in SCENES:

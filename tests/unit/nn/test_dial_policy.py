@@ -9,8 +9,9 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.dial_policy import DialPolicy, hats, knots_between
+from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import hats
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair

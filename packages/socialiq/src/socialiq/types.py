@@ -76,12 +76,13 @@ class Ending(enum.IntEnum):
         """Return the ending of a Gymnasium step, of a terminal state by `info["ending"]`."""
         if terminated:
             name = str(info.get("ending", "other")).lower()
-            one_of('info["ending"]', name, _TERMINAL)
+            one_of('info["ending"]', name, [Ending(kind).name.lower() for kind in TERMINAL])
             return Ending[name.upper()]
         return Ending.TIMEOUT if truncated else Ending.NONE
 
 
-_TERMINAL = tuple(kind.name.lower() for kind in Ending if kind not in (Ending.NONE, Ending.TIMEOUT))
+TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
+"""Endings in a terminal state."""
 
 
 @runtime_checkable

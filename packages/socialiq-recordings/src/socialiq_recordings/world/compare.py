@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
-from socialiq.physics import corners, wrapped
+from socialiq.physics import wrapped
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters
@@ -22,7 +19,7 @@ from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.world.build import Made
 from socialiq_recordings.world.drivers import Observed, observe
-from socialiq_recordings.world.gym import JunctionBatch, Traffic
+from socialiq_recordings.world.gym import Traffic
 from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
 
 QUANTITIES = {
@@ -142,49 +139,7 @@ def distance(
     return float(np.abs(shares[0] - shares[1]).max())
 
 
-_REACH = 50.0  # m around the ego
-_BAR = 1.6  # m to either side of a closed line
 _INKS = {"recorded": COLORS["baseline"], "simulated": COLORS["prosocial"]}
-
-
-def scene(batch: JunctionBatch, row: int = 0) -> Figure:
-    """Draw a moment of an episode: all ways, the ego's way, vehicles, closed lines."""
-    road, traffic = batch.world.road, batch.traffic
-    recording = int(traffic.recording[row])
-    base, end = (int(road.recording_first[recording + offset]) for offset in range(2))
-    drawing = figure(5.0, 5.0)
-    axes = drawing.subplots()
-    lines = [road.line[road.line_first[v] : road.line_first[v + 1], :2] for v in range(base, end)]
-    axes.add_collection(LineCollection(lines, colors="#d5d5d5", linewidths=1.0))
-    ego = int(traffic.ego[row])
-    axes.plot(*lines[ego].T, color=COLORS["egoistic"], linewidth=1.2)
-    now = float(traffic.step[row]) / 10
-    for slot in range(int(traffic.n_present[row])):
-        vehicle = int(traffic.present[row, slot])
-        ink = COLORS["egoistic"] if vehicle == ego else COLORS["prosocial"]
-        x, y, heading = _place(lines[vehicle], float(traffic.along[row, vehicle]))
-        size = float(road.length[base + vehicle]), float(road.width[base + vehicle])
-        axes.add_patch(Polygon(corners((x, y), heading, *size), color=ink, zorder=3))
-        for at, begin, until in road.closed[
-            road.closed_first[base + vehicle] : road.closed_first[base + vehicle + 1]
-        ]:
-            if begin <= now < until:
-                x, y, heading = _place(lines[vehicle], float(at))
-                dx, dy = -_BAR * math.sin(heading), _BAR * math.cos(heading)
-                ends = [x - dx, x + dx], [y - dy, y + dy]
-                axes.plot(*ends, color="black", linewidth=2.0, zorder=4)
-    x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
-    axes.set_aspect("equal")
-    axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))
-    finish(axes, f"{now:.1f} s", xlabel="m to the east", ylabel="m to the north")
-    return drawing
-
-
-def _place(line: np.ndarray, along: float) -> tuple[float, float, float]:
-    piece = min(max(int(along), 0), len(line) - 2)
-    step = line[piece + 1] - line[piece]
-    x, y = (line[piece] + (along - piece) * step).tolist()
-    return x, y, math.atan2(step[1], step[0])
 
 
 def beside(recorded: Observed, simulated: Observed) -> Figure:

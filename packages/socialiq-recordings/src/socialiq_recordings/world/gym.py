@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
 
 from socialiq.errors import UserError
+from socialiq.physics import corners
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SIGNALS, SKIP, Buffers
@@ -17,6 +19,9 @@ from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection.options import settings_of
 from socialiq.worlds.world import Decisions
 from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Traffic(NamedTuple):
@@ -188,7 +193,6 @@ class RecordedJunctionEnv(RoadEnv):
         if self.render_mode != "rgb_array":
             return None
         from socialiq.worlds.pictures import pixels
-        from socialiq_recordings.world.compare import scene
 
         return pixels(scene(self.batch))
 
@@ -208,3 +212,52 @@ def load_world(file: str | Path) -> RecordedWorld:
 @lru_cache(maxsize=4)
 def _load(path: Path, _changed: int) -> RecordedWorld:
     return RecordedWorld.load(path)
+
+
+_REACH = 50.0  # m around the ego
+_BAR = 1.6  # m to either side of a closed line
+
+
+def scene(batch: JunctionBatch, row: int = 0) -> Figure:
+    """Draw a moment of an episode: all ways, the ego's way, vehicles, closed lines."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.patches import Polygon
+
+    from socialiq.plotting.style import COLORS, figure, finish
+
+    road, traffic = batch.world.road, batch.traffic
+    recording = int(traffic.recording[row])
+    base, end = (int(road.recording_first[recording + offset]) for offset in range(2))
+    drawing = figure(5.0, 5.0)
+    axes = drawing.subplots()
+    lines = [road.line[road.line_first[v] : road.line_first[v + 1], :2] for v in range(base, end)]
+    axes.add_collection(LineCollection(lines, colors="#d5d5d5", linewidths=1.0))
+    ego = int(traffic.ego[row])
+    axes.plot(*lines[ego].T, color=COLORS["egoistic"], linewidth=1.2)
+    now = float(traffic.step[row]) / 10
+    for slot in range(int(traffic.n_present[row])):
+        vehicle = int(traffic.present[row, slot])
+        ink = COLORS["egoistic"] if vehicle == ego else COLORS["prosocial"]
+        x, y, heading = _place(lines[vehicle], float(traffic.along[row, vehicle]))
+        size = float(road.length[base + vehicle]), float(road.width[base + vehicle])
+        axes.add_patch(Polygon(corners((x, y), heading, *size), color=ink, zorder=3))
+        for at, begin, until in road.closed[
+            road.closed_first[base + vehicle] : road.closed_first[base + vehicle + 1]
+        ]:
+            if begin <= now < until:
+                x, y, heading = _place(lines[vehicle], float(at))
+                dx, dy = -_BAR * math.sin(heading), _BAR * math.cos(heading)
+                ends = [x - dx, x + dx], [y - dy, y + dy]
+                axes.plot(*ends, color="black", linewidth=2.0, zorder=4)
+    x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
+    axes.set_aspect("equal")
+    axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))
+    finish(axes, f"{now:.1f} s", xlabel="m to the east", ylabel="m to the north")
+    return drawing
+
+
+def _place(line: np.ndarray, along: float) -> tuple[float, float, float]:
+    piece = min(max(int(along), 0), len(line) - 2)
+    step = line[piece + 1] - line[piece]
+    x, y = (line[piece] + (along - piece) * step).tolist()
+    return x, y, math.atan2(step[1], step[0])

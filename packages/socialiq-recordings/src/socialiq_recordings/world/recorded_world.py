@@ -174,7 +174,7 @@ class RecordedWorld(RoadWorld):
 
     @property
     def view(self) -> Any:
-        """None: `compare.scene` draws moments."""
+        """None: `gym.scene` draws moments."""
         return None
 
     @property

@@ -20,9 +20,9 @@ from socialiq.learners.dial.rows import stratified
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.dial_policy import angle_columns
 from socialiq.nn.q_network import ValueNetwork
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import angle_columns
 from socialiq.social.angle import exact_weights
 from socialiq.types import Act, RewardPair
 

@@ -36,9 +36,9 @@ from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count, Natural, Positive, Share
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.dial_policy import DialPolicy, angle_columns, knots_between
+from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import network_of
-from socialiq.nn.view import CHOICES, PresentRows, View
+from socialiq.nn.view import CHOICES, PresentRows, View, angle_columns
 from socialiq.social.angle import score
 from socialiq.types import Act, RewardPair
 

@@ -1,7 +1,7 @@
 """Actor and twin critics: networks of a policy of continuous actions and of its values.
 
 Their input is an observation; of a dial it ends with the inputs of the angle
-(`nn.dial_policy.angle_columns`). A view encodes the observation alone. The policy is a squashed
+(`nn.view.angle_columns`). A view encodes the observation alone. The policy is a squashed
 Gaussian: a = tanh(u) with u ~ N(mean, std²), a density on (-1, 1)^size (Haarnoja et al. 2018, soft
 actor-critic, appendix C).
 """
@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.actor_policy import LOG_STD
 from socialiq.nn.q_network import affine_layers, encoding, perceptron, through
+from socialiq.nn.saved import LOG_STD
 from socialiq.nn.view import Encoding
 
 

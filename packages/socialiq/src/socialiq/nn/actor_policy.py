@@ -11,15 +11,11 @@ from jaxtyping import Float, Float32
 
 from socialiq.nn.dial_policy import Dial
 from socialiq.nn.q_policy import checked_batch, fields_of_network, numbers_of
-from socialiq.nn.saved import SavedNetwork
+from socialiq.nn.saved import LOG_STD, SavedNetwork
 from socialiq.nn.view import Encoding
 
 if TYPE_CHECKING:
     from socialiq.nn.actor import Actor
-
-LOG_STD = (-5.0, 2.0)
-"""Range of the logarithm of the standard deviation before the tangent is taken. A narrower policy
-has a density of e^5 for each number of an action, a wider one puts nearly all on the bounds."""
 
 SQUASHES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "tanh": np.tanh,

@@ -13,9 +13,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError, one_of
 from socialiq.nn import q_network
-from socialiq.nn.dial_policy import angle_columns
 from socialiq.nn.q_network import QNetwork, with_weights
-from socialiq.nn.view import ROW, Encoding, View
+from socialiq.nn.view import ROW, Encoding, View, angle_columns
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
 

@@ -26,6 +26,11 @@ Network = TypeVar("Network", bound="SavedNetwork")
 FORMS: dict[str, type[Saved]] = {}
 """Class of each kind of file."""
 
+LOG_STD = (-5.0, 2.0)
+"""Range of the logarithm of an actor's standard deviation before the tangent is taken. A narrower
+policy has a density of e^5 for each number of an action, a wider one puts nearly all on the
+bounds."""
+
 MOST_LAYERS = 100
 MOST_TIMES = 10_000
 """Values of the time that a view may tell apart."""

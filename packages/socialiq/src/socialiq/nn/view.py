@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Float32, Shaped
 
 from socialiq.errors import UserError
+from socialiq.physics import wrapped
+from socialiq.types import RewardPair
 
 
 @dataclass(frozen=True)
@@ -303,3 +305,32 @@ def _turned(vector: Any, along: Any) -> list[Any]:
 def row_width(choice: Choice) -> int:
     """Return the number of features of another vehicle."""
     return ROW + (6 if choice.relative else 0) + (2 * len(SECONDS) if choice.ahead else 0)
+
+
+def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
+    """Return the hat functions ``max(0, 1 - |α - k| / h)`` of an angle, with knots k at distance h.
+
+    Their weighted sums are the continuous functions that are linear between knots. The values of
+    an angle's best actions have kinks where the policy changes: linear pieces follow these, while
+    (cos α, sin α) alone rounds them off and so favours the action whose value has the kink.
+
+    The angle is a NumPy or JAX array, and whole turns don't matter; the knots, at least two, are at
+    equal distances. The result has one more axis, of the knots.
+    """
+    middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
+    offset = wrapped(degrees - middle, 180.0)  # of the angle from the middle knot
+    centres = np.array(knots, np.float32) - np.float32(middle)
+    xp = degrees.__array_namespace__()
+    return xp.maximum(1.0 - xp.abs(offset[..., None] - centres) / distance, 0.0)
+
+
+def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
+    """Return the first layer's inputs of directions, NumPy or JAX arrays: the pair, then the hats.
+
+    They have one more axis, of the inputs.
+    """
+    xp = direction.env.__array_namespace__()
+    pair = xp.stack([direction.env, direction.social], axis=-1)
+    if not knots:
+        return [pair]
+    return [pair, hats(xp.rad2deg(xp.arctan2(direction.social, direction.env)), knots)]

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from socialiq.errors import UserError
 from socialiq.foreign import Later
 from socialiq.social.angle import check_angle, score, weights
-from socialiq.types import Ending
+from socialiq.types import TERMINAL, Ending
 from socialiq.worlds import pictures, registry
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.options import Contact
@@ -23,8 +23,6 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 
 jax: Any = Later("jax")
-
-TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
 
 class GridWorldEnv(gymnasium.Env):

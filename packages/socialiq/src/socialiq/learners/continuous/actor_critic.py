@@ -19,7 +19,7 @@ from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.actor import Actor, TwinCritics, draw, frozen
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
-from socialiq.nn.dial_policy import angle_columns
+from socialiq.nn.view import angle_columns
 from socialiq.types import ContinuousSimulator, Ending, RewardPair
 
 Scalar = Float[Array, ""]

@@ -20,12 +20,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.types import Ending
-from socialiq.worlds.conformance import write_commands, write_motion
-from socialiq.worlds.gym import TERMINAL
+from socialiq.types import TERMINAL, Ending
 from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.reference import write_commands, write_motion
 from socialiq.worlds.intersection.core import step, traffic
 from socialiq.worlds.intersection.options import (
     POPULATIONS,
