@@ -21,6 +21,7 @@ from socialiq.results_folder import load
 from socialiq_recordings import files
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, held
 from socialiq_recordings.conflicts.measures import required_at, rows_of, ttc_at
+from socialiq_recordings.conflicts.ways import Occupancy
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
@@ -120,16 +121,22 @@ def test_pet_gap_and_times_of_a_crossing():
     assert one["required_deceleration"] == two["required_deceleration"] == 0.0
 
 
+def at(measure, meeting, frame=10):
+    """A measure at one frame."""
+    row = meeting.frames.tolist().index(frame)
+    return measure(meeting, frame, tuple(Occupancy(*times[row]) for times in meeting.times))
+
+
 def test_a_collision_course_by_hand():
     # At the origin after 5 s and 5.2 s: the second arrives before the first has left.
     encounters, rows = found(east(-50, steady(10)), north(-52, steady(10)))
     assert rows[0]["pet"] == pytest.approx(0.2 - 2 * EDGE / 10)
     one, two = encounters.meetings()
     # After 1 s: 4.2 s less EDGE to the later arrival; the first leaves after 4 s and EDGE more.
-    assert ttc_at(one, 10) == ttc_at(two, 10) == pytest.approx(4.2 - EDGE / 10)
+    assert at(ttc_at, one) == at(ttc_at, two) == pytest.approx(4.2 - EDGE / 10)
     gap, seconds = 42 - EDGE, 4 + EDGE / 10
-    assert required_at(two, 10) == pytest.approx(2 * (10 * seconds - gap) / seconds**2)
-    assert required_at(one, 10) == 0.0
+    assert at(required_at, two) == pytest.approx(2 * (10 * seconds - gap) / seconds**2)
+    assert at(required_at, one) == 0.0
     # The least TTC is that of the last frame before the first leaves; 0 once both are inside.
     assert rows[0]["ttc"] == rows[1]["ttc"] == 0.0
 

@@ -21,7 +21,8 @@ from socialiq.worlds.intersection.policies import policy
 from socialiq_recordings import files, simulated
 from socialiq_recordings.export import write_commonroad, write_csv
 from socialiq_recordings.readers.column_map import read_map
-from socialiq_recordings.readers.commonroad import read_commonroad, road_of
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.readers.commonroad_road import road_of
 from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, lanes_of

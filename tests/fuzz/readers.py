@@ -44,7 +44,7 @@ from socialiq_lab.sweep.plan import read_plan
 from socialiq_recordings import files as recording_files
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.readers.column_map import read_map
-from socialiq_recordings.readers.commonroad import road_of
+from socialiq_recordings.readers.commonroad_road import road_of
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 GRID = make_grid(WORLD)

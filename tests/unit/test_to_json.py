@@ -2,6 +2,7 @@ import datetime
 import enum
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ class Row:
         (datetime.date(2026, 1, 31), "2026-01-31"),
         (Row(Pair(math.nan, (1, None)), b"x"), {"pair": {"x": None, "y": [1, None]}}),
         ({1: Kind.ONE}, {"1": "one"}),
+        ((Path("a/b"), Pair(1.5, Path("c"))), ["a/b", {"x": 1.5, "y": "c"}]),
     ],
 )
 def test_anything_has_a_plain_form(value, plain):

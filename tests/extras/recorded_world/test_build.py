@@ -1,13 +1,17 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from tests.extras.recorded_world.conftest import crossing_road, tracks
 
 from socialiq.errors import UserError
 from socialiq_recordings.recording import Recording
-from socialiq_recordings.road.network import RoadNetwork
+from socialiq_recordings.road.network import RoadNetwork, Sign
 from socialiq_recordings.world.build import build
+from socialiq_recordings.world.compare import contacts
 from socialiq_recordings.world.lines import closures_of
 from socialiq_recordings.world.recorded_world import WorldConfig
+from socialiq_recordings.world.replay import replay
 
 
 def test_vehicles_areas_and_stretches_of_the_crossing(made):
@@ -50,7 +54,9 @@ def test_a_lane_is_closed_in_front_of_one_that_stands_without_a_reason():
     far = np.where(west, standing.x - 55.0, standing.x)  # no car comes from the west soon
     moved = {"x": far} | {n: getattr(standing, n) for n in standing.arrays() if n != "x"}
     more = {"dt": 0.1, "recording": "ZAM_Stands-1_1_T-1", "source": {}}
-    recording = Recording(type(standing)(**moved, **more), crossing_road())
+    signed = Recording(type(standing)(**moved, **more), crossing_road())
+    assert len(build([signed], WorldConfig()).world.road.closed) == 0  # signs, and no light
+    recording = Recording(signed.tracks, without_signs())
     world = build([recording], WorldConfig())
     road = world.world.road
     [(at, begin, end)] = road.closed[road.closed_first[-2] : road.closed_first[-1]]
@@ -60,6 +66,54 @@ def test_a_lane_is_closed_in_front_of_one_that_stands_without_a_reason():
     none = WorldConfig(lights="none")
     again = build([recording], none)
     assert len(again.world.road.closed) == 0
+
+
+def without_signs():
+    lanes = crossing_road().lanelets
+    return RoadNetwork({n: dataclasses.replace(lane, sign=Sign.NONE) for n, lane in lanes.items()})
+
+
+def test_courtesy_closes_no_line():
+    # The one from the west comes slowly and is let go first; the one from the south goes after it.
+    time = np.arange(120) * 0.1
+    west = -15.0 + 0.6 * time + np.clip(time - 1, 0, None) ** 2
+    south = -14.0 + np.clip(time - 6, 0, None) ** 2 * 1.2
+    still, up = np.zeros(120), np.full(120, np.pi / 2)
+    vx, vy = np.gradient(west, 0.1), np.gradient(south, 0.1)
+    first = tracks()
+    made = dataclasses.replace(
+        first.select(np.array([True, True, False])),
+        track=np.repeat(np.arange(2, dtype=np.int32), 120),
+        frame=np.tile(np.arange(120, dtype=np.int32), 2),
+        x=np.concatenate([west, still]),
+        y=np.concatenate([still, south]),
+        heading=np.concatenate([still, up]),
+        vx=np.concatenate([vx, still]),
+        vy=np.concatenate([still, vy]),
+    )
+    world = build([Recording(made, without_signs())], WorldConfig()).world
+    assert len(world.road.closed) == 0
+
+
+def test_a_vehicle_in_view_for_longer_than_an_episode_is_demonstrated_in_parts(made):
+    config = dataclasses.replace(made.world.config, duration=2.0)
+    world = dataclasses.replace(made.world, config=config)
+    found = replay(world).table
+    assert found.episode_lengths.max() <= config.decisions
+    assert found.n_transitions == replay(made.world).table.n_transitions
+
+
+def test_vehicles_that_drive_through_each_other_are_counted(crossing):
+    # Both are in the middle after 5 s; drivers that know no conflict area don't yield.
+    met = build(
+        [Recording(tracks(speeds={"west": 8.0, "south": 10.0, "behind": 6.0}), crossing_road())],
+        WorldConfig(),
+    )
+    counts = contacts(met, 0, 2)
+    assert counts["vehicles"] == 6 and counts["pairs_in_contact"] == 0
+    blind = met.world.road._replace(area_of=np.full_like(met.world.road.area_of, -1))
+    seen = contacts(met._replace(world=dataclasses.replace(met.world, road=blind)), 0, 2)
+    assert seen["pairs_in_contact"] > 0 and seen["deepest_contact"] > 0
 
 
 def test_what_makes_no_world(crossing):

@@ -152,3 +152,60 @@ def test_velocities_along_other_axes_refuse_the_file(straight):
     tracks = straight([8.0, 9.0, 10.0], heading=1.2)
     with pytest.raises(UserError, match="the velocity does not point the way"):
         sift(replace(tracks, vy=-tracks.vy))
+
+
+@pytest.mark.parametrize("sigma", [0.03, 0.15])
+def test_a_parked_box_that_jitters_refuses_nothing(straight, sigma):
+    # As in Argoverse 2: stated 0.00 m/s, the box moves by centimetres from frame to frame and by up
+    # to metres in all; most vehicles of a street are parked.
+    tracks, random = straight([0.0] * 9 + [8.0], frames=110), np.random.default_rng(3)
+    still = tracks.track < 9
+    drift = np.where(still, 0.25 * np.sin(tracks.frame / 30 + tracks.track), 0.0)
+    x, y = (
+        place + drift + random.normal(0, sigma, len(still)) * still
+        for place in (tracks.x, tracks.y)
+    )
+    kept, refused = sift(replace(tracks, x=x, y=y))
+    assert refused == [] and kept.n_tracks == 10
+
+
+def test_who_creeps_is_not_judged_by_the_noise_of_its_positions(straight):
+    tracks, random = straight([2.2, 2.5, 8.0], frames=60), np.random.default_rng(0)
+    x, y = (place + random.normal(0, 0.15, len(place)) for place in (tracks.x, tracks.y))
+    assert sift(replace(tracks, x=x, y=y))[1] == []
+
+
+def articulated(straight, arm, reach, noise=0.0, turn=0.0):
+    """A truck of 6 m and its trailer of 8 m, whose front is `reach` m before its middle."""
+    tracks, random = straight([8.0, 8.0, 8.0], frames=40, apart=30.0), np.random.default_rng(0)
+    angle = np.linspace(0.0, turn, 40)
+    first, second = tracks.track == 0, tracks.track == 1
+    x, y, heading = tracks.x.copy(), tracks.y.copy(), tracks.heading.copy()
+    hitch = np.stack([x[first] - arm, y[first]])
+    heading[second] = angle
+    x[second], y[second] = hitch[0] - reach * np.cos(angle), hitch[1] - reach * np.sin(angle)
+    x, y = (place + random.normal(0, noise, len(place)) if noise else place for place in (x, y))
+    length = np.array([6.0, 8.0, 4.5])
+    vx, vy = np.cos(heading) * 8.0, np.sin(heading) * 8.0
+    return replace(tracks, x=x, y=y, heading=heading, length=length, vx=vx, vy=vy)
+
+
+@pytest.mark.parametrize(("noise", "turn"), [(0.0, 0.0), (0.05, 0.0), (0.0, 0.25), (0.05, 0.25)])
+def test_a_trailer_may_overlap_at_the_hitch(straight, noise, turn):
+    error = MeasurementError(position=0.05, speed=0.4, size=0.1)
+    # Straight: 3 + 4 - 5.5 = 1.5 m deep, where 0.3 may be error.
+    assert sift(articulated(straight, 2.0, 3.5, noise, turn), error)[1] == []
+
+
+def test_two_boxes_of_one_vehicle_and_parked_ones_that_overlap_are_no_trailer(straight):
+    error = MeasurementError(position=0.05, speed=0.4, size=0.1)
+    double = articulated(straight, 0.2, 0.3)
+    assert [one.identity for one in sift(double, error)[1]] == ["100", "101"]
+    parked = articulated(straight, 2.0, 3.5)
+    x = np.where(parked.track < 2, parked.x[parked.track * 40], parked.x)
+    vx = np.where(parked.track < 2, 0.0, parked.vx)
+    still = replace(parked, x=x, vx=vx)
+    assert [one.identity for one in sift(still, error)[1]] == ["100", "101"]
+    # One that drives through the other has no fixed point in both.
+    through = replace(parked, x=np.where(parked.track == 1, parked.x * 0.9, parked.x))
+    assert {"100", "101"} <= {one.identity for one in sift(through, error)[1]}

@@ -43,3 +43,15 @@ def test_exact_repetition(straight):
     pattern = 8.0 + np.sin(np.arange(60) * 0.3)
     again = dataclasses.replace(tracks, vx=np.concatenate([pattern, np.roll(pattern, 7)]))
     assert "repeated exactly" in signs_of_simulation(again)[0]
+
+
+def test_one_pair_of_equal_tracks_in_a_short_clip_is_no_simulation(straight):
+    # 1.6 s at 10 Hz, as clips of NGSIM are: each vehicle has few seconds, which overlap.
+    tracks, rng = straight([8.0] * 20, frames=17), np.random.default_rng(0)
+    swings = 8.0 + np.sin(np.arange(17) * 0.4 + rng.uniform(0, 6, 20)[:, None])
+    x, y = (place + rng.normal(0.0, 0.03, tracks.n_states) for place in (tracks.x, tracks.y))
+    swings[1] = swings[0]
+    pair = dataclasses.replace(tracks, x=x, y=y, vx=swings.ravel())
+    assert signs_of_simulation(pair) == ()
+    every = dataclasses.replace(pair, vx=np.tile(swings[0], 20))
+    assert "repeated exactly" in signs_of_simulation(every)[0]

@@ -66,6 +66,11 @@ class MeasurementError:
         return math.radians(_TURNING + COVERAGE * self.heading)
 
     @property
+    def turned(self) -> float:
+        """Shortest displacement that errors of two positions turn by less than `direction`, m."""
+        return COVERAGE * math.sqrt(2.0) * self.position / math.sin(self.direction)
+
+    @property
     def overlap(self) -> float:
         """Largest depth by which two boxes overlap although the vehicles do not touch, m.
 
@@ -75,8 +80,8 @@ class MeasurementError:
 
 
 FASTEST = 70.0  # m/s; 252 km/h
-MOVING = 2.0  # m/s; directions are checked where the driven speed is at least this
-FEWEST_STEPS = 3  # directions of a track with fewer moving steps are not checked
+MOVING = 2.0  # m/s; directions are checked where driven and stated speeds are at least this
+FEWEST_STEPS = 3  # directions of a track with fewer moving seconds are not checked
 LONGEST, WIDEST = 30.0, 4.5  # m; road trains are as long, wide loads as wide
 SHORTEST = 0.2  # m; a pedestrian's box
 _FOOT = 0.3048
@@ -232,14 +237,28 @@ def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 
 
 def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
-    row, dx, dy = _steps(tracks)
-    after, track = row + 1, tracks.track[row].astype(np.int64)
-    direction = np.arctan2(dy, dx)
-    velocity = np.arctan2(tracks.vy[row] + tracks.vy[after], tracks.vx[row] + tracks.vx[after])
-    north = np.sin(tracks.heading[row]) + np.sin(tracks.heading[after])
-    east = np.cos(tracks.heading[row]) + np.cos(tracks.heading[after])
-    heading = np.arctan2(north, east)
-    moving = np.hypot(dx, dy) / tracks.dt >= MOVING
+    """Compare directions over about a second with those of the displacement.
+
+    Judged where the file, too, says that a road user moves, and where the displacement is so long
+    that errors of positions turn it by less than a direction may err: a parked car's box jitters.
+    """
+    frames = max(1, round(1 / tracks.dt))
+    row = np.flatnonzero(np.diff(tracks.track) == 0)
+    after = np.minimum(row + frames, tracks.starts[1:][tracks.track[row]] - 1)
+    dx, dy, track = (
+        tracks.x[after] - tracks.x[row],
+        tracks.y[after] - tracks.y[row],
+        tracks.track[row],
+    )
+    track, direction, distance = track.astype(np.int64), np.arctan2(dy, dx), np.hypot(dx, dy)
+    vx, vy, east, north = (
+        _sums(values, row, after)
+        for values in (tracks.vx, tracks.vy, np.cos(tracks.heading), np.sin(tracks.heading))
+    )
+    velocity, heading = np.arctan2(vy, vx), np.arctan2(north, east)
+    count = after - row
+    moving = distance >= np.maximum(MOVING * count * tracks.dt, error.turned)
+    moving &= np.hypot(vx, vy) >= MOVING * (count + 1)
     # People walk backwards and sideways, and their boxes have no front.
     along = moving & (tracks.road_user != RoadUser.PEDESTRIAN)[track]
     for name, angles, rows in (
@@ -272,6 +291,12 @@ def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarr
             reasons[number] = f"{name} {degrees:.0f}° off the way it moves (median)"
 
 
+def _sums(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return the sums from a row to another, both included."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    return sums[last + 1] - sums[first]
+
+
 def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
     """Return the median by track, NaN for fewer than `FEWEST_STEPS`; rows in order of tracks."""
     medians = np.full(n_tracks, np.nan)
@@ -282,15 +307,21 @@ def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np
 
 
 def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
-    """Refuse both tracks of an overlap, because either may be wrong."""
+    """Refuse both tracks of an overlap, because either may be wrong; a trailer is no overlap."""
     good = reasons == ""
     plausible, numbers = tracks.select(good), np.flatnonzero(good)
     pairs = overlaps(plausible)
+    hitched: dict[tuple[int, int], bool] = {}
     # The deepest first: it is reported.
     for pair in np.argsort(-pairs.depth, kind="stable"):
         if pairs.depth[pair] <= error.overlap:
             break
         rows = int(pairs.first[pair]), int(pairs.second[pair])
+        one, two = (int(plausible.track[row]) for row in rows)
+        if (one, two) not in hitched:
+            hitched[one, two] = _hitched(plausible, one, two, error)
+        if hitched[one, two]:
+            continue
         for row, beside in (rows, rows[::-1]):
             track = numbers[plausible.track[row]]
             if reasons[track] == "":
@@ -349,3 +380,35 @@ def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " row"]) -> Overlaps:
     )
     touch = depth > 0
     return Overlaps(first[touch], second[touch], depth[touch])
+
+
+def _hitched(tracks: Tracks, front: int, rear: int, error: MeasurementError) -> bool:
+    """Whether two tracks are a vehicle and its trailer.
+
+    A hitch is a point at a fixed place on the axes of both. Least squares over all moments find the
+    two places; the point of each then is the other's within the error of positions. Neither middle
+    is inside the other's box, and they drive further than they are long, which two boxes of one
+    vehicle or two that were parked do not show.
+    """
+    starts = tracks.starts
+    spans = [slice(starts[track], starts[track + 1]) for track in (front, rear)]
+    _, first, second = np.intersect1d(*(tracks.frame[span] for span in spans), return_indices=True)
+    rows = spans[0].start + first, spans[1].start + second
+    centre, axis = (
+        [np.stack([a[row], b[row]], axis=1) for row in rows]
+        for a, b in ((tracks.x, tracks.y), (np.cos(tracks.heading), np.sin(tracks.heading)))
+    )
+    apart = centre[1] - centre[0]
+    axes = np.stack([axis[0].ravel(), axis[1].ravel()], axis=1)
+    lengths = np.linalg.lstsq(axes, apart.ravel(), rcond=None)[0]
+    off = (axes @ lengths - apart.ravel()).reshape(-1, 2)
+    driven = np.hypot(*np.ptp(centre[0], axis=0))
+    longest, total = (
+        max(tracks.length[front], tracks.length[rear]),
+        tracks.length[front] + tracks.length[rear],
+    )
+    return bool(
+        driven > total
+        and np.hypot(*apart.T).min() > longest / 2
+        and np.sqrt((off**2).sum(axis=1).mean()) <= COVERAGE * math.sqrt(2.0) * error.position
+    )

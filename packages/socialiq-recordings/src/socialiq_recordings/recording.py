@@ -9,14 +9,14 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
 from socialiq.demonstrations.columns import json_able
 from socialiq.errors import UserError
-from socialiq_recordings.road.network import RoadNetwork
+from socialiq_recordings.road.network import Refused, RoadNetwork
 
 
 class RoadUser(enum.IntEnum):
@@ -190,13 +190,6 @@ class Recording:
     road: RoadNetwork
 
 
-class Refused(NamedTuple):
-    """Track that was left out: the road user's name in the file, and the error with its row."""
-
-    identity: str
-    reason: str
-
-
 @dataclass(frozen=True, eq=False)
 class Imported:
     """Recording read from a file."""
@@ -205,3 +198,4 @@ class Imported:
     refused: tuple[Refused, ...]  # the other tracks
     skipped: dict[str, int] = field(default_factory=dict)  # elements that are no tracks, by kind
     n_states: int = 0  # number of states read, including those of refused tracks
+    faults: tuple[Refused, ...] = ()  # rows, classes and elements of the road without a meaning

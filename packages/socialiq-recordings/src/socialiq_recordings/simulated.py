@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+from scipy.stats import binom
 
 from socialiq.physics import wrapped
 from socialiq.types import Ending, Policy
@@ -118,6 +119,10 @@ STRAIGHT = 1e-3
 REPEATED = 0.05
 """Share of changing seconds that another vehicle repeats; at most 0.009 among the twelve."""
 
+CHANCE = 0.01
+"""Largest probability of as many repeating vehicles where one in twenty repeats. Seconds of one
+vehicle overlap: in a clip of two seconds one pair of equal tracks is no simulation."""
+
 _MOVING = 2.0  # m/s
 _CHANGE = 0.3  # m/s, in a second
 _FEWEST = 20  # steps or seconds from which a share is judged
@@ -185,4 +190,8 @@ def _repeated_share(tracks: Tracks) -> float:
     low, high = np.full(group.max() + 1, 1 << 30), np.zeros(group.max() + 1, np.int64)
     np.minimum.at(low, group, track)
     np.maximum.at(high, group, track)
-    return float((low[group] != high[group]).mean())
+    repeats = low[group] != high[group]
+    vehicles, repeating = len(np.unique(track)), len(np.unique(track[repeats]))
+    if binom.sf(repeating - 1, vehicles, REPEATED) > CHANCE:
+        return 0.0
+    return float(repeats.mean())

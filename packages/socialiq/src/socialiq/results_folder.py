@@ -6,7 +6,7 @@ import csv
 import io
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from socialiq import provenance
 from socialiq.errors import UserError
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.storage import open_csv, read_json, shipped, write_atomically, write_json
-from socialiq.to_json import rounded
+from socialiq.to_json import rounded, to_json
 from socialiq.types import Row
 
 LIBRARIES = ("socialiq", "numpy", "scipy", "jax", "equinox", "optax")
@@ -48,10 +48,10 @@ class Results:
         summary: dict[str, Any],
         files: Mapping[str, bytes] | None = None,
     ) -> Results:
-        """Round the numbers, leave out empty tables, resolve the configuration, note versions."""
+        """Round numbers, leave out empty tables, make the configuration plain, note versions."""
         plain = {name: rounded(rows) for name, rows in tables.items() if rows}
-        settings = config if isinstance(config, dict) else asdict(config)
-        return Results(study, settings, plain, rounded(summary), versions(), dict(files or {}))
+        values = to_json(config), plain, rounded(summary), versions()
+        return Results(study, *values, dict(files or {}))
 
 
 def versions() -> dict[str, str]:

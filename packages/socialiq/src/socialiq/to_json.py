@@ -7,6 +7,7 @@ import datetime
 import enum
 import math
 from collections.abc import Callable, Mapping
+from pathlib import PurePath
 from typing import Any
 
 DECIMALS = 6  # of a rounded number
@@ -44,6 +45,8 @@ def _converted(value: Any, of_float: Callable[[float], Any], by_name: bool) -> A
         return of_float(value)
     if isinstance(value, datetime.date):
         return value.isoformat()
+    if isinstance(value, PurePath):
+        return str(value)
     if isinstance(value, Mapping):
         return {str(name): _converted(entry, of_float, by_name) for name, entry in value.items()}
     pairs = None

@@ -8,6 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq_recordings.identity.alignment import Placement
 from socialiq_recordings.identity.identify import check_names, identify, identify_distinct
+from socialiq_recordings.road.network import Lanelet, RoadNetwork
 
 MOVED = Placement(1.0, np.array([30.0, 5.0]))
 
@@ -69,3 +70,31 @@ def test_all_overlaps_are_named_at_once(four):
     assert len(identify_distinct(four[1:], "refuse").names) == 3
     with pytest.raises(UserError, match="two recordings are named 'a'"):
         check_names(["a", "b", "a"])
+
+
+def test_a_small_road_that_a_large_one_contains_either_way_is_no_site(make):
+    # A bend of 40 m lies on a ring, wherever and however it is drawn, and so does its mirror image.
+    angles = np.linspace(0, 2 * np.pi, 121)
+    both = [np.stack([np.cos(a), np.sin(a)], axis=1) for a in (angles, -angles)]
+    ring = _road([30.0 * side for side in both])
+    bend = _road([30.0 * both[0][:26] + np.array([500.0, 80.0])])
+    other = _road([30.0 * side + np.array([900.0, 0.0]) for side in both] + [_far()])
+    names = ("ring", "bend", "other")
+    tracks = [dataclasses.replace(make.traffic(n), recording=name) for n, name in enumerate(names)]
+    found = identify(
+        [make.recording(t, r) for t, r in zip(tracks, (ring, bend, other), strict=True)]
+    )
+    assert found.site[1] == "bend"
+
+
+def _road(lines):
+    lanelets = {}
+    for number, line in enumerate(lines):
+        steps = np.gradient(line, axis=0)
+        across = np.column_stack([-steps[:, 1], steps[:, 0]]) / np.hypot(*steps.T)[:, None]
+        lanelets[number] = Lanelet(number, line + 1.5 * across, line - 1.5 * across)
+    return RoadNetwork(lanelets)
+
+
+def _far():
+    return np.stack([np.linspace(1000.0, 1300.0, 60), np.linspace(0.0, 90.0, 60) ** 1.2], axis=1)

@@ -204,9 +204,13 @@ def test_cycles_of_lights(read):
         (light(20, ("red", 2_000_000)), "together at most"),
     ],
 )
-def test_a_cycle_that_is_none_is_refused(read, wrong, reason):
-    with pytest.raises(UserError, match=reason):
-        read(scenario(wrong, GOOD))
+def test_a_cycle_that_is_none_is_left_out_and_named(read, wrong, reason):
+    lane = f'<lanelet id="1">{bounds(0)}<trafficLightRef ref="20"/></lanelet>'
+    found = read(scenario(lane, wrong, GOOD))
+    assert found.recording.road.lanelets[1].sign == Sign.LIGHT
+    assert found.recording.road.lanelets[1].cycle is None
+    [fault] = found.faults
+    assert fault.identity == "trafficLight 20" and reason in fault.reason
 
 
 GOOD = obstacle(1, driven())
@@ -218,7 +222,7 @@ GOOD = obstacle(1, driven())
         (obstacle(2, driven([0, 1, 3])), "frame 3 follows frame 1: a gap of 1"),
         (obstacle(2, driven([0, 2, 1])), "frame 2 follows frame 0: a gap of 1"),
         (obstacle(2, driven([3, 2])), "time goes back: frame 2 follows frame 3"),
-        (obstacle(2, driven([0, 0])), "frame 0 is there twice"),
+        (obstacle(2, [*driven([0]), state(0, 0.1)]), "frame 0 is there twice"),
         (obstacle(2, driven([-1, 0])), "frame -1 is negative"),
         (obstacle(2, [state(0, "nan")]), "state of time 0: a value is missing, not finite"),
         (obstacle("two", driven()), "its id is not a whole number of 64 bits"),
@@ -228,7 +232,6 @@ GOOD = obstacle(1, driven())
         (obstacle(2, [state(0, 1.0, heading="")]), "state of time 0: no orientation"),
         (obstacle(2, [state("0.5", 1.0)]), "state of time 0.5"),
         (obstacle(2, [state("1" * 31, 1.0)]), "has more than 64 bits"),
-        (obstacle(2, driven(), kind="dragon"), "type 'dragon' is not among"),
         (obstacle(2, driven(), shape="<polygon/>"), "its shape is polygon"),
         (obstacle(2, driven(), shape=""), "its shape is missing"),
         (obstacle(2, driven(), shape=RECTANGLE.replace("4.5", "-1")), "its length or width is not"),
@@ -273,7 +276,8 @@ def test_a_bad_track_is_left_out_with_its_reason(read, bad, reason):
             scenario(obstacle(2, driven([3, 2]))),
             "can be used; the first, 2: time goes back",
         ),
-        (scenario(GOOD, f'<lanelet id="4">{bounds(0)}</lanelet>' * 2), "lanelet 4: two lanelets"),
+        (scenario(GOOD, f'<lanelet id="4">{bounds(0)}</lanelet>' * 3), "lanelet 4: two lanelets"),
+        (scenario(obstacle(2, driven(), kind="dragon")), "type 'dragon' is not among"),
         (scenario(GOOD, '<lanelet id="4"/>'), "lanelet 4: no 'bound on one side'"),
         (
             scenario(GOOD, f'<lanelet id="4">{bounds(0, 1)}</lanelet>'),

@@ -134,11 +134,10 @@ def test_repeated_ids_and_any_order_and_recordings(read):
     ("bad", "reason"),
     [
         (rows_of(2, [0, 1, 3]), "row 8: frame 3 follows frame 1: a gap of 1"),
-        (rows_of(2, [0, 1, 1]), "row 8: frame 1 is there twice"),
+        ([*rows_of(2, [0, 1]), rows_of(2, [1], 6.0)[0]], "row 8: frame 1 is there twice"),
         (rows_of(2, [5, 4]), "row 7: time goes back: frame 4 follows frame 5"),
         (rows_of(2, [0, 1], heading=""), None),
         (rows_of(2, [0, 1], heading="inf"), "row 6: the heading is inf, more than a turn"),
-        (rows_of(2, [0, 1], kind="Dragon"), "row 6: class 'Dragon' is not in"),
         (
             [*rows_of(2, [0]), "2,1,x,2,0,5,0,4,2,Car", *rows_of(2, [2])],
             "row 7: x is 'x', not a num",
@@ -169,7 +168,7 @@ def test_a_bad_track_is_left_out_with_its_row(read, bad, reason):
         (HEAD + "\n", "has no row but its header"),
         ("\x00" * 50, "has no column who"),
         (["2,0,1"], "row 2: 3 cells"),
-        ([GOOD[0].replace("1,0,", "one,0,", 1)], "row 2: who is 'one', not a whole number"),
+        ([GOOD[0].replace("1,0,", " ,0,", 1)], "row 2: who is ' *', not a name"),
         ([GOOD[0].replace("1,0,", "1,0.5,", 1)], "row 2: frame is '0.5', not a whole"),
         ([GOOD[0].replace(",0.0,", ",east,", 1)], "row 2: x is 'east', not a number"),
         (rows_of(2, [0], kind="Dragon"), "row 2: class 'Dragon' is not in"),
@@ -185,7 +184,7 @@ def test_a_bad_file_is_refused_in_one_line(read, tmp_path, rows, line):
     assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("bad", ["2,0,1", "one,0,0,1,0,5,0,4,2,Car", "1,0.5,0,1,0,5,0,4,2,Car"])
+@pytest.mark.parametrize("bad", ["2,0,1", "nan,0,0,1,0,5,0,4,2,Car", "1,0.5,0,1,0,5,0,4,2,Car"])
 def test_no_file_is_refused_for_one_bad_row(read, bad):
     [imported] = read([*GOOD, bad])
     assert imported.recording.tracks.n_states == imported.n_states == 4

@@ -18,12 +18,11 @@ from socialiq.physics import corners
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
-from socialiq_recordings.cli.files import load_identified, sources_of
+from socialiq_recordings.cli.files import load_identified, not_used, sources_of
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
 from socialiq_recordings.conflicts.measures import rows_of
 from socialiq_recordings.conflicts.ways import BEHIND
 from socialiq_recordings.identity.identify import Duplicates, Identified, pairs_once
-from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.routes import Scene
 
 MOST_PICTURES = 200  # largest number of pictures of a call
@@ -37,7 +36,7 @@ class FindConflicts(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`."""
+    """Files of `socialiq data import`, or its folders."""
     out: Path | None = None
     """Folder to write: conflicts, counts by recording, pictures."""
     road: Path | None = None
@@ -69,30 +68,31 @@ class FindConflicts(Printing):
         recordings, identified = load_identified(
             self.recordings, self.road, self.duplicates, self.json
         )
-        cases = _cases(recordings, identified, config, self.duplicates == "drop")
+        every = [Encounters(Scene(recording), config) for recording in recordings]
+        cases = _cases(every, identified, self.duplicates == "drop")
         conflicts = [row for _, _, row in cases]
         counts = []
         for recording in recordings:
             name = recording.tracks.recording
             rows = [row for row in conflicts if row["recording"] == name]
             pairs = [row for row in rows if row["ego"] < row["other"]]
-            count = {
-                "recording": name,
-                "tracks": recording.tracks.n_tracks,
-                "conflicts": len(rows) // 2,
-                "crossing": sum(row["kind"] == "crossing" for row in rows) // 2,
-                "merging": sum(row["kind"] == "merging" for row in rows) // 2,
-                "with_pet": sum(row["pet"] is not None for row in pairs),
-            }
-            counts.append(count)
-        summary: dict[str, Any] = {
-            name: sum(row[name] for row in counts)
-            for name in ("conflicts", "crossing", "merging", "with_pet")
-        }
+            counts.append(
+                {
+                    "recording": name,
+                    "tracks": recording.tracks.n_tracks,
+                    "conflicts": len(rows) // 2,
+                    "crossing": sum(row["kind"] == "crossing" for row in rows) // 2,
+                    "merging": sum(row["kind"] == "merging" for row in rows) // 2,
+                    "with_pet": sum(row["pet"] is not None for row in pairs),
+                }
+            )
+        names = ("conflicts", "crossing", "merging", "with_pet")
+        summary: dict[str, Any] = {name: sum(row[name] for row in counts) for name in names}
         summary |= {
             "vehicles": len({row["ego_vehicle"] for row in conflicts}),
             "chains": len({row["chain"] for row in conflicts}),
         }
+        summary |= not_used([e.scene for e in every], every)
         if self.out is not None:
             provenance = {
                 "conflicts": dataclasses.asdict(config),
@@ -119,13 +119,12 @@ class FindConflicts(Printing):
 
 
 def _cases(
-    recordings: list[Recording], identified: Identified, config: ConflictConfig, drop: bool
+    encounters: list[Encounters], identified: Identified, drop: bool
 ) -> list[tuple[Encounters, Meeting, Row]]:
     """Return each conflict with the encounters of its recording and its row.
 
     With `drop`, those that two recordings show count once.
     """
-    encounters = [Encounters(Scene(recording), config) for recording in recordings]
     meetings = {
         (number, meeting.ego.track, meeting.other.track): meeting
         for number, of_recording in enumerate(encounters)

@@ -8,25 +8,31 @@ import dataclasses
 import io
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.outputs import whole_folder
+from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
 from socialiq_recordings import files
+from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.identity import identify as identity
 from socialiq_recordings.identity.identify import Duplicates, Identified
 from socialiq_recordings.plausible import MeasurementError
 from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_of
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
+from socialiq_recordings.road.network import NO_ROAD, RoadNetwork, shapely
+from socialiq_recordings.road.routes import VEHICLES, Scene
 from socialiq_recordings.simulated import signs_of_simulation
 
 
@@ -49,6 +55,8 @@ class Import(Printing):
     """Largest number of states in a file, to bound memory."""
     road: Path | None = None
     """Map of CSV files: CommonRoad XML, Lanelet2 OSM, or a recording with lanelets."""
+    origin: tuple[float, float] | None = None
+    """Latitude and longitude, degrees, of the origin of CSV positions, for Lanelet2 maps."""
     position_error: float | None = None
     """Standard error of positions, m; by default the column map's, or 0.25."""
     speed_error: float | None = None
@@ -65,6 +73,10 @@ class Import(Printing):
             raise UserError(f"{self.out} exists already: name a new folder, or remove it first")
         if self.road is not None and self.format != "csv":
             raise UserError(f"--road goes with csv: a {self.format} file has a map of its own")
+        if self.origin is not None and not (
+            self.format == "csv" and -80 <= self.origin[0] <= 84 and -180 <= self.origin[1] <= 180
+        ):
+            raise UserError("--origin goes with csv: latitude, -80 to 84, and longitude, degrees")
         columns = read_map(self.columns) if self.columns else None
         failed: list[dict[str, str]] = []
         with whole_folder(self.out) as folder:
@@ -72,14 +84,15 @@ class Import(Printing):
             if not rows:
                 remainder = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
                 raise UserError(failed[0]["reason"] + remainder)
-            refused = [
-                {"recording": row["recording"], **track} for row in rows for track in row["refused"]
-            ]
+            refused, faults = (
+                [{"recording": row["recording"], **item} for row in rows for item in row[kind]]
+                for kind in ("refused", "faults")
+            )
             text = io.StringIO()
             names = ("recording", "identity", "reason")
             writer = csv.DictWriter(text, names, lineterminator="\n")
             writer.writeheader()
-            writer.writerows(refused)
+            writer.writerows([*refused, *faults])
             write_atomically(folder / "refused.csv", text.getvalue())
         for failure in failed:
             say(f"not imported: {one_line(failure['reason'], 400)}")
@@ -95,8 +108,16 @@ class Import(Printing):
             sums = {n: sum(line[n] for line in lines) for n in (*names[1:], "refused")}
             total = {"recording": "all", **sums, "states_per_s": ""}
             print_table([*lines, total] if len(lines) > 1 else lines, str(self.out))
+            print_table(
+                [{"road users": name, "number": n} for name, n in sum_of(rows, "users").items()]
+            )
             if refused:
                 print_table(refused, "\nrefused tracks")
+            left_out = sum_of(rows, "skipped")
+            if left_out:
+                print_table([{"left out": name, "number": n} for name, n in left_out.items()])
+            if faults:
+                print_table(faults[:_SHOWN], f"\nnot read as it stands: {len(faults)}")
         return 1 if failed else 0
 
     def _import(
@@ -112,7 +133,7 @@ class Import(Printing):
             began = time.perf_counter()
             try:
                 recordings = import_file(
-                    path, self.format, columns, self.most_states, self.road, error
+                    path, self.format, columns, self.most_states, self.road, error, self.origin
                 )
             except UserError as fault:
                 failed.append({"file": str(path), "reason": str(fault)})
@@ -138,12 +159,29 @@ class Import(Printing):
                     "sha256": files.save(target, imported.recording),
                     "tracks": tracks.n_tracks,
                     "states": tracks.n_states,
+                    "users": users_of(tracks),
                     "refused": [refused._asdict() for refused in imported.refused],
                     "skipped": imported.skipped,
+                    "faults": [fault._asdict() for fault in imported.faults],
                     "states_per_s": states / seconds,
                 }
                 rows.append(row)
         return rows
+
+
+_SHOWN = 20  # faults that are printed; all are in refused.csv
+
+
+def users_of(tracks: Tracks) -> dict[str, int]:
+    """Return the number of tracks of each class of road users."""
+    kinds, counts = np.unique(tracks.road_user, return_counts=True)
+    names = [RoadUser(kind).name.lower() for kind in kinds.tolist()]
+    return dict(zip(names, counts.tolist(), strict=True))
+
+
+def sum_of(rows: Sequence[Mapping[str, Any]], name: str) -> Counter[str]:
+    """Return the sums of counts by name that rows have."""
+    return sum((Counter(row[name]) for row in rows), Counter[str]())
 
 
 @dataclass(frozen=True)
@@ -156,7 +194,7 @@ class Inspect(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`."""
+    """Files of `socialiq data import`, or its folders."""
 
     def run(self) -> int:
         """Read, identify, print."""
@@ -171,6 +209,7 @@ class Inspect(Printing):
                 "chain": identified.chain[number],
                 "seconds": round(float((tracks.frame.max() + 1) * tracks.dt), 2),
                 "tracks": tracks.n_tracks,
+                "users": users_of(tracks),
                 "lanelets": len(recording.road.lanelets),
                 "simulated": "; ".join(signs_of_simulation(tracks)),
             }
@@ -188,6 +227,7 @@ class Inspect(Printing):
         for row in rows:
             texts = ("recording", "site", "chain", "simulated")
             row |= {name: one_line(row[name], 80) for name in texts}
+            row["users"] = ", ".join(f"{n} {name}" for name, n in row["users"].items())
         print_table(rows, "Recordings")
         _show_overlaps(identified)
         print_table([{"number of": name, "count": count} for name, count in counts.items()])
@@ -195,19 +235,56 @@ class Inspect(Printing):
 
 
 def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recording]:
-    """Return the recordings of some files, on a map if one is named.
+    """Return the recordings of some files or folders, on a map if one is named.
 
     Raises:
         UserError: If there is none, one can't be read, or two have one name; the line names it.
     """
-    if not paths:
+    every: list[Path] = []
+    for path in paths:
+        inside = sorted(path.glob("*.safetensors")) if path.is_dir() else [path]
+        if not inside:
+            raise UserError(f"{path} holds no recording: name a folder of `socialiq data import`")
+        every += inside
+    if not every:
         raise UserError("no recording: name at least one file of `socialiq data import`")
-    recordings = [files.load(path) for path in paths]
+    recordings = [files.load(path) for path in every]
     identity.check_names([recording.tracks.recording for recording in recordings])
     if road is None:
         return recordings
-    tracks = [recording.tracks for recording in recordings]
-    return [Recording(of, map_of(road, of.source)) for of in tracks]
+    stated = {"map": road.name, "map_sha256": sha256_of_file(road)}
+    maps: dict[str, RoadNetwork] = {}
+    for number, recording in enumerate(recordings):
+        source = recording.tracks.source
+        frame = str([source.get(name) for name in ("utm_origin", "origin")])
+        if frame not in maps:
+            maps[frame] = map_of(road, source)
+            say_faults(road, maps[frame])
+        tracks = dataclasses.replace(recording.tracks, source=source | stated)
+        recordings[number] = Recording(tracks, maps[frame])
+    return recordings
+
+
+def say_faults(path: Path, road: RoadNetwork) -> None:
+    """Say on standard error which elements of a map are left out."""
+    if road.faults:
+        first = ", ".join(f"{name}: {one_line(why, 100)}" for name, why in road.faults[:3])
+        say(f"{path}: {len(road.faults)} elements or errors are left out: {first}")
+
+
+def not_used(
+    recorded: Sequence[Recording | Scene], every: Sequence[Encounters] = ()
+) -> dict[str, dict[str, int]]:
+    """Return under `not_used` the number of road users that take no part, by kind; none: nothing.
+
+    These are pedestrians, bicycles and others, and vehicles that are beside the map's lanelets.
+    """
+    driven = {kind.name.lower() for kind in VEHICLES}
+    rows = [{"users": users_of(recording.tracks)} for recording in recorded]
+    counts = {name: n for name, n in sum_of(rows, "users").items() if name not in driven}
+    beside = sum(len(encounters.scene.vehicles) - len(encounters.ways) for encounters in every)
+    counts |= {"vehicle without a way on the map": beside} if beside else {}
+    return {"not_used": counts} if counts else {}
 
 
 def load_identified(
@@ -219,6 +296,10 @@ def load_identified(
         UserError: If there is none, one can't be read, or moments in common are refused.
     """
     recordings = load_all(paths, road)
+    for recording in recordings:  # what can be refused, before the slow work
+        if not recording.road.lanelets:
+            raise UserError(f"{one_line(recording.tracks.recording, 60)}: {NO_ROAD}")
+    shapely()
     identified = identity.identify_distinct(recordings, duplicates)
     if not quiet:
         remark(recordings, identified)
@@ -229,6 +310,9 @@ def remark(recordings: Sequence[Recording], identified: Identified) -> None:
     """Say on standard error what recordings have in common, and which are simulated."""
     with contextlib.redirect_stdout(sys.stderr):
         _show_overlaps(identified)
+    for kinds in not_used(recordings).values():
+        listed = ", ".join(f"{name}: {number}" for name, number in kinds.items())
+        say(f"not used, because only vehicles on lanelets are: {listed}")
     for recording in recordings:
         signs = signs_of_simulation(recording.tracks)
         if signs:

@@ -16,7 +16,7 @@ from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
-from socialiq_recordings.cli.files import load_identified, sources_of
+from socialiq_recordings.cli.files import load_identified, not_used, sources_of
 from socialiq_recordings.identity.identify import Duplicates
 from socialiq_recordings.prediction import learned, scores, study
 from socialiq_recordings.prediction.models import ensembles
@@ -46,7 +46,7 @@ class Predict(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`."""
+    """Files of `socialiq data import`, or its folders."""
     out: Path | None = None
     """Folder to write: scores, contrasts of models, folds, the test of angles, a figure."""
     holdout: tuple[Holdout, ...] = ()
@@ -94,7 +94,9 @@ class Predict(Printing):
             trait_tables, tested = _trait_test(situations, self.seed)
             tables |= trait_tables
         summary = _summary(situations, prediction.scores, prediction.contrasts)
-        summary |= {"trait": tested, "limits": list(LIMITS)}
+        summary |= {"trait": tested, "limits": list(LIMITS)} | not_used(
+            [recording.tracks for recording in recordings]
+        )
         if self.out is not None:
             provenance = _provenance("prediction", config, self.duplicates, recordings)
             results = Results.of("recordings prediction", provenance, tables, summary)
@@ -263,7 +265,7 @@ class Power(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`."""
+    """Files of `socialiq data import`, or its folders."""
     out: Path | None = None
     """Folder to write: shares of detections, sizes needed, a figure."""
     simulation: _Simulation = dataclasses.field(default_factory=power.PowerConfig)
@@ -292,7 +294,7 @@ class Power(Printing):
             "decisions": len(sample.table),
             "decisions_tested": int(sample.second.sum()),
             "needed": {row["population"]: row for row in needed},
-        }
+        } | not_used(recordings)
         if self.out is not None:
             config = self.simulation
             provenance = _provenance("simulation", config, self.duplicates, recordings)

@@ -5,33 +5,28 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections import Counter
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Display, Printing, print_json, print_table, say
-from socialiq.cli.train.dial import OfflineDial
-from socialiq.cli.train.shared import CHUNK
+from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.demonstrations import files as demonstration_files
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.kernel import Trained
 from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Ending, Row
 from socialiq_recordings import census
-from socialiq_recordings.cli.files import load_all, remark
+from socialiq_recordings.cli.files import load_all, not_used, remark
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
-from socialiq_recordings.world.practice import Practice, train_with_practice
-from socialiq_recordings.world.recorded_world import LEVELS, Lights, RecordedWorld, WorldConfig
+from socialiq_recordings.world.recorded_world import LEVELS, Lights, WorldConfig
 from socialiq_recordings.world.replay import Replayed, replay
 
+FEW = 0.05  # largest share of episodes with a situation never shown that is no warning
 MOST_REPEATS = 100  # largest number of simulations of a recording for a report
 
 
@@ -82,7 +77,7 @@ class MakeWorld(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, with a road."""
+    """Files of `socialiq data import`, with a road, or its folders."""
     out: Path
     """World to write; must not exist."""
     road: Path | None = None
@@ -107,6 +102,8 @@ class MakeWorld(Printing):
         if not 1 <= self.repeats <= MOST_REPEATS:
             raise UserError(f"--repeats must be from 1 to {MOST_REPEATS}, got {self.repeats}")
         _check_every(self.every, self.choices)
+        if self.out == self.demonstrations:
+            raise UserError("--out and --demonstrations are one file: name two")
         for path in (self.out, self.demonstrations):
             if path is not None:
                 refuse_existing(path)
@@ -120,6 +117,8 @@ class MakeWorld(Printing):
         evidence = list(built.calibration.evidence)
         print_table(evidence, "Drivers (m, s; estimated: from the recordings)")
         counts = {name: summary[name] for name in ("vehicles", "egos", "closures")}
+        counts |= {f"not used: {name}": n for name, n in summary.get("not_used", {}).items()}
+        counts |= {f"simulated {name}": n for name, n in summary["contacts"].items()}
         demonstrated = summary.get("demonstrations", {})
         counts |= {f"demonstrated {name}": value for name, value in demonstrated.items()}
         print_table([{"quantity": name, "value": value} for name, value in counts.items()])
@@ -129,15 +128,17 @@ class MakeWorld(Printing):
 
     def write(self, built: Made) -> dict[str, Any]:
         """Compute, then write the files that are asked for, the world last; return the summary."""
+        from socialiq_recordings.world import compare
+
         provenance = built.world.provenance
         summary: dict[str, Any] = {"out": str(self.out)}
         summary |= {
             name: provenance[name] for name in ("vehicles", "egos", "closures", "calibration")
         }
+        summary |= not_used([e.scene for e in built.every], built.every)
+        summary["contacts"] = compare.contacts(built, self.seed, self.repeats)
         replayed = replay(built.world, self.every) if self.demonstrations is not None else None
         if self.report is not None:
-            from socialiq_recordings.world import compare
-
             simulated = compare.simulate(built, self.seed, self.repeats)
             rows = compare.table(built.observed, simulated)
             settings = {
@@ -153,7 +154,7 @@ class MakeWorld(Printing):
             summary["compared"] = rows
         if self.demonstrations is not None and replayed is not None:
             demonstration_files.save(self.demonstrations, replayed.table, replace=False)
-            summary["demonstrations"] = _quality(replayed)
+            summary["demonstrations"] = _quality(replayed, built.world.config.decisions)
         summary["sha256"] = built.world.save(self.out, replace=False)
         return summary
 
@@ -168,7 +169,7 @@ class ToDemonstrations(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, with a road."""
+    """Files of `socialiq data import`, with a road, or its folders."""
     out: Path
     """Demonstrations file to write; must not exist."""
     road: Path | None = None
@@ -186,11 +187,14 @@ class ToDemonstrations(Printing):
         _check_every(self.every, self.choices)
         built = self.choices.build(self.recordings, self.road, self.json)
         replayed = replay(built.world, self.every, self.as_human)
-        counts, quality = _counts_of(built, replayed), _quality(replayed)
+        counts = _counts_of(built, replayed)
+        quality = _quality(replayed, built.world.config.decisions)
         sha256 = demonstration_files.save(self.out, replayed.table, replace=False)
         if self.json:
             head = {"file": str(self.out), "sha256": sha256}
-            print_json(head | quality | {"recordings": counts})
+            every = built.every
+            left = not_used([e.scene for e in every], every)
+            print_json(head | quality | left | {"recordings": counts})
             return 0
         _show_counts(counts, str(self.out))
         print_table([{"quantity": name, "value": value} for name, value in quality.items()])
@@ -205,7 +209,7 @@ class TakeCensus(Printing):
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, with a road."""
+    """Files of `socialiq data import`, with a road, or its folders."""
     out: Path | None = None
     """Folder to write: every driver, the counts, the summary, a picture."""
     road: Path | None = None
@@ -230,6 +234,7 @@ class TakeCensus(Printing):
         population = census.population_of(rows, built.identified, self.seed, self.confidence)
         counts = _counts_of(built, replayed)
         summary = {"population": population, "limits": list(census.LIMITS)}
+        summary |= not_used([e.scene for e in built.every], built.every)
         if self.out is not None:
             provenance = {
                 "choices": dataclasses.asdict(self.choices),
@@ -260,8 +265,21 @@ def _check_every(every: float, choices: Choices) -> None:
         raise UserError(f"--every must be 0 to one decision, got {every:g}")
 
 
-def _quality(replayed: Replayed) -> dict[str, Any]:
-    """Return the counts of demonstrated decisions, and what their actions leave."""
+def _quality(replayed: Replayed, decisions: int) -> dict[str, Any]:
+    """Return the counts of demonstrated decisions, and what their actions leave; warn of few.
+
+    `decisions` are those of an episode of the world.
+    """
+    rows = replayed.table.n_transitions
+    # Hanley and Lippman-Hand (1983): what is in none of n rows may, at 95 %, be in 3 of n.
+    unseen = 1 - (1 - min(3 / rows, 1.0)) ** decisions
+    if unseen > FEW:
+        say(
+            f"{rows} decisions are few: a situation of one decision in {max(rows // 3, 1)} may be "
+            f"in none of them (95 %), and up to {100 * unseen:.0f} % of episodes of {decisions} "
+            "decisions then meet it: expect collisions of policies trained on them alone; let a "
+            "dial practise (socialiq train practised-dial), or import more"
+        )
     return {
         "episodes": replayed.table.n_episodes,
         "decisions": replayed.table.n_transitions,
@@ -302,53 +320,3 @@ def _show_counts(counts: list[Row], title: str) -> None:
     if len(rows) > 1:
         rows.append({"recording": "all"} | {n: sum(row[n] for row in counts) for n in names[1:]})
     print_table(rows, title)
-
-
-@dataclass(frozen=True)
-class PractisedDial(OfflineDial):
-    """Train a dial of a recorded junction that also practises there.
-
-    In each round it drives episodes at seven angles, one decision in ten drawn at random, and a new
-    dial learns from the demonstrations and all practice so far.
-
-    Example: socialiq train practised-dial human.safetensors --world world.safetensors --out dial
-    """
-
-    _: KW_ONLY
-    rounds: int = 5
-    """Rounds of practice; 0 for none."""
-    episodes: int = 100
-    """Episodes of a round at each of the angles."""
-    first_seed: int = 65_000_000
-    """Seed of the first of these episodes."""
-
-    @property
-    def practice(self) -> Practice:
-        """Amount of practice."""
-        return Practice(self.rounds, self.episodes, first_seed=self.first_seed)
-
-    def run(self) -> int:
-        """Train a dial for each seed, write the folder, print the outcome."""
-        assert self.practice.span >= 0  # sizes that make no practice are refused at once
-        RecordedWorld.load(Path(self.world))
-        return super().run()
-
-    def practised(self) -> Row | None:
-        """Return the record of practice."""
-        return dataclasses.asdict(self.practice) if self.rounds else None
-
-    def stages(
-        self, number: int, static: Any, numbers: Any, data: Demonstrations, display: Display
-    ) -> dict[str, Trained]:
-        """Train one dial with practice; return the outcome of each stage of its last training."""
-        if not self.rounds:
-            return super().stages(number, static, numbers, data, display)
-
-        def progress(practised: int, stage: str) -> Callbacks:
-            name = f"{stage}, {practised} of {self.rounds} rounds practised"
-            return Callbacks(on_report=display.stage(name))
-
-        first = self.practice.first_seed + number * self.practice.span
-        practice = dataclasses.replace(self.practice, first_seed=first)
-        world = RecordedWorld.load(Path(self.world))
-        return train_with_practice(world, static, [numbers], data, practice, progress, CHUNK).stages

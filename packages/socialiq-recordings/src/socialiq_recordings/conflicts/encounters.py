@@ -15,12 +15,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from socialiq.errors import UserError
 from socialiq.physics import wrapped
 from socialiq_recordings.conflicts import ways as motion
-from socialiq_recordings.conflicts.ways import InTime, Occupancy, OnWay, Way
+from socialiq_recordings.conflicts.ways import InTime, Occupancy, Way
 from socialiq_recordings.road.network import Conflict, Lanes, shapely
 from socialiq_recordings.road.routes import OFF_THE_MAP, Polyline, Scene
 
@@ -44,6 +44,10 @@ class ConflictConfig:
 
 SAME_WAY = np.radians(20.0)
 """Ways whose directions differ by less at the end of their common area go on together."""
+
+CROSSING = 30.0
+"""Degrees; vehicles at a smaller angle follow each other or drive side by side and don't cross
+(Gettman et al. 2008, FHWA-HRT-08-051: below 30 degrees a conflict is of the kind rear end)."""
 
 NEAR = 50.0  # m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²
 _LEAST = 0.1  # m²; smaller areas are errors of the lines
@@ -125,11 +129,14 @@ def _area(first: Way, second: Way, polygon: Any) -> Area | None:
             return None
     # Ways that join are compared where they meet, ways that cross in the middle.
     at = entry if merging else middle
+    angle = float(np.degrees(_between(first.line, at[0], second.line, at[1])))
+    if not merging and angle < CROSSING:
+        return None
     return Area(
         Conflict.MERGING if merging else Conflict.CROSSING,
         (entry[0], entry[1]),
         (entry[0], entry[1]) if merging else (end[0], end[1]),
-        float(np.degrees(_between(first.line, at[0], second.line, at[1]))),
+        angle,
         float(polygon.centroid.x),
         float(polygon.centroid.y),
         corners,
@@ -182,6 +189,13 @@ class Meeting:
     complete: bool  # whether the times that PET needs were recorded
     frames: np.ndarray  # frames at which both are present and neither has left the area
 
+    @cached_property
+    def times(self) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
+        """Times of the ego and of the other in the area at their speeds of each of the frames."""
+        sides = zip((self.ego, self.other), self.area.entry, self.area.exit, strict=True)
+        one, two = (motion.projections(*side, self.frames) for side in sides)
+        return one, two
+
     @property
     def ego_first(self) -> bool | None:
         """Whether the ego enters the area first; None if neither will arrive."""
@@ -192,7 +206,9 @@ class Meeting:
     def swapped(self) -> Meeting:
         """Return the conflict with the roles of both vehicles exchanged."""
         vehicles, times = (self.other, self.ego), (self.other_times, self.ego_times)
-        return Meeting(*vehicles, self.area.swapped(), *times, self.complete, self.frames)
+        swapped = Meeting(*vehicles, self.area.swapped(), *times, self.complete, self.frames)
+        swapped.__dict__["times"] = self.times[::-1]
+        return swapped
 
 
 class Encounters:
@@ -209,7 +225,7 @@ class Encounters:
         on_road = [n for n in scene.vehicles.tolist() if scene.matched(n).off <= OFF_THE_MAP]
         self.ways: dict[int, Way] = {track: motion.way_of(scene, track) for track in on_road}
         self._swept: dict[int, Any] = {}
-        self._on_way: dict[tuple[int, int], OnWay] = {}
+        self._ahead: dict[int, motion.Ahead] = {}
         self._areas: dict[tuple[int, int], Area | None] = {}
 
     @cached_property
@@ -220,6 +236,8 @@ class Encounters:
     def area(self, first: int, second: int) -> Area | None:
         """Return the conflict area of two tracks, the first one's coordinates first."""
         pair = (min(first, second), max(first, second))
+        if pair not in self._areas and not self._near(*pair):
+            return None
         if pair not in self._areas:
             for way in (self.ways[track] for track in pair if track not in self._swept):
                 width = max(way.width - self.config.slack, 0.1)
@@ -231,6 +249,21 @@ class Encounters:
         area = self._areas[pair]
         return area if area is None or first == pair[0] else area.swapped()
 
+    def _near(self, first: int, second: int) -> bool:
+        """Whether the boxes around what two vehicles sweep overlap; most pairs end here."""
+        west, south, east, north = self._boxes[first]
+        left, low, right, high = self._boxes[second]
+        return west <= right and left <= east and south <= high and low <= north
+
+    @cached_property
+    def _boxes(self) -> dict[int, tuple[float, float, float, float]]:
+        boxes = {}
+        for track, way in self.ways.items():
+            low, high = (edge(way.line.points, axis=0).tolist() for edge in (np.min, np.max))
+            half = way.width / 2
+            boxes[track] = (low[0] - half, low[1] - half, high[0] + half, high[1] + half)
+        return boxes
+
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
 
@@ -238,7 +271,8 @@ class Encounters:
         track here that is there.
         """
         copied = copy.copy(self)
-        copied.__dict__.pop("in_time", None)
+        for name in ("in_time", "_boxes"):
+            copied.__dict__.pop(name, None)
         copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
         number = {track: way.track for track, way in ways.items()}
         copied._swept = {number[t]: value for t, value in self._swept.items() if t in number}
@@ -247,7 +281,7 @@ class Encounters:
             for (a, b), area in self._areas.items()
             if a in number and b in number
         }
-        copied._on_way = {}
+        copied._ahead = {}
         return copied
 
     def meeting(self, ego: int, partner: int) -> Meeting | None:
@@ -276,27 +310,26 @@ class Encounters:
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
             met = self.first_in_line(way, area.entry[late], frame, ways[1 - late].track)
             met = met and not held(self.scene, way, frame)
-        if not met and not any(self._on_course(area, *ways, int(frame)) for frame in frames):
-            return None
         ego_times, other_times = (motion.expected(*side) for side in sides)
-        return Meeting(*ways, area, ego_times, other_times, complete, frames)
+        meeting = Meeting(*ways, area, ego_times, other_times, complete, frames)
+        return meeting if met or self._on_course(meeting) else None
 
-    def _on_course(self, area: Area, first: Way, second: Way, frame: int) -> bool:
-        """Whether two vehicles would be in the area close in time at the speeds of a frame."""
-        times = [
-            motion.projected(way, area.entry[side], area.exit[side], frame)
-            for side, way in enumerate((first, second))
-        ]
-        soon = (
-            max(occupancy.enters for occupancy in times) <= frame * first.dt + self.config.horizon
-        )
-        return (
-            soon
-            and motion.apart(*times) <= self.config.near
-            and self.first_in_line(first, area.entry[0], frame, second.track)
-            and self.first_in_line(second, area.entry[1], frame, first.track)
-            and not self.held(first, second, frame)
-        )
+    def _on_course(self, meeting: Meeting) -> bool:
+        """Whether two vehicles would once be in the area close in time, and are first in line."""
+        ego, partner, frames = meeting.ego, meeting.other, meeting.frames
+        first, second = (Occupancy(*times.T) for times in meeting.times)
+        soon = np.maximum(first.enters, second.enters) <= frames * ego.dt + self.config.horizon
+        close = soon & (motion.apart(first, second) <= self.config.near)
+        if close.any() and not self.config.queued:
+            sides = zip((ego, partner), meeting.area.entry, (partner, ego), strict=True)
+            for way, entry, ignored in sides:
+                close &= ~self._held_up(way, entry, ignored.track)[frames - way.first]
+        return any(not self.held(ego, partner, frame) for frame in frames[close].tolist())
+
+    def _held_up(self, way: Way, entry: float, but: int) -> Bool[np.ndarray, " moment"]:
+        if way.track not in self._ahead:
+            self._ahead[way.track] = motion.ahead_of(self.scene, way, self.config.slack)
+        return self._ahead[way.track].holds(entry, but, len(way.along))
 
     def held(self, first: Way, second: Way, frame: int) -> bool:
         """Whether a red light holds either of two vehicles at a frame."""
@@ -307,22 +340,18 @@ class Encounters:
 
         The track `but` doesn't count: the other vehicle of the conflict.
         """
-        if self.config.queued:
-            return True
-        key = way.track, frame
-        if key not in self._on_way:
-            self._on_way[key] = motion.on_way(self.scene, way, frame, self.config.slack)
-        vehicles = self._on_way[key].without(but)
-        along, _ = way.state(frame)
-        return not ((vehicles.along > along) & (vehicles.along < entry)).any()
+        return self.config.queued or not self._held_up(way, entry, but)[frame - way.first]
 
     def meetings(self) -> list[Meeting]:
         """Return all conflicts, two for each pair, in the order of the tracks."""
-        pairs = (
-            (ego, way.track)
-            for ego, ego_way in self.ways.items()
-            for way in self.in_time.between(ego_way.first, ego_way.last)
-            if way.track != ego
-        )
-        meetings = (self.meeting(*pair) for pair in pairs)
-        return [meeting for meeting in meetings if meeting is not None]
+        every: dict[tuple[int, int], Meeting | None] = {}
+        for ego, ego_way in self.ways.items():
+            for way in self.in_time.between(ego_way.first, ego_way.last):
+                if way.track == ego:
+                    continue
+                if (way.track, ego) in every:
+                    meeting = every[way.track, ego]
+                    every[ego, way.track] = meeting.swapped() if meeting else None
+                else:
+                    every[ego, way.track] = self.meeting(ego, way.track)
+        return [meeting for meeting in every.values() if meeting is not None]

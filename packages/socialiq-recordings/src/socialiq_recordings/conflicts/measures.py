@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from socialiq.physics import wrapped
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters, Meeting
-from socialiq_recordings.conflicts.ways import Occupancy, Way, projected, recorded
+from socialiq_recordings.conflicts.ways import Occupancy, Way, recorded
 from socialiq_recordings.road.network import Conflict, Sign
 
 
@@ -99,6 +100,10 @@ def lag_accepted(arrives: float, after: float) -> float:
     return after - arrives
 
 
+GRIP = 9.81
+"""m/s²; no tyre brakes harder on a dry road (friction of 1; Wong, Theory of Ground Vehicles, 2001,
+table 1.3: at most 0.9)."""
+
 _TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between which a way turns
 
 
@@ -127,7 +132,9 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "complete": meeting.complete,
             "seconds": len(meeting.frames) * ego.dt,
             "pet": pet(meeting),
-            "ttc": min((ttc_at(meeting, int(f)) for f in meeting.frames), default=math.inf),
+            "ttc": min(
+                (ttc_at(meeting, *moment) for moment in _moments(meeting)), default=math.inf
+            ),
             "required_deceleration": _hardest(meeting),
             "other_required_deceleration": _hardest(meeting.swapped()),
             "gap_accepted": gap,
@@ -154,21 +161,21 @@ def pet(meeting: Meeting) -> float:
     return post_encroachment_time(first.leaves, second.enters)
 
 
-def _projected(meeting: Meeting, frame: int) -> list[Occupancy]:
-    """Return the times of the ego and of the other in the area at their speeds of a frame."""
-    area = meeting.area
-    return [
-        projected(way, area.entry[side], area.exit[side], frame)
-        for side, way in enumerate((meeting.ego, meeting.other))
-    ]
+Times = tuple[Occupancy, Occupancy]
+"""Times of the ego and of the other in the area at their speeds of a frame."""
 
 
-def ttc_at(meeting: Meeting, frame: int) -> float:
+def _moments(meeting: Meeting) -> Iterator[tuple[int, Times]]:
+    one, two = (itertools.starmap(Occupancy, times.tolist()) for times in meeting.times)
+    return zip(meeting.frames.tolist(), zip(one, two, strict=True), strict=True)
+
+
+def ttc_at(meeting: Meeting, frame: int, times: Times) -> float:
     """Return the time to collision at a frame, s.
 
     Where ways merge, the second vehicle may also reach the first behind the line.
     """
-    now, times = frame * meeting.ego.dt, _projected(meeting, frame)
+    now = frame * meeting.ego.dt
     ego_times, other_times = ((times_in.enters - now, times_in.leaves - now) for times_in in times)
     crossing = time_to_collision_crossing(ego_times, other_times)
     if meeting.area.kind == Conflict.CROSSING or math.isfinite(crossing):
@@ -187,11 +194,11 @@ def _following(meeting: Meeting, first: int, frame: int) -> tuple[float, float, 
     return gap, speed[1 - first], speed[first]
 
 
-def required_at(meeting: Meeting, frame: int) -> float:
+def required_at(meeting: Meeting, frame: int, times: Times) -> float:
     """Return the deceleration that the ego needs at a frame, m/s²; 0 if it would arrive first."""
     now, ego = frame * meeting.ego.dt, meeting.ego
-    times, other_times = _projected(meeting, frame)
-    if times.enters <= other_times.enters or times.enters <= now:
+    ego_times, other_times = times
+    if ego_times.enters <= other_times.enters or ego_times.enters <= now:
         return 0.0
     along, speed = ego.state(frame)
     gap = meeting.area.entry[0] - ego.length / 2 - along
@@ -202,8 +209,9 @@ def required_at(meeting: Meeting, frame: int) -> float:
 
 
 def _hardest(meeting: Meeting) -> float:
-    """Return the largest deceleration that the ego needs in the conflict, m/s²; NaN if unseen."""
-    return max((required_at(meeting, int(f)) for f in meeting.frames), default=math.nan)
+    """Return the largest deceleration that the ego needs, m/s²; NaN if unseen or above `GRIP`."""
+    needed = max((required_at(meeting, *moment) for moment in _moments(meeting)), default=math.nan)
+    return needed if needed <= GRIP else math.nan
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:

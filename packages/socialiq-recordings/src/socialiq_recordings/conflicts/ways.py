@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -44,6 +45,12 @@ class Way:
         """Return coordinate and speed at a frame."""
         return float(self.along[frame - self.first]), float(self.speed[frame - self.first])
 
+    def states(
+        self, frames: Int64[np.ndarray, " frame"]
+    ) -> tuple[Float64[np.ndarray, " frame"], Float64[np.ndarray, " frame"]]:
+        """Return coordinates and speeds at some frames."""
+        return self.along[frames - self.first], self.speed[frames - self.first]
+
     def reached(self, coordinate: float) -> float:
         """Return the frame, with a fraction, at which the middle reached a coordinate.
 
@@ -72,17 +79,7 @@ def way_of(scene: Scene, track: int) -> Way:
     heading = float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
-    along = np.empty(len(points))
-    coordinate, starts = BEHIND, line.starts
-    for row, point in enumerate(points):
-        # A line may cross itself or turn back beside itself: each state is searched near the one
-        # before.
-        low = max(int(np.searchsorted(starts, coordinate - 2 * SPACING, side="right")) - 1, 0)
-        high = int(np.searchsorted(starts, coordinate + 8.0, side="right"))
-        piece = Polyline(line.points[low : high + 1])
-        ahead = float(piece.coordinates(point[:1], point[1:]).along[0])
-        coordinate = max(coordinate, starts[low] + max(ahead, 0.0))
-        along[row] = coordinate
+    along = _along(line, points)
     # Central differences over `SMOOTHED`, one-sided at the ends; 0 for one state.
     half, frames = max(round(SMOOTHED / tracks.dt / 2), 1), np.arange(len(along))
     first, last = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
@@ -98,6 +95,30 @@ def way_of(scene: Scene, track: int) -> Way:
         scene.matched(track).lanelets,
         tracks.dt,
     )
+
+
+def _along(line: Polyline, points: Float64[np.ndarray, "state 2"]) -> Float64[np.ndarray, " state"]:
+    """Return the coordinate of each state; a line may cross itself or turn back beside itself.
+
+    Each is searched near the one before, as `Polyline.coordinates` does on that part of the line.
+    """
+    along, coordinate, starts = np.empty(len(points)), BEHIND, line.starts
+    ordered, steps = starts.tolist(), line.steps
+    lengths = np.hypot(*steps.T)
+    unit = steps / lengths[:, None]
+    for row, point in enumerate(points):
+        low = max(bisect.bisect_right(ordered, coordinate - 2 * SPACING) - 1, 0)
+        high = bisect.bisect_right(ordered, coordinate + 8.0)
+        apart, sides = point - line.points[low:high], unit[low:high]
+        ahead = apart[:, 0] * sides[:, 0] + apart[:, 1] * sides[:, 1]
+        left = apart[:, 1] * sides[:, 0] - apart[:, 0] * sides[:, 1]
+        inside = np.minimum(np.maximum(ahead, 0.0), lengths[low:high])
+        inside[0], inside[-1] = min(ahead[0], inside[0]), max(ahead[-1], inside[-1])
+        piece = int(np.argmin(np.hypot(ahead - inside, left)))
+        begin = float(np.cumsum(lengths[low : low + piece])[-1]) if piece else 0.0
+        coordinate = max(coordinate, ordered[low] + max(begin + float(inside[piece]), 0.0))
+        along[row] = coordinate
+    return along
 
 
 def _onwards(
@@ -133,8 +154,8 @@ STANDING = 0.1  # m/s; a slower vehicle doesn't arrive at its present speed
 class Occupancy(NamedTuple):
     """Times of a vehicle in a conflict area, s from the recording's frame 0."""
 
-    enters: float  # its front arrives; minus infinity if before its first frame, infinity if never
-    leaves: float  # its rear leaves
+    enters: Any  # its front arrives; minus infinity if before its first frame, infinity if never
+    leaves: Any  # its rear leaves
 
 
 def recorded(way: Way, entry: float, end: float) -> Occupancy:
@@ -143,17 +164,22 @@ def recorded(way: Way, entry: float, end: float) -> Occupancy:
     return Occupancy(way.reached(entry - half) * way.dt, way.reached(end + half) * way.dt)
 
 
-def projected(way: Way, entry: float, end: float, frame: int) -> Occupancy:
-    """Return the times at the speed of a frame; those that have passed are the recorded ones."""
-    along, speed = way.state(frame)
-    past, half, now = recorded(way, entry, end), way.length / 2, frame * way.dt
-    times = []
+def projections(
+    way: Way, entry: float, end: float, frames: Int64[np.ndarray, " frame"]
+) -> Float64[np.ndarray, "frame 2"]:
+    """Return `enters` and `leaves` at the speed of each frame; those that have passed: recorded."""
+    along, speed, now = (values for values in (*way.states(frames), frames * way.dt))
+    past, half, times = recorded(way, entry, end), way.length / 2, []
+    moving = np.where(speed >= STANDING, speed, 1.0)
     for before, coordinate in zip(past, (entry - half, end + half), strict=True):
-        if coordinate <= along:
-            times.append(before)
-        else:
-            times.append(now + (coordinate - along) / speed if speed >= STANDING else np.inf)
-    return Occupancy(*times)
+        later = np.where(speed >= STANDING, now + (coordinate - along) / moving, np.inf)
+        times.append(np.where(coordinate <= along, before, later))
+    return np.stack(times, axis=1)
+
+
+def projected(way: Way, entry: float, end: float, frame: int) -> Occupancy:
+    """Return the times at the speed of one frame."""
+    return Occupancy(*projections(way, entry, end, np.array([frame]))[0].tolist())
 
 
 def expected(way: Way, entry: float, end: float) -> Occupancy:
@@ -164,19 +190,21 @@ def expected(way: Way, entry: float, end: float) -> Occupancy:
     )
 
 
-def apart(first: Occupancy, second: Occupancy) -> float:
-    """Return the time between two occupancies, s; 0 if they overlap.
+def apart(first: Occupancy, second: Occupancy) -> Any:
+    """Return the time between two occupancies, s; 0 if they overlap; of numbers or arrays.
 
     Infinity if one never arrives, or both had left before they came into view.
     """
-    if first.enters == np.inf or second.enters == np.inf:
-        return float("inf")
-    gaps = second.enters - first.leaves, first.enters - second.leaves
-    return float("inf") if np.isnan(gaps).any() else max(*gaps, 0.0)
+    with np.errstate(invalid="ignore"):
+        gaps = second.enters - first.leaves, first.enters - second.leaves
+    never = np.isposinf(first.enters) | np.isposinf(second.enters) | np.isnan(gaps).any(axis=0)
+    return np.where(never, np.inf, np.maximum(np.maximum(*gaps), 0.0))
 
 
 _SAME_DIRECTION = np.radians(45.0)
 _REACH = 100.0  # m; vehicles further ahead are no leaders
+_MOMENTS = 100  # moments that are compared at once, which bounds memory
+_BESIDE = 5.0  # m; half of two vehicles as wide as any is (`plausible.WIDEST`), and half a metre
 
 
 class Near(NamedTuple):
@@ -215,6 +243,39 @@ def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
     speed = scene.speed[rows] * np.cos(turned)
     chosen = number[inside].astype(np.int64)
     return OnWay(chosen, positions.along[inside], speed[inside], tracks.length[chosen])
+
+
+class Ahead(NamedTuple):
+    """Vehicles on a way ahead of its own vehicle, at all frames of it, a row for each and frame."""
+
+    moment: Int64[np.ndarray, " row"]  # frames after the way's first
+    track: Int64[np.ndarray, " row"]  # number of the track
+    along: Float64[np.ndarray, " row"]  # coordinate of its middle on the way, m
+
+    def holds(self, entry: float, but: int, moments: int) -> Bool[np.ndarray, " moment"]:
+        """Return at which moments one is before a coordinate, m; the track `but` doesn't count."""
+        held = np.zeros(moments, bool)
+        held[self.moment[(self.along < entry) & (self.track != but)]] = True
+        return held
+
+
+def ahead_of(scene: Scene, way: Way, slack: float) -> Ahead:
+    """Return the vehicles of `on_way` that are on the line ahead; only near ones are compared."""
+    tracks, low, high = scene.tracks, *(edge(way.line.points, axis=0) for edge in (np.min, np.max))
+    moments, columns = np.arange(len(way.along)), []
+    for block in np.split(moments, moments[_MOMENTS::_MOMENTS]):
+        every = [scene.present(way.first + moment) for moment in block.tolist()]
+        rows, moment = np.concatenate(every), np.repeat(block, [len(rows_of) for rows_of in every])
+        x, y = tracks.x[rows], tracks.y[rows]
+        near = (x > low[0] - _BESIDE) & (x < high[0] + _BESIDE) & (y > low[1] - _BESIDE)
+        near &= (y < high[1] + _BESIDE) & (tracks.track[rows] != way.track)
+        rows, moment = rows[near], moment[near]
+        positions, number = way.line.coordinates(x[near], y[near]), tracks.track[rows]
+        turned = wrapped(tracks.heading[rows] - positions.heading)
+        inside = in_the_way(way, positions.lateral, turned, tracks.width[number], slack)
+        inside &= positions.along > way.along[moment]
+        columns.append((moment[inside], number[inside].astype(np.int64), positions.along[inside]))
+    return Ahead(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def in_the_way(

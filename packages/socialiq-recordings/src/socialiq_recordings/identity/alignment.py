@@ -116,6 +116,19 @@ def shared(first: Shape, second: Shape) -> float:
     return best
 
 
+def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
+    """Whether the mirror image of a shape fits the other as well, and only once it is placed.
+
+    No place is the mirror image of another: a small shape that is found in a large one either way
+    says nothing of where it is. Shapes that agree in the frames that they are written in do.
+    """
+    beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
+    if _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside) >= least:
+        return False
+    mirrored = first.points * np.array([-1.0, 1.0, -1.0]) + np.array([0.0, 0.0, np.pi])
+    return shared(Shape(mirrored, first.of_road), second) >= least
+
+
 def _overlap(first: np.ndarray, second: np.ndarray, placement: Placement, beside: float) -> float:
     """Return the larger of the two shares of points that lie on the other shape, once placed."""
     return max(_on(placement.of(second), first, beside), _on(placement.back(first), second, beside))

@@ -19,7 +19,14 @@ from scipy.stats import binom
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq_recordings.identity.alignment import Motion, Shape, in_common, shape_of, shared
+from socialiq_recordings.identity.alignment import (
+    Motion,
+    Shape,
+    fits_by_chance,
+    in_common,
+    shape_of,
+    shared,
+)
 from socialiq_recordings.recording import Recording, Tracks
 
 SAME_SITE = 0.8
@@ -140,7 +147,10 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
         same = site_of(names[first]) == site_of(names[second]) != names[first]
         low, high = sorted((keys[first], keys[second]))
         if not same and low != high and (low, high) not in shares:
-            shares[low, high] = shared(shapes[low], shapes[high])
+            share = shared(shapes[low], shapes[high])
+            pair = shapes[low], shapes[high]
+            known = share >= SAME_SITE and not fits_by_chance(*pair, SAME_SITE)
+            shares[low, high] = share if known else 0.0
         if same or low == high or shares[low, high] >= SAME_SITE:
             _join(sites, first, second)
     return sites

@@ -11,7 +11,8 @@ from socialiq.errors import UserError, one_of
 from socialiq_recordings.plausible import MeasurementError, sift
 from socialiq_recordings.readers.argoverse import read_argoverse
 from socialiq_recordings.readers.column_map import ColumnMap
-from socialiq_recordings.readers.commonroad import read_commonroad, road_of
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.readers.commonroad_road import road_of
 from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.readers.csv_table import origin_of
 from socialiq_recordings.readers.lanelet2_road import read_lanelet2
@@ -25,21 +26,23 @@ FORMATS = ("commonroad", "csv", "argoverse")
 def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
     """Read a map in the frame of a recording's tracks: CommonRoad XML, a recording, or Lanelet2.
 
-    The recording's provenance has the origin of the frame of inD's tracks, `utm_origin`.
+    The recording's provenance has the origin of its frame: `utm_origin`, m, or `origin`, degrees.
 
     Raises:
         UserError: If it can't be read, or holds no lanelet.
     """
     if path.suffix.lower() != ".osm":
         return road_of(path)
-    origin = source.get("utm_origin")
-    if origin is None:
-        return read_lanelet2(path)
-    try:
-        x, y = (float(coordinate) for coordinate in origin)
-    except (TypeError, ValueError) as error:
-        raise UserError("the recording's utm_origin is not two numbers: import it again") from error
-    return read_lanelet2(path, (x, y))
+    origins: dict[str, tuple[float, float]] = {}
+    for name in ("utm_origin", "origin"):
+        if source.get(name) is not None:
+            try:
+                x, y = (float(coordinate) for coordinate in source[name])
+            except (TypeError, ValueError) as error:
+                line = f"the recording's {name} is not two numbers: import it again"
+                raise UserError(line) from error
+            origins[name] = (x, y)
+    return read_lanelet2(path, **origins)
 
 
 def import_file(
@@ -49,6 +52,7 @@ def import_file(
     most_states: int = MOST_STATES,
     road: Path | None = None,
     error: MeasurementError | None = None,
+    origin: tuple[float, float] | None = None,
 ) -> list[Imported]:
     """Read the recordings of a file, and leave out the tracks that can't be true.
 
@@ -60,6 +64,8 @@ def import_file(
         road: Map of a CSV file: CommonRoad XML, Lanelet2 OSM or a recording; its lanes give
             standing vehicles their heading.
         error: Standard errors of measurement; by default the column map's, or those assumed.
+        origin: Latitude and longitude of the origin of a CSV file's positions, degrees, for a
+            Lanelet2 map.
 
     Raises:
         UserError: If the file can't be read, or most tracks fail in the same way; the line names
@@ -69,10 +75,15 @@ def import_file(
     if format == "csv":
         if columns is None:
             raise UserError("a CSV file needs a column map: name one with --columns")
-        lanelets, origin = None, origin_of(path, columns) if road is not None else None
-        if road is not None:
-            lanelets = map_of(road, {} if origin is None else {"utm_origin": list(origin)})
-        recordings, error = read_csv(path, columns, most_states, lanelets), error or columns.error
+        lanelets, stated = None, {} if origin is None else {"origin": list(origin)}
+        if road is not None and origin is None:
+            lanelets = map_of(road, {"utm_origin": origin_of(path, columns)})
+        elif road is not None:
+            lanelets = map_of(road, stated)
+        recordings = read_csv(path, columns, most_states, lanelets, stated)
+        error = error or columns.error
+    elif origin is not None:
+        raise UserError(f"--origin goes with csv: a {format} file has a map of its own")
     elif road is not None:
         raise UserError(f"--road goes with csv: a {format} file has a map of its own")
     else:

@@ -8,6 +8,7 @@ but needs PyTorch, OpenCV, kornia and PyAV for it.
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from socialiq.reading import check_file, sha256_of_file
 from socialiq.storage import read_json
 from socialiq_recordings.readers import tracks
 from socialiq_recordings.recording import Imported, RoadUser
-from socialiq_recordings.road.network import Lanelet, RoadNetwork, equal_bounds
+from socialiq_recordings.road.network import Elements, Lanelet, RoadNetwork, equal_bounds
 
 DT = 0.1  # s; scenarios have 10 states a second, for 11 s
 LICENCE = "CC BY-NC-SA 4.0 (Argoverse 2); name Wilson et al. 2021"
@@ -52,8 +53,7 @@ def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Importe
     kinds, gathered, names = table["object_type"], tracks.Gathered(path), []
     gathered.n_states = len(kinds)
     for kind in _OBJECTS:
-        if count := int((kinds == kind).sum()):
-            gathered.skipped[kind] = count
+        gathered.note(kind, int((kinds == kind).sum()))
     # Rows by road user, in order of time.
     users = np.flatnonzero(~np.isin(kinds.astype(str), _OBJECTS))
     number = np.unique(table["track_id"][users].astype(str), return_inverse=True)[1]
@@ -61,24 +61,28 @@ def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Importe
     ends = np.flatnonzero(np.diff(number[order])) + 1
     for track in np.split(users[order], ends) if len(users) else []:
         name, kind = one_line(str(table["track_id"][track[0]]), 60), str(kinds[track[0]])
+        states = np.stack([table[column][track] for column in _STATES])
+        again = tracks.repeated(table["timestep"][track], states)
+        gathered.note("repeated state", int(again.sum()))
+        track, states = track[~again], states[:, ~again]
 
         def row(at: int, rows: np.ndarray = track) -> str:
             return f"row {rows[at] + 1}: "
 
         try:
-            if kind not in KINDS:
-                raise ValueError(f"object type '{one_line(kind, 40)}' is unknown")
             if (kinds[track] != kind).any():
                 raise ValueError(f"its class changes from '{kind}'")
             tracks.check_frames(table["timestep"][track], row)
-            states = np.stack([table[column][track] for column in _STATES])
             tracks.check_numbers("a value", np.abs(states).max(axis=0), row)
         except ValueError as error:
             gathered.refuse(name, error)
             continue
         states[2] = wrapped_heading(states[2])
         names.append(name)
-        gathered.add(len(names), KINDS[kind], table["timestep"][track], states)
+        if kind not in KINDS:
+            gathered.unknown(name, f"object type '{one_line(kind, 40)}' is unknown")
+        user = KINDS.get(kind, KINDS["unknown"])
+        gathered.add(len(names), user, table["timestep"][track], states)
     beside = path.with_name(f"log_map_archive_{path.stem.removeprefix('scenario_')}.json")
     recording = one_line(table["scenario_id"][0], 60) or path.stem
     source = {
@@ -121,23 +125,18 @@ def read_map(path: Path) -> RoadNetwork:
     """Read the lane segments of vehicles and buses of a scenario's map.
 
     Raises:
-        UserError: If it can't be read; the line has the segment's number.
+        UserError: If it or most segments can't be read; the line has the first one's number.
     """
     content = read_json(path)
     segments = content.get("lane_segments") if isinstance(content, dict) else None
     if not isinstance(segments, dict):
         raise UserError(f"{path} has no lane_segments: name a map of Argoverse 2")
-    road: dict[int, Lanelet] = {}
+    elements = Elements(path)
     for number, segment in segments.items():
-        try:
-            if segment["lane_type"] != "BIKE":
-                lanelet = _lanelet(segment)
-                road[lanelet.identity] = lanelet
-        except (KeyError, TypeError, ValueError, OverflowError, UserError) as error:
-            name = one_line(str(number), 30)
-            text = one_line(str(error)).removeprefix(f"lanelet {name}: ")
-            raise UserError(f"{path}: lane segment {name}: {text}") from error
-    return RoadNetwork(road)
+        if not isinstance(segment, dict) or segment.get("lane_type") != "BIKE":
+            name = f"lane segment {one_line(str(number), 30)}"
+            elements.add(name, functools.partial(_lanelet, segment))
+    return elements.road()
 
 
 def _lanelet(segment: dict[str, Any]) -> Lanelet:

@@ -49,6 +49,7 @@ class ColumnMap:
     rate: float = 0.0  # frames a second; 0 if `rate_file` has it
     rate_file: tuple[str, str, str] | None = None  # ending of the name, that of this file, column
     any_order: bool = False  # whether the rows of a track may come in any order
+    optional: tuple[str, ...] = ()  # columns that some of these files lack
     repeated_ids: bool = False  # whether an id may be reused for another road user, after a gap
     y_down: bool = False  # whether y points down (south) in the file
     point: str = "centre"  # reference point of positions: `centre`, `front` or `corner` of the box
@@ -96,7 +97,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
 
 def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     tables = (*_TABLES, "classes", "default_sizes")
-    _only("", content, (*tables, "format", "licence", "separator"))
+    _only("", content, (*tables, "format", "licence", "separator", "optional"))
     sections: dict[str, dict[str, Any]] = {table: content.get(table, {}) for table in tables}
     for table, section in sections.items():
         if not isinstance(section, dict):
@@ -113,7 +114,11 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
         one_of(f"class of '{one_line(word, 40)}'", kind, tuple(kinds))
     for quantity, unit in sections["units"].items():
         one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
+    optional = content.get("optional", [])
+    if not (isinstance(optional, list) and {*optional} <= {*sections["columns"].values()}):
+        raise UserError("optional must be a list of columns that [columns] names")
     column_map = ColumnMap(
+        optional=tuple(optional),
         format=_text("format", content.get("format", name)),
         licence=_text("licence", content.get("licence", "not stated by the column map")),
         separator=separator,

@@ -66,7 +66,7 @@ _CHUNK = 1 << 18
 _MOST_BYTES = 8 << 20  # of a state or an element without its states: a lanelet of 80,000 points
 _MOST_DEPTH = 64
 _STATES = ("state", "initialState")
-_VALUES = ("orientation", "time", "velocity", "slipAngle")
+_VALUES = ("orientation", "time", "velocity", "slipAngle", "velocityY")
 _LEAVES = ("exact", "x", "y", "intervalStart", "intervalEnd")
 _REGIONS = ("rectangle", "circle", "polygon", "lanelet")
 
@@ -111,6 +111,8 @@ def whole_number(text: str) -> int:
     Raises:
         ValueError: If the text is none, or the number is larger.
     """
+    if "_" in text or not text.isascii():  # which `int` reads as digits
+        raise ValueError(f"'{one_line(text, 20)}' is not a whole number")
     number = int(text)
     if not -(2**63) <= number < 2**63:
         raise ValueError(f"{one_line(text, 20)} has more than 64 bits")

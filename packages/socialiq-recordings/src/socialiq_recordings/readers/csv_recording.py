@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ from socialiq.foreign import one_line
 from socialiq.physics import wrapped_heading
 from socialiq.reading import sha256_of_file
 from socialiq_recordings.readers import csv_table, tracks
-from socialiq_recordings.readers.column_map import ColumnMap
+from socialiq_recordings.readers.column_map import COLUMNS, ColumnMap
 from socialiq_recordings.readers.csv_table import Table
 from socialiq_recordings.recording import FARTHEST, Imported, RoadUser
-from socialiq_recordings.road.network import RoadNetwork
+from socialiq_recordings.road.network import Refused, RoadNetwork
 
+_NAMED = 100  # rows that are dropped and named, of different road users
 _LARGEST_HEADING = 2.2 * np.pi  # rad; a heading of a tenth more than a turn is in degrees
 
 
@@ -27,10 +28,11 @@ def read_csv(
     columns: ColumnMap,
     most_states: int = tracks.MOST_STATES,
     road: RoadNetwork | None = None,
+    stated: Mapping[str, Any] | None = None,
 ) -> list[Imported]:
     """Read the recordings of a CSV file; rows that can't be read are dropped and counted.
 
-    The lanes of a road give standing vehicles their heading.
+    The lanes of a road give standing vehicles their heading. `stated` is added to the provenance.
 
     Raises:
         UserError: If a file is missing, empty, lacks a column or has more rows than `most_states`,
@@ -38,14 +40,17 @@ def read_csv(
             or the id.
     """
     table = Table(path, columns.separator, most_states)
-    table.read(columns.columns, frozenset({"recording", "class"}), frozenset({"id", "frame"}))
+    texts, whole = frozenset({"recording", "class"}), frozenset({"id", "frame"})
+    table.read(columns.columns, texts, whole, columns.optional)
     dt = 1 / csv_table.rate_of(path, columns)
     frame = csv_table.frames_of(table, columns, dt)
     users = None
     if columns.users_file is not None:
         beside = csv_table.beside(path, columns.users_file)
-        users = Table(beside, columns.separator, 10_000_000)
-        users.read(columns.users_columns, frozenset({"class"}), frozenset({"id"}))
+        users = Table(beside, columns.separator, 10_000_000, table.codes)
+        users.read(columns.users_columns, texts, whole)
+    words = csv_table.number_words([table] if users is None else [table, users])
+    name_of = {number: word for word, number in words.items()}
     source: dict[str, Any] = {
         "format": columns.format,
         "file": path.name,
@@ -53,16 +58,26 @@ def read_csv(
         "licence": columns.licence,
     }
     origin = csv_table.origin_of(path, columns)
-    if origin is not None:
+    if stated:
+        source |= stated
+    elif origin is not None:
         source |= {"utm_origin": list(origin)}
     group, names = csv_table.recordings_of(table, columns, frame, dt)
+    order = np.argsort(group, kind="stable")
+    numbers, starts = np.unique(group[order], return_index=True)
     recordings = []
-    for number, name in names.items():
-        draft = _Draft(table, columns, users, frame, dt, road or RoadNetwork())
-        if table.dropped and not recordings:
-            draft.gathered.skipped["row"] = table.dropped
-        draft.gather(np.flatnonzero(group == number))
-        recordings.append(draft.gathered.imported(name, dt, source, draft.road))
+    for number, rows in zip(numbers.tolist(), np.split(order, starts[1:]), strict=True):
+        draft = _Draft(table, columns, users, frame, dt, road or RoadNetwork(), name_of)
+        if not recordings:
+            draft.gathered.note("row", table.dropped)
+            draft.gathered.faults += [
+                Refused(name_of.get(user, str(user)), fault)
+                for user, fault in itertools.islice(table.faults.items(), _NAMED)
+            ]
+        draft.gather(rows)
+        ids = [id for id in np.unique(table["id"][rows]).tolist() if id in name_of]
+        words_of = {"track_ids": {str(id): one_line(name_of[id], 60) for id in ids}} if ids else {}
+        recordings.append(draft.gathered.imported(names[number], dt, source | words_of, draft.road))
     return recordings
 
 
@@ -81,7 +96,9 @@ class _Draft:
         frame: np.ndarray,
         dt: float,
         road: RoadNetwork,
+        name_of: dict[int, str],
     ) -> None:
+        self._name_of = name_of
         self._table, self._columns, self._users, self._dt = table, columns, users, dt
         self._frame, self.road = frame, road
         self._direction_at: Callable[[float, float], float | None] | None = None
@@ -89,6 +106,7 @@ class _Draft:
 
     def gather(self, rows: np.ndarray) -> None:
         self.gathered.n_states = len(rows)
+        rows = self._distinct(rows)
         # By track, and the first row of each.
         identity = self._table["id"][rows]
         order = np.argsort(identity, kind="stable")
@@ -111,7 +129,7 @@ class _Draft:
             except _NeverMovesError:
                 standing.append((first, end))
             except ValueError as error:
-                self.gathered.refuse(identity[first], error)
+                self.gathered.refuse(self._name(track), error)
 
         for first, end in itertools.pairwise(starts):
             take(first, end)
@@ -123,6 +141,24 @@ class _Draft:
         for first in sorted(read):
             track, user, states = read[first]
             self.gathered.add(int(identity[first]), user, self._frame[track], states)
+
+    def _name(self, track: np.ndarray) -> str:
+        """Return the road user's name in the file."""
+        identity = int(self._table["id"][track[0]])
+        return self._name_of.get(identity, str(identity))
+
+    def _distinct(self, rows: np.ndarray) -> np.ndarray:
+        """Return the rows without exact repetitions of a state, which are counted."""
+        identity, frame = self._table["id"][rows], self._frame[rows]
+        order = np.lexsort((rows, frame, identity))
+        again = np.append(False, (np.diff(identity[order]) == 0) & (np.diff(frame[order]) == 0))
+        if not again.any():
+            return rows
+        names = [name for name in COLUMNS if name in self._table]
+        states = np.stack([self._table[name][rows[order]].astype(np.float64) for name in names])
+        again &= tracks.repeated(frame[order], states)
+        self.gathered.note("repeated row", int(again.sum()))
+        return np.sort(rows[order[~again]])
 
     def _check_rows(self, rows: np.ndarray, ends: np.ndarray) -> None:
         """Refuse the file if more than half of its rows have headings or times of another unit."""
@@ -170,16 +206,16 @@ class _Draft:
             return self._table, track
 
         table, at = cells("class")
-        numbers = table["class"][at]
-        word = table.word("class", int(numbers[0])).strip()
-        if (numbers != numbers[0]).any():
+        numbers, first = np.unique(table["class"][at], return_index=True)
+        words = [
+            table.word("class", number).strip() for number in numbers[np.argsort(first)].tolist()
+        ]
+        # Rows without a known class have that of the others.
+        words = [word for word in words if word in self._columns.classes] or words
+        word = words[0]
+        if len({*words}) > 1:
             raise ValueError(f"its class changes from '{word}': give each road user its own id")
-        kind = self._columns.classes.get(word)
-        if kind is None:
-            raise ValueError(
-                f"{table.row_name(at[0])}class '{one_line(word, 40)}' is not in the column map's "
-                "[classes]"
-            )
+        kind = self._columns.classes.get(word, RoadUser.OTHER)
         sizes = []
         for side in ("length", "width"):
             table, at = cells(side)
@@ -190,6 +226,9 @@ class _Draft:
             if word not in self._columns.default_sizes:
                 raise ValueError(f"it has no size, nor has {kind.name.lower()} a default")
             sizes = self._columns.default_sizes[word]
+        if word not in self._columns.classes:
+            fault = f"class '{one_line(word, 40)}' is not in the column map's [classes]"
+            self.gathered.unknown(self._name(track), f"{table.row_name(at[0])}{fault}")
         return int(kind), float(sizes[0]), float(sizes[1])
 
     def _states(self, track: np.ndarray, user: tracks.User) -> np.ndarray:

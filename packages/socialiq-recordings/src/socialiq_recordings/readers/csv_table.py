@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -23,8 +23,11 @@ from socialiq_recordings.readers.tracks import STEPS
 _ROWS = 4_000
 _MOST_LINE = 1 << 20
 _MISSING = frozenset({"", "nan", "null", "none", "na"})
-_ID = re.compile(r"[A-Za-z]{0,3}(-?\d{1,18})(?:\.0*)?")
+_WHOLE = re.compile(r"(-?\d{1,18})(?:\.0*)?", re.ASCII)
+_LETTERS = re.compile(r"[A-Za-z]{1,3}(\d{1,18})", re.ASCII)
+_LARGEST = 10**18  # numbers that are not below are words
 _NO_NUMBER = -(2**63)  # of a cell that should be a whole number, until its row is dropped
+_FIRST_WORD = -(2**62)  # code of the first word among ids; the others go down from it
 
 
 class Table:
@@ -34,18 +37,23 @@ class Table:
         path: The file.
         n_rows: Number of rows, without the header.
         words: Number of each word, for each column of text.
-        dropped: Number of rows that were dropped.
+        dropped: Number of rows that were dropped; a blank row is none.
         faults: Fault of the first row that was dropped, by the value of the column `id`.
+        codes: Code of each word in the column `id`; tables of one recording share it.
     """
 
-    def __init__(self, path: Path, separator: str, most_rows: int) -> None:
+    def __init__(
+        self, path: Path, separator: str, most_rows: int, codes: dict[str, int] | None = None
+    ) -> None:
         self.path, self.n_rows, self.dropped = path, 0, 0
+        self.codes: dict[str, int] = {} if codes is None else codes
         self.words: dict[str, dict[str, int]] = {}
         self.faults: dict[int, str] = {}
         self._separator, self._most = separator, most_rows
         self._columns: dict[str, list[np.ndarray]] = {}
         self._numbers = np.zeros(0, np.int64)
         self._bad: dict[int, str] = {}
+        self._blank: list[int] = []
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a column."""
@@ -64,11 +72,16 @@ class Table:
         return f"row {self._numbers[row] + 2}: "
 
     def read(
-        self, columns: dict[str, str], texts: frozenset[str], integers: frozenset[str]
+        self,
+        columns: dict[str, str],
+        texts: frozenset[str],
+        integers: frozenset[str],
+        optional: tuple[str, ...] = (),
     ) -> None:
         """Read columns of the file, its names by ours.
 
-        Texts and whole numbers are named; the others are numbers, NaN for an empty cell.
+        Texts and whole numbers are named; the others are numbers, NaN for an empty cell. The file
+        may lack optional columns.
 
         Raises:
             UserError: If the file is missing, empty, too large or lacks a column, or more than half
@@ -76,17 +89,19 @@ class Table:
         """
         rows = csv.reader(_lines(self.path), delimiter=self._separator)
         try:
-            places = _places(self.path, next(rows, []), columns)
+            places = _places(self.path, next(rows, []), columns, optional)
             while chunk := list(islice(rows, _ROWS)):
                 self._take(chunk, places, columns, texts, integers)
         except csv.Error as error:
             row = f"row {self.n_rows + 2}"
             raise UserError(f"{self.path}, after {row}: {error}: is this a CSV file?") from error
-        if not self.n_rows:
+        if self.n_rows == len(self._blank):
             raise UserError(f"{self.path} has no row but its header: name a file with states")
         self._columns = {name: [np.concatenate(pieces)] for name, pieces in self._columns.items()}
-        self._numbers = np.arange(self.n_rows)
-        self.drop(self._bad)
+        self._numbers, stays = np.arange(self.n_rows), np.ones(self.n_rows, bool)
+        stays[self._blank] = False
+        row_now = self._keep(stays)
+        self.drop({int(row_now[row]): fault for row, fault in self._bad.items()})
 
     def drop(self, faults: Mapping[int, str]) -> np.ndarray:
         """Drop rows, by the fault of each; return whether each row stays.
@@ -102,12 +117,17 @@ class Table:
             if "id" in self:
                 self.faults.setdefault(int(self["id"][row]), fault)
             stays[row] = False
-        if faults:
+        self._keep(stays)
+        self.dropped += len(faults)
+        return stays
+
+    def _keep(self, stays: np.ndarray) -> np.ndarray:
+        """Keep these rows, and return the new number of each."""
+        if not stays.all():
             self._columns = {name: [self[name][stays]] for name in self._columns}
             self._numbers = self._numbers[stays]
-            self.n_rows -= len(faults)
-            self.dropped += len(faults)
-        return stays
+            self.n_rows = int(stays.sum())
+        return np.cumsum(stays) - 1
 
     def _take(
         self,
@@ -124,7 +144,10 @@ class Table:
             )
         needed = max(places.values()) + 1
         for at, row in enumerate(chunk):
-            if len(row) < needed:
+            if not any(row) or (len(row) < needed and not any(cell.strip() for cell in row)):
+                self._blank.append(self.n_rows + at)
+                chunk[at] = ["0"] * needed
+            elif len(row) < needed:
                 self._bad[self.n_rows + at] = f"{len(row)} cells, so columns are missing"
                 chunk[at] = row + [""] * needed
         for name, index in places.items():
@@ -135,37 +158,75 @@ class Table:
                     [numbers.setdefault(cell, len(numbers)) for cell in cells], np.int32
                 )
             else:
-                column = self._parsed(columns[name], cells, name in integers)
+                column = self._parsed(columns[name], cells, name in integers, name == "id")
             self._columns.setdefault(name, []).append(column)
         self.n_rows += len(chunk)
 
-    def _parsed(self, column: str, cells: list[str], is_integer: bool) -> np.ndarray:
+    def _parsed(self, column: str, cells: list[str], is_integer: bool, is_name: bool) -> np.ndarray:
+        every = "".join(cells)
         try:
-            if is_integer:
-                return np.array(list(map(int, cells)), np.int64)
-            return np.array(list(map(float, cells)))
+            if "_" in every or not every.isascii():
+                raise ValueError  # Python reads 1_000 and digits of other scripts as numbers.
+            if not is_integer:
+                return np.array(list(map(float, cells)))
+            numbers = np.array(list(map(int, cells)), np.int64)
+            if np.abs(numbers).max() < _LARGEST:
+                return numbers
         except (ValueError, OverflowError):
             pass  # A cell is empty or not a number: check each.
-        values = np.full(len(cells), _NO_NUMBER if is_integer else np.nan)
-        for at, cell in enumerate(cells):
-            try:
-                values[at] = _whole_number(cell) if is_integer else _number(cell)
-            except ValueError:
-                what = "a whole number" if is_integer else "a number"
+        values = np.full(
+            len(cells), _NO_NUMBER if is_integer else np.nan, np.int64 if is_integer else None
+        )
+        for at, cell in enumerate(map(str.strip, cells)):
+            match, missing = _WHOLE.fullmatch(cell), cell.lower() in _MISSING
+            if is_integer and match is not None:
+                values[at] = int(match[1])
+            elif is_name and not missing and at + self.n_rows not in self._bad:
+                values[at] = self.codes.setdefault(cell, _FIRST_WORD - len(self.codes))
+            elif is_integer or not (missing or _is_number(cell)):
+                what = "a name" if is_name else "a whole number" if is_integer else "a number"
                 fault = f"{one_line(column, 40)} is '{one_line(cell, 40)}', not {what}"
                 self._bad.setdefault(self.n_rows + at, fault)
+            elif not missing:
+                values[at] = float(cell)
         return values
 
+    def renumber(self, numbers: Mapping[str, int]) -> None:
+        """Replace the codes of the words among ids by numbers."""
+        column, number_of = self["id"], {code: numbers[word] for word, code in self.codes.items()}
+        for row in np.flatnonzero(column <= _FIRST_WORD):
+            column[row] = number_of[int(column[row])]
+        self.faults = {number_of.get(name, name): fault for name, fault in self.faults.items()}
 
-def _number(cell: str) -> float:
-    return np.nan if cell.strip().lower() in _MISSING else float(cell)
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return cell.isascii() and "_" not in cell
 
 
-def _whole_number(cell: str) -> int:
-    match = _ID.fullmatch(cell.strip())
-    if match is None:
-        raise ValueError
-    return int(match[1])
+def number_words(tables: Sequence[Table]) -> dict[str, int]:
+    """Number the words among the ids of tables that share their codes, and return the numbers.
+
+    A word such as P12 gets the number in it, if that is no other road user's too; otherwise all
+    words get numbers after the largest, in their order.
+    """
+    words = tables[0].codes
+    if not words:
+        return {}
+    ids = np.unique(np.concatenate([table["id"] for table in tables]))
+    plain = ids[ids > _FIRST_WORD].tolist()
+    matches = [_LETTERS.fullmatch(word) for word in words]
+    numbers = [int(match[1]) for match in matches if match is not None]
+    if len({*numbers, *plain}) < len(words) + len(plain):
+        first = max(plain, default=0) + 1
+        numbers = list(range(first, first + len(words)))
+    numbered = dict(zip(words, numbers, strict=True))
+    for table in tables:
+        table.renumber(numbered)
+    return numbered
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -176,13 +237,16 @@ def _lines(path: Path) -> Iterator[str]:
             yield line
 
 
-def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str, int]:
+def _places(
+    path: Path, header: list[str], columns: dict[str, str], optional: tuple[str, ...]
+) -> dict[str, int]:
     """Return the index of each column; names may differ in case: v_length, v_Length of NGSIM."""
     if not header:
         raise UserError(f"{path} is empty: name a file with states")
     header = [name.strip() for name in header]
     mapped = {name.lower(): name for name in columns.values() if name not in header}
     names = [mapped.get(name.lower(), name) for name in header]
+    columns = {n: c for n, c in columns.items() if c in names or c not in optional}
     missing = [column for column in columns.values() if column not in names]
     if missing:
         raise UserError(
@@ -237,7 +301,7 @@ def _number_beside(path: Path, columns: ColumnMap, column: str) -> float:
     return float(numbers[0])
 
 
-_MOST_RECORDINGS = 1_000
+_MOST_RECORDINGS = 20_000  # a file of INTERACTION 1.2 has thousands of cases
 _SAME_PERIOD = 10.0  # s; starts this close are those of one period
 
 

@@ -8,6 +8,7 @@ The format: Poggenhans et al., "Lanelet2: A high-definition map framework" (ITSC
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import re
@@ -22,12 +23,15 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.reading import read_bytes
 from socialiq_recordings import DISTRIBUTION
-from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign, equal_bounds
+from socialiq_recordings.road.network import Elements, Lanelet, RoadNetwork, Sign, equal_bounds
 
 _MOST_BYTES = 64 << 20
 _MOST_SECONDS = 300
 _ANSWER = "\x1elanelets "  # before the answer, after whatever the library prints
 _NODE = re.compile(rb"<node\b[^>]*>")
+_LOCAL = re.compile(rb"<tag\s+k=['\"]local_x['\"]")
+_ERROR = re.compile(r"primitive (?:with id )?(-?\d+)[^:]*: (.*)", re.DOTALL)
+_NAMED, _LISTED = 100, 3  # errors of the library that are named; those in a refusal
 _PLACE = (re.compile(rb"\blat=['\"]([^'\"]+)"), re.compile(rb"\blon=['\"]([^'\"]+)"))
 
 _SIGNS = {"TrafficLight": Sign.LIGHT, "AllWayStop": Sign.STOP}
@@ -35,13 +39,19 @@ _SIGNS = {"TrafficLight": Sign.LIGHT, "AllWayStop": Sign.STOP}
 _Key = tuple[int, bool]  # number, and whether it is driven backwards
 
 
-def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> RoadNetwork:
-    """Read the lanelets of a map that vehicles may drive on.
+def read_lanelet2(
+    path: Path,
+    utm_origin: tuple[float, float] | None = None,
+    origin: tuple[float, float] | None = None,
+) -> RoadNetwork:
+    """Read the lanelets of a map that vehicles may drive on; the others are named.
 
     Args:
         path: The map, OSM XML.
         utm_origin: UTM coordinates of the origin of the tracks' frame, m, as a `recordingMeta.csv`
-            of inD has them; None for INTERACTION's frame, whose origin is 0° N 0° E.
+            of inD has them.
+        origin: Latitude and longitude of that origin, degrees. Without both it is that of
+            `local_x` and `local_y` where all nodes have them, else 0° N 0° E as in INTERACTION.
 
     Raises:
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.
@@ -54,7 +64,7 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
         # The library dereferences what a damaged file lacks, which would end this process.
         done = subprocess.run(
             [sys.executable, "-c", f"from {__name__} import serve; serve()"],
-            input=json.dumps({"path": str(path.resolve()), "utm_origin": utm_origin}),
+            input=json.dumps([str(path.resolve()), utm_origin, origin]),
             capture_output=True,
             text=True,
             timeout=_MOST_SECONDS,
@@ -62,51 +72,74 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
             env=os.environ
             | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
         )
-        answer = json.loads(done.stdout.rpartition(_ANSWER)[2])
     except subprocess.TimeoutExpired as error:
         raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"{path} is not a Lanelet2 map: lanelet2 ended without an answer; check its references "
-            "of nodes, ways and regulatory elements"
-        ) from error
-    if "error" in answer:
-        raise UserError(f"{path} is not a Lanelet2 map: {one_line(answer['error'])}")
-    lanelets = {}
+    except OSError as error:
+        raise UserError(f"{path}: lanelet2 cannot be started: {error.strerror}") from error
+    faults, answer, *_ = (*map(json.loads, done.stdout.split(_ANSWER)[1:]), [], {}, {})
+    answer = answer or {}
+    listed = "".join(f"; {name}: {one_line(reason)}" for name, reason in faults[:_LISTED])
+    if "lanelets" not in answer:
+        ended = (
+            "lanelet2 ended without an answer; check its references of nodes, ways and regulatory "
+            "elements"
+        )
+        reason = one_line(answer.get("error", ended))
+        raise UserError(f"{path} is not a Lanelet2 map: {reason}{listed}")
+    elements = Elements(path)
+    for name, reason in faults:
+        elements.leave_out(name, reason)
     for values in answer["lanelets"]:
-        for name in ("left", "right", "stop_line"):
-            values[name] = None if values[name] is None else np.array(values[name])
-        for name in ("successors", "predecessors", "adjacent_left", "adjacent_right"):
-            values[name] = None if values[name] is None else tuple(values[name])
-        try:
-            lanelets[values["identity"]] = Lanelet(**values | {"sign": Sign(values["sign"])})
-        except UserError as error:
-            raise UserError(f"{path}: {error}") from error
-    if not lanelets:
-        raise UserError(f"{path} holds no lanelet for vehicles: name a map that does")
-    return RoadNetwork(lanelets)
+        elements.add(f"lanelet {values['identity']}", functools.partial(_lanelet, values))
+    road = elements.road()
+    if not road.lanelets:
+        raise UserError(f"{path} holds no lanelet for vehicles: name a map that does{listed}")
+    return road
+
+
+def _lanelet(values: dict[str, Any]) -> Lanelet:
+    if "fault" in values:
+        raise ValueError(values["fault"])
+    for name in ("left", "right", "stop_line"):
+        values[name] = None if values[name] is None else np.array(values[name])
+    for name in ("successors", "predecessors", "adjacent_left", "adjacent_right"):
+        values[name] = None if values[name] is None else tuple(values[name])
+    return Lanelet(**values | {"sign": Sign(values["sign"])})
 
 
 def serve() -> None:
-    """Read the map that standard input names, and write its lanelets as JSON."""
-    request = json.load(sys.stdin)
+    """Read the map that standard input names, and write its errors and its lanelets as JSON."""
+    name, utm_origin, origin = json.load(sys.stdin)
+    faults: list[tuple[str, str]] = []
     try:
         library = optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
-        path = Path(request["path"])
-        projector, origin = _projector(library, path, request["utm_origin"])
-        loaded, _ = library.io.loadRobust(str(path), projector)
-        lanelets = _Road(library, loaded, np.array(origin)).lanelets(loaded)
-        answer: dict[str, Any] = {"lanelets": lanelets}
+        projector, shift = _projector(library, Path(name), utm_origin, origin)
+        loaded, errors = library.io.loadRobust(name, projector)
+        matches = [_ERROR.search(error) for error in errors]
+        faults = [(f"primitive {match[1]}", match[2]) for match in matches if match]
     except Exception as error:  # of the library's own kinds, and ours
+        sys.stdout.write(_ANSWER + "[]" + _ANSWER + json.dumps({"error": str(error)}))
+        return
+    sys.stdout.write(_ANSWER + json.dumps(faults[:_NAMED]))
+    sys.stdout.flush()  # before what a damaged map may end
+    try:
+        bad = {int(name.removeprefix("primitive ")) for name, _ in faults}
+        road = _Road(library, loaded, shift, bad)
+        answer: dict[str, Any] = {"lanelets": [*road.lanelets(), *road.left_out]}
+    except Exception as error:
         answer = {"error": str(error)}
     sys.stdout.write(_ANSWER + json.dumps(answer))
 
 
 def _projector(
-    library: Any, path: Path, utm_origin: tuple[float, float] | None
-) -> tuple[Any, tuple[float, float]]:
-    """Return a projector to UTM, and the coordinates to subtract."""
-    node = _NODE.search(read_bytes(path, _MOST_BYTES))
+    library: Any,
+    path: Path,
+    utm_origin: tuple[float, float] | None,
+    origin: tuple[float, float] | None,
+) -> tuple[Any, np.ndarray | None]:
+    """Return a projector to UTM, and the coordinates to subtract; None: local ones are meant."""
+    content = read_bytes(path, _MOST_BYTES)
+    node = _NODE.search(content)
     texts = [pattern.search(node[0]) if node else None for pattern in _PLACE]
     try:
         latitude, longitude = (float(text[1]) for text in texts if text)
@@ -114,18 +147,44 @@ def _projector(
         raise UserError("no node has lat and lon") from error
     if not (-80 <= latitude <= 84 and -180 <= longitude <= 180):
         raise UserError(f"no UTM zone holds its first node, {latitude:g} {longitude:g}")
-    if utm_origin is None:
-        # Relative to 0° N 0° E, the library subtracts by itself.
-        zero = library.io.Origin(0.0, 0.0)
-        return library.projection.UtmProjector(zero), (0.0, 0.0)
-    zone = library.io.Origin(latitude, longitude)
-    return library.projection.UtmProjector(zone, False, False), utm_origin
+    project, zone = library.projection.UtmProjector, library.io.Origin(latitude, longitude)
+    if utm_origin is not None:
+        return project(zone, False, False), np.array(utm_origin)
+    if origin is None and len(_LOCAL.findall(content)) == len(_NODE.findall(content)):
+        return project(zone, False, False), None
+    projector = project(library.io.Origin(*(origin or (0.0, 0.0))))  # which subtracts by itself
+    try:
+        projector.forward(library.core.GPSPoint(latitude, longitude, 0.0))
+    except Exception as error:
+        stated = f"{origin[0]:g} {origin[1]:g}" if origin else "0 0, as in INTERACTION,"
+        raise UserError(
+            f"its first node, {latitude:g} {longitude:g}, lies in another UTM zone than the origin "
+            f"{stated} of the tracks' frame: state its latitude and longitude with --origin at "
+            "`socialiq data import`"
+        ) from error
+    return projector, np.zeros(2)
 
 
 class _Road:
     """Builder of lanelets as plain values from a routing graph."""
 
-    def __init__(self, library: Any, loaded: Any, origin: np.ndarray) -> None:
+    def __init__(self, library: Any, loaded: Any, origin: np.ndarray | None, bad: set[int]) -> None:
+        lanelets, sound = list(loaded.laneletLayer), []
+        self.left_out: list[dict[str, Any]] = []
+        for lanelet in lanelets:
+            bounds = (lanelet.leftBound, lanelet.rightBound)
+            numbers = {part.id for line in bounds for part in (line, *line)}
+            if min(map(len, bounds)) < 2:
+                fault = "a bound has fewer than two points"
+            elif bad & numbers:
+                fault = f"its bounds have the primitive {min(bad & numbers)}, which is bad"
+            else:
+                sound.append(lanelet)
+                continue
+            self.left_out.append({"identity": lanelet.id, "fault": fault})
+        if self.left_out:  # which would end the process
+            loaded = library.core.createMapFromLanelets(sound)
+        self._lanelets = sound
         country = library.traffic_rules.Locations.Germany
         vehicle = library.traffic_rules.Participants.Vehicle
         self._rules = library.traffic_rules.create(country, vehicle)
@@ -133,8 +192,8 @@ class _Road:
         self._origin = origin
         self._numbers: dict[_Key, int] = {}
 
-    def lanelets(self, loaded: Any) -> list[dict[str, Any]]:
-        lanelets = list(loaded.laneletLayer)
+    def lanelets(self) -> list[dict[str, Any]]:
+        lanelets = self._lanelets
         driven = [lanelet for lanelet in lanelets if self._rules.canPass(lanelet)]
         for drivable in driven:
             self._numbers[_key(drivable)] = drivable.id
@@ -169,8 +228,14 @@ class _Road:
         }
 
     def _points(self, line: Any) -> np.ndarray:
-        points = np.array([(point.x, point.y) for point in line], np.float64).reshape(-1, 2)
-        return points - self._origin
+        places = [
+            (point.x, point.y)
+            if self._origin is not None
+            else (float(point.attributes["local_x"]), float(point.attributes["local_y"]))
+            for point in line
+        ]
+        points = np.array(places, np.float64).reshape(-1, 2)
+        return points if self._origin is None else points - self._origin
 
     def _numbers_of(self, lanelets: Any) -> list[int]:
         keys = (_key(lanelet) for lanelet in lanelets)

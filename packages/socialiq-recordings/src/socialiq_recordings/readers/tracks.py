@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int
+from jaxtyping import Bool, Float64, Int
 from scipy.signal import savgol_filter
 from scipy.spatial import KDTree
 
@@ -50,6 +50,15 @@ def check_frames(
         raise ValueError(f"{row(0)}frame {frames[0]} is negative or out of range")
 
 
+def repeated(
+    frames: Int[np.ndarray, " state"], states: Float64[np.ndarray, "value state"]
+) -> Bool[np.ndarray, " state"]:
+    """Whether each state of a track repeats the one before it exactly; NaN equals NaN."""
+    after, before = states[:, 1:], states[:, :-1]
+    same = (after == before) | (np.isnan(after) & np.isnan(before))
+    return np.append(False, (np.diff(frames) == 0) & same.all(axis=0))
+
+
 def check_numbers(
     what: str, values: Column, row: Callable[[int], str], farthest: float = FARTHEST
 ) -> None:
@@ -66,12 +75,15 @@ class Gathered:
         path: The file.
         skipped: Number of the file's elements that are not tracks, by kind.
         n_states: Number of states read.
+        faults: Rows and classes that could not be read.
     """
 
     def __init__(self, path: Path) -> None:
         self.path, self.n_states = path, 0
         self.skipped: dict[str, int] = {}
         self._refused: list[Refused] = []
+        self.faults: list[Refused] = []
+        self._unknown: list[Refused] = []
         self._users: list[tuple[int, User]] = []
         self._frames: list[np.ndarray] = []
         self._states: list[np.ndarray] = []
@@ -92,10 +104,22 @@ class Gathered:
         """Leave a track out."""
         self._refused.append(Refused(one_line(str(identity), 60), one_line(str(reason))))
 
+    def note(self, kind: str, count: int = 1) -> None:
+        """Count elements that are left out, by kind."""
+        if count:
+            self.skipped[kind] = self.skipped.get(kind, 0) + count
+
+    def unknown(self, identity: object, reason: str) -> None:
+        """Name a road user of an unknown class, which is read as `OTHER`."""
+        self.note("unknown class")
+        self._unknown.append(Refused(one_line(str(identity), 60), reason))
+
     def imported(
         self, recording: str, dt: float, source: dict[str, Any], road: RoadNetwork
     ) -> Imported:
-        """Return the recording; raise a `UserError` if it has no track."""
+        """Return the recording; raise a `UserError` without a track or without known classes."""
+        if 2 * len(self._unknown) > len(self._users) > 0:
+            raise UserError(f"{self.path}: {self._unknown[0].reason}, like most of its road users")
         if not self._users:
             first = "".join(f"; the first, {r.identity}: {r.reason}" for r in self._refused[:1])
             raise UserError(f"{self.path}: no track can be used{first}")
@@ -115,7 +139,7 @@ class Gathered:
             source=source,
         )
         imported = Recording(tracks, road), tuple(self._refused), dict(self.skipped)
-        return Imported(*imported, self.n_states)
+        return Imported(*imported, self.n_states, (*self.faults, *self._unknown, *road.faults))
 
 
 STILL = 0.5

@@ -7,18 +7,28 @@ The frame is that of the tracks: metres, x to the east, y to the north. Conflict
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
 from socialiq.errors import UserError
-from socialiq.foreign import optional
+from socialiq.foreign import one_line, optional
 from socialiq_recordings import DISTRIBUTION
 
+LEAST = 0.1  # m; a lanelet that is shorter, or narrower throughout, is an error of its points
 STEP = 2.0  # m between the points of a line that is compared with others
 LONGEST = 1e5  # m of a lanelet's bound; no map's is as long, and its points would fill the memory
+
+
+class Refused(NamedTuple):
+    """Road user, row or element of a road that was left out: its name in the file, the reason."""
+
+    identity: str
+    reason: str
 
 
 class Sign(enum.IntEnum):
@@ -95,7 +105,7 @@ class Lanelet:
             )
         if not (np.isfinite(left).all() and np.isfinite(right).all()):
             raise UserError(f"lanelet {self.identity}: a point of its bounds is not finite")
-        if any(np.hypot(*np.diff(line, axis=0).T).sum() > LONGEST for line in (left, right)):
+        if any(length_of(line) > LONGEST for line in (left, right)):
             raise UserError(
                 f"lanelet {self.identity}: a bound is longer than {LONGEST / 1000:g} km: correct "
                 "its points"
@@ -112,6 +122,59 @@ class RoadNetwork:
     """Lanelets of a road, by their numbers, in the order of the file."""
 
     lanelets: dict[int, Lanelet] = field(default_factory=dict)
+    faults: tuple[Refused, ...] = ()  # elements of the map that could not be read
+
+
+def length_of(line: Float64[np.ndarray, "corner 2"]) -> float:
+    """Return the length of a line, m."""
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
+class Elements:
+    """Elements of a map as a reader gathers them; one that can't be read is left out and named.
+
+    Attributes:
+        path: The map.
+        lanelets: Lanelets by their numbers.
+    """
+
+    UNREADABLE = (KeyError, ValueError, TypeError, OverflowError, UserError)
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.lanelets = path, dict[int, Lanelet]()
+        self._faults, self._bad_lanelets = list[Refused](), list[Refused]()
+
+    def leave_out(self, name: str, error: object) -> Refused:
+        """Name an element that can't be read, and return its name with the reason."""
+        text = f"no {error}" if isinstance(error, KeyError) else one_line(str(error))
+        prefix = name.replace(
+            "lane segment", "lanelet"
+        )  # which a lanelet's own errors name already
+        self._faults.append(Refused(name, text.removeprefix(f"{prefix}: ")))
+        return self._faults[-1]
+
+    def add(self, name: str, read: Callable[[], Lanelet]) -> None:
+        """Add the lanelet that a function returns."""
+        try:
+            lanelet = read()
+            width = float(np.hypot(*(lanelet.left - lanelet.right).T).max())
+            for side, metres in (("long", length_of(lanelet.centre)), ("wide", width)):
+                if metres < LEAST:
+                    raise ValueError(f"it is {metres:.2g} m {side}: correct its points")
+            if lanelet.identity in self.lanelets:
+                raise ValueError("two lanelets have this id: give each its own")
+            self.lanelets[lanelet.identity] = lanelet
+        except self.UNREADABLE as error:
+            self._bad_lanelets.append(self.leave_out(name, error))
+
+    def road(self, lanelets: dict[int, Lanelet] | None = None) -> RoadNetwork:
+        """Return the road; raise a `UserError` if more than half of its lanelets are left out."""
+        bad = self._bad_lanelets
+        if len(bad) > len(self.lanelets):
+            count = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
+            raise UserError(f"{self.path}: {bad[0].identity}: {bad[0].reason}{count}")
+        road = self.lanelets if lanelets is None else lanelets
+        return RoadNetwork(road, tuple(self._faults))
 
 
 def every_step(line: Float64[np.ndarray, "corner 2"]) -> Float64[np.ndarray, "point 3"]:
@@ -169,6 +232,12 @@ class Lanes:
         return (min(first, second), max(first, second)) in self.conflicts
 
 
+NO_ROAD = (
+    "the recording has no road network, and conflicts come from its lanelets: name its map with "
+    "--road, here or at `socialiq data import`"
+)
+
+
 def lanes_of(road: RoadNetwork) -> Lanes:
     """Find a road network's conflicts.
 
@@ -180,10 +249,7 @@ def lanes_of(road: RoadNetwork) -> Lanes:
         UserError: If it has no lanelet, or Shapely is not installed.
     """
     if not road.lanelets:
-        raise UserError(
-            "the recording has no road network, and conflicts come from its lanelets: "
-            "name its map with --road, here or at `socialiq data import`"
-        )
+        raise UserError(NO_ROAD)
     library = shapely()
     lanelets = [road.lanelets[number] for number in sorted(road.lanelets)]
     centres = [library.linestrings(lanelet.centre) for lanelet in lanelets]

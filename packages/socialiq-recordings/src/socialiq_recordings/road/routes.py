@@ -165,6 +165,9 @@ class Matcher:
     def __init__(self, road: RoadNetwork) -> None:
         self._road, self._numbers = road, list(road.lanelets)
         self._paths = {number: path_of(lane.centre) for number, lane in road.lanelets.items()}
+        centres = [lane.centre for lane in road.lanelets.values()]
+        self._low = np.array([centre.min(axis=0) for centre in centres])
+        self._high = np.array([centre.max(axis=0) for centre in centres])
         # Cost of a step from each lanelet to each.
         index = {number: row for row, number in enumerate(self._numbers)}
         follows = np.zeros((len(index), len(index)), bool)
@@ -192,34 +195,63 @@ class Matcher:
         """
         rows = slice(*tracks.starts[number : number + 2])
         count = int(rows.stop - rows.start)
-        metres = np.empty((count, len(self._numbers)))
-        misfit = np.empty_like(metres)
-        for index, path in enumerate(self._paths.values()):
-            position = path.coordinates(tracks.x[rows], tracks.y[rows])
-            beyond = np.maximum(position.along - path.length, 0) + np.maximum(-position.along, 0)
-            metres[:, index] = abs(position.lateral) + beyond
-            misfit[:, index] = abs(wrapped(tracks.heading[rows] - position.heading))
-        misfit = metres + misfit
+        near, metres, misfit = self._misfits(tracks, rows)
+        numbers, price = [self._numbers[index] for index in near], self._price[np.ix_(near, near)]
         # The cheapest sequence, forwards and then back.
         total, came_from = misfit[0].copy(), np.empty(misfit.shape, np.int64)
         for state in range(1, count):
-            costs = total[:, None] + self._price
-            came_from[state] = np.argmin(costs, axis=0)
-            total = costs[came_from[state], np.arange(len(total))] + misfit[state]
+            # Whoever costs more than the cheapest and a gap leads nowhere that a gap from there
+            # doesn't for less.
+            few = np.flatnonzero(total <= total.min() + GAP)
+            costs = total[few, None] + price[few]
+            cheapest = np.argmin(costs, axis=0)
+            came_from[state] = few[cheapest]
+            total = costs[cheapest, np.arange(len(total))] + misfit[state]
         chosen = np.empty(count, np.int64)
         chosen[-1] = np.argmin(total)
         for state in range(count - 1, 0, -1):
             chosen[state - 1] = came_from[state, chosen[state]]
-        lanelets, places = [self._numbers[chosen[0]]], np.zeros(count, np.int64)
+        lanelets, places = [numbers[chosen[0]]], np.zeros(count, np.int64)
         for state in range(1, count):
-            if self._numbers[chosen[state]] != lanelets[-1]:
-                lanelets += self._between(lanelets[-1], self._numbers[chosen[state]])
+            if numbers[chosen[state]] != lanelets[-1]:
+                lanelets += self._between(lanelets[-1], numbers[chosen[state]])
             places[state] = len(lanelets) - 1
         off = float(metres[np.arange(count), chosen].mean())
         route, length = lanelets[-1:], 0.0
         while length < AHEAD and self._go_on(route):
             length += self.path(route[-1]).length
         return Matched((*lanelets, *route[1:]), places, off)
+
+    def _misfits(
+        self, tracks: Tracks, rows: slice
+    ) -> tuple[
+        Int64[np.ndarray, " lanelet"],
+        Float64[np.ndarray, "state lanelet"],
+        Float64[np.ndarray, "state lanelet"],
+    ]:
+        """Return lanelets, the distances of states from them, m, and the misfits, m and rad.
+
+        A lanelet so far from the whole track that a gap to a nearer one and back costs less is in
+        no cheapest sequence: it is not among them.
+        """
+        x, y, heading = tracks.x[rows], tracks.y[rows], tracks.heading[rows]
+        low, high = np.array([[x.min(), y.min()], [x.max(), y.max()]])
+        apart = np.hypot(*np.maximum(np.maximum(self._low - high, low - self._high), 0.0).T)
+        reach = max(2 * GAP, float(apart.min()))
+        while True:
+            near, columns = np.flatnonzero(apart <= reach), []
+            for index in near.tolist():
+                path = self._paths[self._numbers[index]]
+                position = path.coordinates(x, y)
+                beyond = np.maximum(position.along - path.length, 0)
+                beyond = beyond + np.maximum(-position.along, 0)
+                metres = abs(position.lateral) + beyond
+                columns.append((metres, metres + abs(wrapped(heading - position.heading))))
+            metres, misfit = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
+            needed = float(misfit.min(axis=1).max()) + 2 * GAP
+            if needed <= reach or len(near) == len(apart):
+                return near, metres, misfit
+            reach = needed
 
     def _between(self, lanelet: int, goal: int) -> list[int]:
         """Return the lanelets passed without a state, and the lanelet reached."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.plausible import overlaps
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.world.build import Made
@@ -39,16 +40,46 @@ def simulate(built: Made, seed: int, repeats: int = 1) -> Observed:
     first. Vehicles that count once in the recordings count once here.
     """
     every, counted = [], []
+    for recording, tracks, ways in _simulated(built, seed, repeats):
+        scene = Scene(Recording(tracks, built.every[recording].scene.lanes.road))
+        every.append(built.every[recording].moved(scene, ways))
+        counted.append({ways[track].track for track in built.kept[recording] if track in ways})
+    return observe(every, counted)
+
+
+def contacts(built: Made, seed: int, repeats: int = 1) -> Row:
+    """Return how many pairs of simulated vehicles drive through each other.
+
+    No vehicle of these simulations is an ego, whose contacts alone end episodes. Vehicles are
+    smaller by the world's `slack` than recorded, as for an ego.
+
+    Returns:
+        `vehicles`, those simulated in all repeats; `pairs_in_contact` of them; `deepest_contact`
+        of two rectangles, m.
+    """
+    vehicles, pairs, deepest = 0, 0, 0.0
+    for _, tracks, _ in _simulated(built, seed, repeats):
+        slack = built.world.config.slack
+        length, width = (np.maximum(side - slack, 0.1) for side in (tracks.length, tracks.width))
+        met = overlaps(dataclasses.replace(tracks, length=length, width=width))
+        vehicles += tracks.n_tracks
+        pairs += len({*zip(tracks.track[met.first], tracks.track[met.second], strict=True)})
+        deepest = max(deepest, float(met.depth.max(initial=0.0)))
+    return {"vehicles": vehicles, "pairs_in_contact": pairs, "deepest_contact": deepest}
+
+
+def _simulated(
+    built: Made, seed: int, repeats: int
+) -> Iterator[tuple[int, Tracks, dict[int, Way]]]:
+    """Yield each recording's number, and what `_moved` returns of a simulation as long as it."""
     for repeat in range(repeats):
-        for recording, (encounters, tracks) in enumerate(zip(built.every, built.kept, strict=True)):
+        for recording, encounters in enumerate(built.every):
             frame, dt = encounters.scene.tracks.frame, encounters.scene.tracks.dt
             seconds = (int(frame.max()) - int(frame.min())) * dt
             steps = int(seconds * SUB_STEPS + 1e-6) + 1
             moved = _moved(encounters, run(built.world, recording, steps, seed + repeat))
             if moved is not None:
-                every.append(moved[0])
-                counted.append({moved[1][track] for track in tracks if track in moved[1]})
-    return observe(every, counted)
+                yield recording, *moved
 
 
 def run(
@@ -72,9 +103,8 @@ def run(
 
 def _moved(
     encounters: Encounters, states: Float64[np.ndarray, "step vehicle 2"]
-) -> tuple[Encounters, dict[int, int]] | None:
-    """Return the encounters of simulated states, and the new number of each track."""
-    number: dict[int, int] = {}
+) -> tuple[Tracks, dict[int, Way]] | None:
+    """Return the tracks of simulated states, and the way of each track there that is there."""
     ways: dict[int, Way] = {}
     columns: list[dict[str, Any]] = []
     for index, way in enumerate(encounters.ways.values()):
@@ -82,7 +112,7 @@ def _moved(
         if len(there) < 2:
             continue
         along, speed = states[there, index].T.copy()
-        track = number[way.track] = len(number)
+        track = len(ways)
         moved = {"track": track, "first": int(there[0]), "along": along, "speed": speed}
         ways[way.track] = dataclasses.replace(way, **moved, dt=1 / SUB_STEPS)
         points, heading = way.line.points_at(along)
@@ -92,9 +122,9 @@ def _moved(
             | {"heading": -wrapped(-heading)}
             | {"vx": speed * np.cos(heading), "vy": speed * np.sin(heading)}
         )
-    if not number:
+    if not ways:
         return None
-    recorded, chosen = encounters.scene.tracks, list(number)
+    recorded, chosen = encounters.scene.tracks, list(ways)
     tracks = Tracks(
         **{name: np.concatenate([column[name] for column in columns]) for name in columns[0]},
         identity=recorded.identity[chosen],
@@ -105,8 +135,7 @@ def _moved(
         recording=recorded.recording,
         source={"made_by": "socialiq data world"},
     )
-    scene = Scene(Recording(tracks, encounters.scene.lanes.road))
-    return encounters.moved(scene, ways), number
+    return tracks, ways
 
 
 def table(recorded: Observed, simulated: Observed) -> list[Row]:

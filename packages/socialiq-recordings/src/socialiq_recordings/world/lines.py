@@ -16,7 +16,8 @@ from jaxtyping import Float64
 
 from socialiq.physics import wrapped
 from socialiq_recordings.conflicts.encounters import Encounters
-from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, projected
+from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, projected, recorded
+from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.recorded_world import SUB_STEPS
 
 SPACING = 1.0  # m between the points of a line
@@ -101,6 +102,7 @@ def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray,
 
 STANDING = 0.5  # m/s; a slower vehicle stands
 _AHEAD = 12.0  # m; a leader within this distance is what a vehicle stands behind
+_START = 2.0  # s from a reason's end to motion: the start-up lost time (HCM 2016, ch. 19)
 _SOON = 5.0  # s; a conflicting vehicle that arrives later is no reason to stand
 _UNEXPLAINED = 1.0  # s for which a vehicle must stand without a reason
 _BEFORE = 1.0  # m between the front of the standing vehicle and the line
@@ -121,10 +123,15 @@ class Closure(NamedTuple):
 def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
     """Return the lines that were closed, one for each vehicle that stood without a known reason.
 
-    A vehicle must be the first of its lane, and its stand unexplained for `_UNEXPLAINED` s.
+    A vehicle must be the first of its lane, and its stand unexplained for `_UNEXPLAINED` s. On a
+    road whose signs are stated, only a lanelet with a light is closed.
     """
-    closures = []
+    closures, lanelets = [], encounters.scene.lanes.road.lanelets
+    lit = {number for number, lanelet in lanelets.items() if lanelet.sign == Sign.LIGHT}
+    stated = any(lanelet.sign != Sign.NONE for lanelet in lanelets.values())
     for way in encounters.ways.values():
+        if stated and not lit.intersection(way.lanelets):
+            continue
         standing = np.concatenate([[False], way.speed < STANDING, [False]])
         edges = np.flatnonzero(np.diff(standing.astype(np.int8))).reshape(-1, 2)
         for begin, end in (way.first + edges).tolist():
@@ -190,6 +197,12 @@ def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
         met = True
         times = projected(partner, area.entry[1], area.exit[1], frame)
         if times.leaves > now and times.enters < now + _SOON:
+            return True
+        # Courtesy: who is let go first arrives by starting, not at the speed of this moment, and
+        # the one that stands goes after it.
+        first = recorded(partner, area.entry[1], area.exit[1])
+        goes = recorded(way, area.entry[0], area.exit[0]).enters
+        if first.enters < now + _SOON and now < first.leaves + _START and goes < np.inf:
             return True
     areas = (encounters.area(way.track, track) for track in encounters.ways if track != way.track)
     return not met and not any(area is not None and area.entry[0] > along for area in areas)

@@ -103,8 +103,12 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
 
 
 def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarray, " decision"]]:
-    """Return the sub-steps of a vehicle's decisions and of their end, one run a beginning."""
-    road, frames = world.road, world.config.frames
+    """Return the sub-steps of a vehicle's decisions and of their end, one run a beginning.
+
+    Of a vehicle that is in view for longer than an episode lasts, runs are shorter than an episode:
+    where one ends and the next begins, the view is cut, and no time is out.
+    """
+    road, frames, most = world.road, world.config.frames, world.config.decisions
     begin, end = road.state_first[vehicle : vehicle + 2].tolist()
     along = road.state[begin:end, 0]
     runs = []
@@ -113,8 +117,9 @@ def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarr
         arrived = np.flatnonzero(along[rows] >= road.arrival[vehicle])
         if len(arrived):
             rows = rows[: arrived[0] + 1]
-        if len(rows) > 1:
-            runs.append(int(road.state_step[vehicle]) + rows)
+        size = len(rows) - 1 if len(rows) - 1 <= most else max(most - 1, 1)
+        for first in range(0, len(rows) - 1, max(size, 1)):
+            runs.append(int(road.state_step[vehicle]) + rows[first : first + size + 1])
     return runs
 
 
