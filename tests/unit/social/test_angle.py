@@ -282,7 +282,7 @@ def test_it_covers_the_truth_as_often_as_promised():
     hits, angle = 0, np.degrees(np.arctan2(0.5, 2.0))
     for _ in range(400):
         found = direction_interval(rng.normal([2.0, 0.5], [1.0, 0.5], (6, 2)), 0.9)
-        hits += found is None or found.low <= angle <= found.high
+        hits += found is None or found[0] <= angle <= found[1]
     assert hits / 400 > 0.9  # of the directions at least as often as of the vector
 
 

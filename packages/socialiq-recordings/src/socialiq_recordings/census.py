@@ -66,7 +66,8 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
         rows = slice(first, first + count)
         pairs = np.stack([table.rewards.env[rows], table.rewards.social[rows]], axis=1)
         env, social = pairs.mean(axis=0).tolist()
-        region = direction_interval(pairs, confidence) if count >= LEAST_DECISIONS else None
+        ends = direction_interval(pairs, confidence) if count >= LEAST_DECISIONS else None
+        low, high = ends or (None, None)
         arrived = table.ending[first + count - 1] == Ending.ARRIVAL
         signals = dict(zip(SIGNALS, replayed.signals[rows].mean(axis=0).tolist(), strict=True))
         driver: Row = {
@@ -78,8 +79,8 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
             "r_env": env,
             "r_social": social,
             "angle": angle_of(env, social) if env or social else None,
-            "low": region.low if region else None,
-            "high": region.high if region else None,
+            "low": low,
+            "high": high,
             "speed": float(replayed.speed[rows].mean()),
             "yielding": signals["yielding"],
             "disruption": signals["disruption"],

@@ -28,15 +28,9 @@ _LEAST_GAP = 0.1  # m
 
 
 def acceleration(
-    speed: Any,
-    gap: Any,
-    leader_speed: Any,
-    desired: Any,
-    headway: Any,
-    jam: Any,
-    strongest: Any,
-    comfort: Any,
-) -> Any:
+    speed: Any, gap: Any, leader_speed: Any, desired: Any,
+    headway: Any, jam: Any, strongest: Any, comfort: Any,
+) -> Any:  # fmt: skip
     """Return the acceleration of the IDM, m/s² (`physics.idm`), of numbers or arrays.
 
     The gap is to the leader's rear, m, infinite without a leader; then the leader's speed, m/s, and

@@ -86,16 +86,11 @@ def fit_drivers(
     fitted = np.tile(population, (len(vehicles), 1))
     size = len(population)
     for _ in range(_ROUNDS):
-        off = situations.acceleration - next_second(fitted[driver], situations)
+        modelled = next_second(fitted[driver], situations)
+        off = situations.acceleration - modelled
         steps = fitted[driver][:, None, :] + _STEP * np.eye(size)
-        slopes = np.stack(
-            [
-                next_second(steps[:, k], situations) - next_second(fitted[driver], situations)
-                for k in range(size)
-            ],
-            axis=1,
-        )
-        slopes /= _STEP
+        moved = [next_second(steps[:, k], situations) - modelled for k in range(size)]
+        slopes = np.stack(moved, axis=1) / _STEP
         curvature = np.tile(np.eye(size) / spread**2, (len(vehicles), 1, 1))
         np.add.at(curvature, driver, slopes[:, :, None] * slopes[:, None, :] / error**2)
         pull = (population - fitted) / spread**2

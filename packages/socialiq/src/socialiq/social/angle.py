@@ -138,21 +138,14 @@ def interval_around(
 _AROUND = 3600  # points of the ellipse whose directions are taken
 
 
-class DirectionInterval(NamedTuple):
-    """Ends of an interval of directions in degrees, unwrapped around the direction of the mean."""
-
-    low: float
-    high: float
-
-
 def direction_interval(
     pairs: Float64[np.ndarray, "row 2"], confidence: float
-) -> DirectionInterval | None:
+) -> tuple[float, float] | None:
     """Return the directions in which Hotelling's T² region of the mean is seen from the origin.
 
     The region is of the whole vector, so the directions are covered at least as often as it is. The
-    pairs are at least three independent rows. The result is None if the origin is inside: then no
-    direction is excluded.
+    pairs are at least three independent rows. The ends are in degrees, unwrapped around the
+    direction of the mean; None if the origin is inside: then no direction is excluded.
     """
     region = hotelling_region(pairs, confidence)
     if region.holds_origin:
@@ -162,7 +155,7 @@ def direction_interval(
     edge = region.mean + (circle * region.halves) @ region.axes.T
     angle = angle_of(*region.mean.tolist())
     off = angle_difference(np.degrees(np.arctan2(edge[:, 1], edge[:, 0])), angle)
-    return DirectionInterval(angle + float(off.min()), angle + float(off.max()))
+    return angle + float(off.min()), angle + float(off.max())
 
 
 @dataclass(frozen=True)

@@ -42,14 +42,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     return numba.extending.register_jitable(**options)(inspect.unwrap(function))
 
 
-for _function in (
-    physics.wrapped,
-    physics.desired_gap,
-    physics.idm,
-    physics.ballistic,
-    physics.overlap_depth,
-):
-    kernel(_function)
+for _form in ("wrapped", "desired_gap", "idm", "ballistic", "overlap_depth"):
+    kernel(getattr(physics, _form))
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:
