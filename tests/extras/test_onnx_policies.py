@@ -168,7 +168,13 @@ def test_sparse_initialisers_and_functions_are_refused(refused):
 
 def test_sub_graphs_and_custom_domains_are_refused(refused):
     inner = helper.make_graph([], "inner", [], [])
-    refused(model([Node("If", ["x"], ["y"], then_branch=inner, else_branch=inner)]), "sub-graphs")
+    both = {"then_branch": inner, "else_branch": inner}
+    refused(model([Node("If", ["x"], ["y"], **both)]), "reads 'x' where a constant must be")
+    yes = numpy_helper.from_array(np.array(True), "yes")
+    constant = Node("Constant", [], ["yes"], value=yes)
+    refused(model([constant, Node("If", ["yes"], ["y"], **both)]), "an If of several outputs")
+    refused(model([Node("If", ["w"], ["y"], **both)]), "an If that depends on the observation")
+    refused(model([Node("Scan", ["x"], ["y"], body=inner, num_scan_inputs=1)]), "sub-graph")
     refused(model([Node("Gemm", ["x", "w"], ["y"], domain="evil")]), "domain 'evil'")
     made = model([GEMM])
     made.opset_import.append(helper.make_opsetid("com.microsoft", 1))
@@ -198,7 +204,7 @@ def test_sizes_must_fit_the_world(refused):
 
 
 def test_inputs_must_be_observations(refused):
-    refused(model([GEMM], shape=(1, 6)), "takes 1 observations at a time")
+    refused(model([GEMM], shape=(2, 6)), "takes 2 observations at a time, neither one nor any")
     refused(model([GEMM], shape=(6,)), "not float32 of shape")
     refused(model([GEMM], shape=("batch", "features")), "takes observations of shape")
     refused(model([GEMM], shape=("batch", -6)), "takes observations of shape")
@@ -291,3 +297,89 @@ def test_files_with_changed_bytes_are_read_or_refused(read, part):
             refused += 1
             assert "\n" not in str(error)
     assert refused
+
+
+def agrees(read, made, single=False):
+    loaded = read(made)
+    rows = OBSERVATIONS[:500]
+    pieces = np.split(rows, len(rows)) if single else [rows]
+    expected = np.concatenate([outputs(made, piece) for piece in pieces]).argmax(axis=1)
+    np.testing.assert_array_equal(loaded.policy.predict(rows)[0], expected)
+    assert len(np.unique(expected)) > 1
+
+
+def test_batch_of_one_is_asked_one_by_one(read):
+    y = (("y", FLOAT, [1, 3]),)
+    agrees(read, model([GEMM], (1, 6), y), single=True)
+    target = np.array([1, -1])
+    nodes = [Node("Reshape", ["x", "t"], ["z"]), Node("Gemm", ["z", "w", "b"], ["y"])]
+    loaded = read(model(nodes, (1, 2, 3), y, t=target))
+    expected = (OBSERVATIONS[:9] @ W + B).argmax(axis=1)
+    np.testing.assert_array_equal(loaded.policy.predict(OBSERVATIONS[:9])[0], expected)
+
+
+def test_rest_of_a_shape_is_inferred(read, refused):
+    nodes = [Node("Reshape", ["x", "t"], ["z"]), Node("Gemm", ["z", "w", "b"], ["y"])]
+    shape = ("batch", 2, 3)
+    read(model(nodes, shape, t=np.array([0, -1])))
+    refused(model(nodes, shape, t=np.array([1, -1])), "reshapes the batch")
+    refused(model(nodes, shape, t=np.array([0, -1, -1])), "reshapes the batch")
+    refused(model(nodes, shape, t=np.array([0, 4, -1])), "reshapes")
+
+
+def test_clip_min_and_max_are_read(read, refused):
+    low, high = np.array(-0.5, np.float32), np.array(0.7, np.float32)
+    for bounds in (["z", "low", "high"], ["z", "", "high"], ["z", "low"], ["z"]):
+        nodes = [Node("Clip", ["x", *bounds[1:]], ["z"]), Node("Gemm", ["z", "w", "b"], ["y"])]
+        agrees(read, model(nodes, low=low, high=high))
+    for operator in ("Min", "Max"):
+        nodes = [Node("Gemm", ["x", "w", "b"], ["z"]), Node("Gemm", ["x", "v", "b"], ["u"])]
+        agrees(read, model([*nodes, Node(operator, ["z", "u", "b"], ["y"])], v=-W))
+    refused(model([Node("Clip", ["x", "b"], ["y"])]), "bounds that are not one number each")
+
+
+def test_layer_normalisation_is_read(read, refused):
+    scale, bias = RANDOM.normal(size=(2, 6)).astype(np.float32)
+    constants = {"s": scale, "c": bias}
+    for inputs in (["x", "s", "c"], ["x", "s"]):
+        nodes = [Node("LayerNormalization", inputs, ["z"], axis=-1)]
+        agrees(read, model([*nodes, Node("Gemm", ["z", "w", "b"], ["y"])], **constants))
+    across = [Node("LayerNormalization", ["x", "s"], ["y"], axis=0)]
+    refused(model(across, **constants), "normalises across the observations")
+
+
+def test_dueling_heads_are_read(read, refused):
+    heads = [
+        Node("Gemm", ["x", "v", "one"], ["value"]),
+        Node("Gemm", ["x", "w", "b"], ["advantage"]),
+        Node("ReduceMean", ["advantage"], ["mean"], axes=[1], keepdims=1),
+        Node("Sub", ["advantage", "mean"], ["beside"]),
+        Node("Add", ["value", "beside"], ["y"]),
+    ]
+    constants = {"v": W[:, :1].copy(), "one": B[:1].copy()}
+    agrees(read, model(heads, **constants))
+    heads[2] = Node("ReduceMean", ["advantage"], ["mean"], axes=[0], keepdims=1)
+    refused(model(heads, **constants), "reduces more than a vector's numbers")
+    heads[2] = Node("ReduceMean", ["advantage"], ["mean"], axes=[1], keepdims=0)
+    refused(model(heads, **constants), "keep their dimension")
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_branch_that_is_never_taken_is_removed(read, taken):
+    result = [helper.make_tensor_value_info("z", FLOAT, None)]
+    good = helper.make_graph([Node("Gemm", ["x", "w", "c"], ["z"])], "good", [], result)
+    good.initializer.append(numpy_helper.from_array(B, "c"))
+    other = [helper.make_tensor_value_info("q", FLOAT, None)]
+    bad = helper.make_graph([Node("Sin", ["x"], ["q"])], "bad", [], other)
+    branches = (good, bad) if taken else (bad, good)
+    condition = numpy_helper.from_array(np.array(taken), "yes")
+    made = model(
+        [
+            Node("Constant", [], ["yes"], value=condition),
+            Node("If", ["yes"], ["y"], then_branch=branches[0], else_branch=branches[1]),
+        ]
+    )
+    loaded = read(made)
+    expected = (OBSERVATIONS @ W + B).argmax(axis=1)
+    np.testing.assert_array_equal(loaded.policy.predict(OBSERVATIONS)[0], expected)
+    assert loaded.record.details["operators"] == ["Constant", "Gemm", "Identity"]

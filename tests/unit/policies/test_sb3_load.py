@@ -203,3 +203,117 @@ def test_members_are_needed(crafted):
     with pytest.raises(UserError, match=r"has no member policy\.pth"):
         said = json.dumps(words()).encode()
         read_sb3(crafted.zipped({"data": said}), "some.zip", WORLD)
+
+
+def test_names_of_older_spaces_are_read(read):
+    """Gym before 0.22 wrote `shape`, and its discrete spaces had no start."""
+    box = {":type:": "<class 'gym.spaces.box.Box'>", "dtype": "float32", "shape": [2, 3]}
+    discrete = {":type:": "<class 'gym.spaces.discrete.Discrete'>", "n": 3, "shape": []}
+    policy, _ = read(words(observation_space=box, action_space=discrete), DQN)
+    expected, _ = read(words(), DQN)[0].predict(OBSERVATIONS)
+    np.testing.assert_array_equal(policy.predict(OBSERVATIONS)[0], expected)
+
+
+def test_shared_layers_come_first(read):
+    shared = layer("mlp_extractor.shared_net.0", 6, 5) | layer("mlp_extractor.policy_net.0", 5, 4)
+    arrays = shared | layer("action_net", 4, 3) | layer("value_net", 4, 1)
+    policy, details = read(words("common"), arrays)
+    value = np.tanh(
+        OBSERVATIONS @ arrays["mlp_extractor.shared_net.0.weight"].T
+        + arrays["mlp_extractor.shared_net.0.bias"]
+    )
+    value = np.tanh(
+        value @ arrays["mlp_extractor.policy_net.0.weight"].T
+        + arrays["mlp_extractor.policy_net.0.bias"]
+    )
+    value = value @ arrays["action_net.weight"].T + arrays["action_net.bias"]
+    assert details["layers"] == [6, 5, 4, 3]
+    np.testing.assert_array_equal(policy.predict(OBSERVATIONS)[0], value.argmax(axis=1))
+
+
+def test_value_of_quantiles_is_their_mean(read):
+    arrays = layer("quantile_net.quantile_net.0", 6, 5) | layer(
+        "quantile_net.quantile_net.2", 5, 12
+    )
+    module = {"__module__": "sb3_contrib.qrdqn.policies"}
+    policy, _ = read(words("dqn", policy_class=module), arrays)
+    hidden = np.maximum(
+        OBSERVATIONS @ arrays["quantile_net.quantile_net.0.weight"].T
+        + arrays["quantile_net.quantile_net.0.bias"],
+        0.0,
+    )
+    quantiles = hidden @ arrays["quantile_net.quantile_net.2.weight"].T
+    quantiles = (quantiles + arrays["quantile_net.quantile_net.2.bias"]).reshape(-1, 4, 3)
+    found, _ = policy.predict(OBSERVATIONS)
+    np.testing.assert_array_equal(found, quantiles.mean(axis=1).argmax(axis=1))
+
+
+@pytest.fixture
+def with_statistics(crafted):
+    def made(content, original=None):
+        said = words("common", _last_original_obs=original)
+        members = {"data": json.dumps(said).encode(), "policy.pth": crafted.pth(ACTOR)}
+        if content is not None:
+            members["vecnormalize.json"] = json.dumps(content).encode()
+        return read_sb3(crafted.zipped(members), "some.zip", WORLD)
+
+    return made
+
+
+def test_policy_whose_statistics_are_elsewhere_is_refused(with_statistics, crafted):
+    with pytest.raises(UserError, match=r"some\.zip was trained under VecNormalize, whose stat"):
+        with_statistics(None, {":type:": "<class 'numpy.ndarray'>"})
+    with_statistics({"norm_obs": False}, {":type:": "<class 'numpy.ndarray'>"})
+    with_statistics(None)
+    members = {"data": json.dumps(words()).encode(), "policy.pth": crafted.pth(DQN)}
+    with pytest.raises(UserError, match=r"some\.zip lies beside vecnormalize\.pkl, whose stat"):
+        read_sb3(crafted.zipped(members), "some.zip", WORLD, "vecnormalize.pkl")
+
+
+def test_statistics_normalise_and_clip(with_statistics):
+    mean, var = RANDOM.normal(size=6), RANDOM.random(6) + 0.1
+    numbers = {"mean": mean.tolist(), "var": var.tolist(), "epsilon": 0.01, "clip_obs": 0.5}
+    policy, details = with_statistics(numbers, {":type:": "<class 'numpy.ndarray'>"})
+    plain, _ = with_statistics(None)
+    scaled = np.clip((OBSERVATIONS - mean) / np.sqrt(var + 0.01), -0.5, 0.5)
+    for found, expected in (
+        (policy.predict(OBSERVATIONS)[0], plain.predict(scaled)[0]),
+        (policy.predict(OBSERVATIONS[0])[0], plain.predict(scaled[0])[0]),
+        (policy.probabilities(OBSERVATIONS), plain.probabilities(scaled)),
+    ):
+        np.testing.assert_array_equal(found, expected)
+    assert details["normalised"] is True
+    for bad in (OBSERVATIONS[:, :5], np.full((1, 6), np.nan)):
+        with pytest.raises(UserError, match="observation"):
+            policy.predict(bad)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        {},
+        [],
+        7,
+        {"mean": [0.0] * 6},
+        {"mean": [0.0] * 5, "var": [1.0] * 5},
+        {"mean": [0.0] * 6, "var": [-1.0] * 6},
+        {"mean": [0.0] * 6, "var": [0.0] * 6, "epsilon": 0.0},
+        {"mean": [0.0] * 6, "var": [1.0] * 6, "clip_obs": 0.0},
+        {"mean": [0.0] * 6, "var": [1.0] * 6, "clip_obs": "wide"},
+        {"mean": [float("nan")] * 6, "var": [1.0] * 6},
+        {"mean": [[0.0]] * 6, "var": [1.0] * 6},
+        {"mean": "0", "var": "1"},
+        {"norm_obs": True},
+    ],
+)
+def test_numbers_that_are_no_statistics_are_refused(with_statistics, numbers):
+    with pytest.raises(UserError, match=r"vecnormalize\.json is no object of mean and var, 6 finite"):
+        with_statistics(numbers)
+
+
+def test_statistics_that_are_no_json_are_refused(crafted):
+    members = {"data": json.dumps(words()).encode(), "policy.pth": crafted.pth(DQN)}
+    for content in (b"", b"\x80\x04.", b"[" * 100_000):
+        archive = crafted.zipped(members | {"vecnormalize.json": content})
+        with pytest.raises(UserError, match="is no object of mean and var"):
+            read_sb3(archive, "some.zip", WORLD)

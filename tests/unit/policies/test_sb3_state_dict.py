@@ -184,3 +184,16 @@ def test_huge_program_is_not_read(crafted):
 def test_length_words_beyond_the_program_are_damage(crafted):
     said = b"X" + struct.pack("<I", 2**32 - 1)
     refused(crafted.zipped({"a/data.pkl": b"\x80\x02" + said + b"."}), "damaged data.pkl")
+
+
+def test_older_torch_names_its_storages_by_long_numbers(crafted):
+    """Addresses in memory, before torch 1.13."""
+    place = "94185873392848"
+    program = crafted.program({"x": crafted.tensor(crafted.storage(place, 2), (2,))})
+    members = {"archive/data.pkl": program, f"archive/data/{place}": np.ones(2, "<f4").tobytes()}
+    assert read_state_dict(crafted.zipped(members), "p.pth")["x"].tolist() == [1.0, 1.0]
+
+
+def test_oldest_format_of_torch_is_named():
+    with pytest.raises(UserError, match=r"of torch before 1\.6: load the policy and save it again"):
+        read_state_dict(b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19.", "p.pth")

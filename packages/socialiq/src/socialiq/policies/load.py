@@ -96,7 +96,9 @@ def load_policy(
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".zip":
-        kind, (policy, details) = "sb3", read_sb3(content, source, world)
+        beside = [*path.parent.glob("*vecnormalize*"), *path.with_suffix("").glob("*vecnormalize*")]
+        name = beside[0].name if beside else ""
+        kind, (policy, details) = "sb3", read_sb3(content, source, world, name)
     elif suffix == ".onnx":
         kind, (policy, details) = "onnx", read_onnx(content, source, world)
     else:

@@ -41,11 +41,13 @@ class Values:
         constants: By name.
         rows: Shape for one observation, by name.
         products: Multiplications so far, for one observation.
+        single: Whether the graph takes one observation at a time.
     """
 
     constants: dict[str, np.ndarray] = field(default_factory=dict)
     rows: dict[str, Shape] = field(default_factory=dict)
     products: int = 0
+    single: bool = False
 
     def name(self, name: str) -> str:
         """Return a name after a check that it is new and has usual characters."""
@@ -80,7 +82,7 @@ class Values:
         """Define a constant, finite and of bounded shape."""
         if value.ndim > 2 or max(value.shape, default=0) > MOST_DIMENSION:
             raise GraphFault(f"has a constant of shape {value.shape}")
-        if value.dtype.kind not in "fi" or not np.isfinite(value).all():
+        if value.dtype.kind not in "fib" or not np.isfinite(value).all():
             raise GraphFault("has a constant that is not a finite number")
         self.constants[self.name(name)] = value
 
@@ -133,12 +135,40 @@ def _elementwise(values: Values, inputs: Sequence[str], _attributes: Attributes)
     shapes = [values.rows[name] for name in inputs if name in values.rows]
     if not shapes:
         raise GraphFault("computes with constants alone: let the exporter fold them")
-    if shapes[1:] not in ([], shapes[:1]):
-        raise GraphFault(f"combines values of shapes {shapes[0]} and {shapes[1]}")
+    shape = max(shapes)
+    for other in shapes:  # one number of each observation may go with its vector
+        if other not in (shape, (1,) * len(shape)):
+            raise GraphFault(f"combines values of shapes {other} and {shape}")
     for name in inputs:
         if name not in values.rows:
-            _check_broadcast(values.constant(name).shape, shapes[0])
-    return shapes[0]
+            _check_broadcast(values.constant(name).shape, shape)
+    return shape
+
+
+def _clip(values: Values, inputs: Sequence[str], _attributes: Attributes) -> Shape:
+    """Return the shape of values between two numbers, either of which may be left out."""
+    if any(values.constant(name).size != 1 for name in inputs[1:] if name):
+        raise GraphFault("clips by bounds that are not one number each")
+    return values.row(inputs[0])
+
+
+def _normalise(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
+    shape = (values.vector(inputs[0]),)
+    if attributes.get("axis", -1) not in (1, -1):
+        raise GraphFault("normalises across the observations of a batch")
+    for name in inputs[1:]:
+        _check_broadcast(values.constant(name).shape, shape)
+    return shape
+
+
+def _reduce(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
+    """Return the shape of one number of each vector; the axis is an attribute, or an input."""
+    values.vector(inputs[0])
+    axes = list(attributes.get("axes", []))
+    axes += values.constant(inputs[1]).ravel().tolist() if inputs[1:] else []
+    if axes not in ([1], [-1]) or not attributes.get("keepdims", 1):
+        raise GraphFault("reduces more than a vector's numbers to one: keep their dimension")
+    return (1,)
 
 
 def _check_broadcast(constant: Shape, row: Shape) -> None:
@@ -199,9 +229,13 @@ def _flatten(values: Values, inputs: Sequence[str], attributes: Attributes) -> S
 def _reshape(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
     row, target = values.row(inputs[0]), values.constant(inputs[1])
     shape = tuple(target.ravel().tolist()[1:])
+    if shape.count(-1) == 1 and target[0] != -1:  # the rest of one observation
+        size = math.prod(row) // max(-math.prod(shape), 1)
+        shape = tuple(size if length == -1 else length for length in shape)
     # A 0 stands for the batch only where zeros aren't meant as such; -1 always does, since the
     # other dimensions are checked to hold one observation.
     batch = (-1,) if attributes.get("allowzero", 0) else (-1, 0)
+    batch = (*batch, 1) if values.single else batch
     free = target.ndim == 1 and len(target) > 0 and target[0] in batch
     if not free or any(size < 1 for size in shape):
         raise GraphFault("reshapes the batch: its first new dimension must be -1 or 0")
@@ -212,10 +246,16 @@ def _reshape(values: Values, inputs: Sequence[str], attributes: Attributes) -> S
 
 OPERATORS: Mapping[str, tuple[Rule, int, int]] = {
     **dict.fromkeys(("Relu", "Tanh", "Elu", "Sigmoid", "LeakyRelu"), (_same, 1, 1)),
-    **dict.fromkeys(("Identity", "Cast"), (_same, 1, 1)),
+    **dict.fromkeys(("Selu", "Celu", "Softplus", "Softsign", "Erf", "Gelu"), (_same, 1, 1)),
+    **dict.fromkeys(("HardSigmoid", "HardSwish", "Mish"), (_same, 1, 1)),
+    **dict.fromkeys(("Identity", "Cast", "Abs", "Neg", "Exp", "Sqrt"), (_same, 1, 1)),
     **dict.fromkeys(("Softmax", "LogSoftmax"), (_along, 1, 1)),
     **dict.fromkeys(("Add", "Sub", "Mul", "Div"), (_elementwise, 2, 2)),
-    **dict.fromkeys(("Equal", "Max"), (_elementwise, 2, 2)),
+    **dict.fromkeys(("Equal", "Pow"), (_elementwise, 2, 2)),
+    **dict.fromkeys(("Max", "Min"), (_elementwise, 1, MOST_NODES)),
+    **dict.fromkeys(("ReduceMean", "ReduceMax", "ReduceSum"), (_reduce, 1, 2)),
+    "Clip": (_clip, 1, 3),
+    "LayerNormalization": (_normalise, 2, 3),
     "ArgMax": (_arg_max, 1, 1),
     "Concat": (_concat, 1, MOST_NODES),
     "Gather": (_gather, 2, 2),

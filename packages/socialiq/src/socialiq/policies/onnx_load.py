@@ -37,9 +37,9 @@ _ACTIONS = "actions"
 def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
     """Load a policy from the bytes of an ONNX file.
 
-    Its one input is float32, (batch, ...), with a free batch size; its output is a score for each
-    action, of which the best is taken, or the action itself. Of several outputs the one named
-    "actions" is used. It has no distribution, so it always takes its best action.
+    Its one input is float32, (batch, ...), with a batch size that is free or 1; its output is a
+    score for each action, of which the best is taken, or the action itself. Of several outputs the
+    one named "actions" is used. It has no distribution, so it always takes its best action.
 
     Args:
         content: The file.
@@ -84,9 +84,11 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
     interface = Interface(n_features, *sizes)
     interface.check(source, world)
     names = [model.graph.input[0].name, output.name]
+    batch_size = model.graph.input[0].type.tensor_type.shape.dim[0]
+    at_once = 1 if batch_size.HasField("dim_value") else ROWS
 
     def decide(batch: Float32[np.ndarray, "batch feature"], _deterministic: bool) -> np.ndarray:
-        outputs = _run(session, names, batch.reshape(-1, *inputs), source)
+        outputs = _run(session, names, batch.reshape(-1, *inputs), at_once, source)
         if answers != "scores":
             return outputs.reshape(-1) if integers else outputs
         if not np.isfinite(outputs).all():
@@ -113,27 +115,16 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     dims = list(kind.shape.dim)
     if kind.elem_type != onnx.TensorProto.FLOAT or not 2 <= len(dims) <= 4:
         raise GraphFault("takes an input that is not float32 of shape (batch, features)")
-    if dims[0].HasField("dim_value"):
-        raise GraphFault(f"takes {dims[0].dim_value} observations at a time, not any number")
+    values.single = dims[0].HasField("dim_value")
+    if values.single and dims[0].dim_value != 1:
+        raise GraphFault(
+            f"takes {dims[0].dim_value} observations at a time, neither one nor any number"
+        )
     inputs = tuple(dim.dim_value for dim in dims[1:])
     if any(not 1 <= size <= onnx_graph.MOST_DIMENSION for size in inputs):
         raise GraphFault(f"takes observations of shape {inputs}")
     values.add_row(free[0].name, inputs)
-    if len(graph.node) > onnx_graph.MOST_NODES:
-        raise GraphFault(f"has more than {onnx_graph.MOST_NODES:,} nodes")
-    for node in graph.node:
-        _check_domain(node.domain)
-        get = onnx.helper.get_attribute_value
-        attributes = {attribute.name: get(attribute) for attribute in node.attribute}
-        if len(node.output) != 1 or len(attributes) != len(node.attribute):
-            raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
-        if node.op_type != "Constant":
-            shape = onnx_graph.follow(values, node.op_type, node.input, attributes)
-            values.add_row(node.output[0], shape)
-        elif list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
-            raise GraphFault("has a Constant that is not a tensor")
-        else:
-            values.add_constant(node.output[0], _array(onnx, attributes["value"]))
+    _check_nodes(onnx, graph, values)
     outputs = [value for value in graph.output if value.name == _ACTIONS or len(graph.output) == 1]
     if len(outputs) != 1:
         raise GraphFault(f"has {len(graph.output)} outputs and none is named {_ACTIONS}")
@@ -151,6 +142,56 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     return inputs, shape, sorted({node.op_type for node in graph.node})
 
 
+def _check_nodes(onnx: Any, graph: Any, values: Values) -> None:
+    """Follow the values from node to node; an If is replaced by its branch."""
+    nodes: list[Any] = []
+    waiting = list(reversed(graph.node))
+    while waiting:
+        node = waiting.pop()
+        nodes.append(node)
+        if len(nodes) > onnx_graph.MOST_NODES:
+            raise GraphFault(f"has more than {onnx_graph.MOST_NODES:,} nodes")
+        _check_domain(node.domain)
+        get = onnx.helper.get_attribute_value
+        attributes = {attribute.name: get(attribute) for attribute in node.attribute}
+        if len(node.output) != 1 or len(attributes) != len(node.attribute):
+            raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
+        if node.op_type == "If":
+            waiting += _branch(onnx, graph, values, nodes.pop(), attributes)
+        elif any(attribute.HasField("g") for attribute in node.attribute):
+            raise GraphFault(f"has a sub-graph in a {one_line(node.op_type, 40)}")
+        elif node.op_type != "Constant":
+            shape = onnx_graph.follow(values, node.op_type, node.input, attributes)
+            values.add_row(node.output[0], shape)
+        elif list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
+            raise GraphFault("has a Constant that is not a tensor")
+        else:
+            values.add_constant(node.output[0], _array(onnx, attributes["value"]))
+    checked = type(graph)(node=nodes)
+    del graph.node[:]
+    graph.node.extend(checked.node)
+
+
+def _branch(
+    onnx: Any, graph: Any, values: Values, node: Any, attributes: Mapping[str, Any]
+) -> list[Any]:
+    """Return the nodes of the branch of an If that its constant takes, the first one last.
+
+    Its constants become the graph's; the other branch is never looked at, and removed.
+    """
+    condition = values.constant(node.input[0]) if node.input else np.zeros(0)
+    if condition.dtype.kind != "b" or condition.size != 1:
+        raise GraphFault("has an If that depends on the observation")
+    branch = attributes["then_branch" if condition.item() else "else_branch"]
+    if len(branch.output) != 1 or branch.input:
+        raise GraphFault("has an If of several outputs")
+    for tensor in branch.initializer:
+        values.add_constant(tensor.name, _array(onnx, tensor))
+        graph.initializer.append(tensor)
+    end = onnx.helper.make_node("Identity", [branch.output[0].name], list(node.output))
+    return [end, *reversed(branch.node)]
+
+
 def _check_domain(domain: str) -> None:
     if domain not in _DOMAINS:
         raise GraphFault(f"uses operators of the domain {one_line(domain, 40)!r}")
@@ -158,10 +199,11 @@ def _check_domain(domain: str) -> None:
 
 def _array(onnx: Any, tensor: Any) -> np.ndarray:
     """Return a constant's numbers; its shape is checked before they are unpacked."""
-    kinds = (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64, onnx.TensorProto.INT32)
+    numbers = (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64, onnx.TensorProto.INT32)
+    kinds = (*numbers, onnx.TensorProto.BOOL)
     dims = tuple(tensor.dims)
     if tensor.data_type not in kinds:
-        raise GraphFault("has a constant that is not float32, int64 or int32")
+        raise GraphFault("has a constant that is not float32, int64, int32 or bool")
     if len(dims) > 2 or any(not 0 <= size <= onnx_graph.MOST_DIMENSION for size in dims):
         raise GraphFault(f"has a constant of shape {one_line(str(dims), 60)}")
     return onnx.numpy_helper.to_array(tensor)
@@ -181,9 +223,9 @@ def _session(onnxruntime: Any, model: Any, source: str) -> Any:
         ) from error
 
 
-def _run(session: Any, names: list[str], rows: np.ndarray, source: str) -> np.ndarray:
-    """Return a session's outputs, of at most `ROWS` observations at a time."""
-    pieces = [rows[start : start + ROWS] for start in range(0, len(rows), ROWS)]
+def _run(session: Any, names: list[str], rows: np.ndarray, size: int, source: str) -> np.ndarray:
+    """Return a session's outputs, of at most so many observations at a time."""
+    pieces = [rows[start : start + size] for start in range(0, len(rows), size)]
     try:
         return np.concatenate([session.run(names[1:], {names[0]: piece})[0] for piece in pieces])
     except Exception as error:  # its exceptions have no common class
@@ -201,18 +243,24 @@ _TENSOR_TYPE: _Message = {1: _LEAF, 2: {1: _DIMENSION}}
 _TYPE: _Message = {1: _TENSOR_TYPE, 6: _LEAF}
 _VALUE: _Message = {1: _LEAF, 2: _TYPE, 3: _LEAF, 4: _ENTRY}
 _TENSOR: _Message = dict.fromkeys((1, 2, 4, 5, 7, 8, 9, 10, 12), _LEAF)
-_ATTRIBUTE: _Message = dict.fromkeys((1, 2, 3, 4, 7, 8, 13, 20), _LEAF) | {5: _TENSOR}
+_ATTRIBUTE: dict[int, _Message | None] = dict.fromkeys((1, 2, 3, 4, 7, 8, 13, 20), _LEAF) | {
+    5: _TENSOR
+}
 _NODE: _Message = dict.fromkeys((1, 2, 3, 4, 6, 7), _LEAF) | {5: _ATTRIBUTE, 9: _ENTRY}
-_GRAPH: _Message = {1: _NODE, 2: _LEAF, 5: _TENSOR, 10: _LEAF, 16: _ENTRY} | dict.fromkeys(
-    (11, 12, 13), _VALUE
-)
+_GRAPH: dict[int, _Message | None] = {
+    1: _NODE,
+    2: _LEAF,
+    5: _TENSOR,
+    10: _LEAF,
+    16: _ENTRY,
+} | dict.fromkeys((11, 12, 13), _VALUE)
+_ATTRIBUTE[6] = _GRAPH  # of an If whose branch is known
 _MODEL: _Message = dict.fromkeys(range(1, 7), _LEAF) | {7: _GRAPH, 8: _ENTRY, 14: _ENTRY}
 
 _REFUSED = {
     ("tensor", 13): "external data",
     ("tensor", 14): "external data",
     ("graph", 15): "sparse initialisers",
-    ("attribute", 6): "sub-graphs",
     ("attribute", 11): "sub-graphs",
     ("attribute", 22): "sparse tensors",
     ("model", 20): "training steps",

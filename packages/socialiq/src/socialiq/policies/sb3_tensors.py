@@ -137,6 +137,8 @@ def read_state_dict(content: bytes, source: str) -> dict[str, np.ndarray]:
     Raises:
         UserError: If it is damaged, too large, or has anything but a dictionary of tensors.
     """
+    if content.startswith(b"\x80\x02"):
+        raise UserError(f"{source} is of torch before 1.6: load the policy and save it again")
     archive = Archive(content, source)
     programs = [name for name in archive.names if name.endswith("/data.pkl")]
     if len(programs) != 1:
@@ -229,7 +231,7 @@ class _Machine:
                 ((tag, kind, member, _device, length),) = self._pop(1)
                 if tag != "storage" or kind is not _Known.FLOATS:
                     raise _Refused("a storage of other numbers than float32")
-                if not re.fullmatch(r"\d{1,4}", member) or type(length) is not int or length < 0:
+                if not re.fullmatch(r"\d{1,20}", member) or type(length) is not int or length < 0:
                     raise _Refused("a storage without a place")
                 push(_Storage(member, length))
             case "REDUCE":
