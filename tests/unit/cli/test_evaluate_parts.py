@@ -10,7 +10,7 @@ from socialiq.cli.main import main
 from socialiq.evaluation import parts
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 
 def as_text(episodes):
@@ -25,10 +25,12 @@ def as_text(episodes):
 @pytest.mark.parametrize(("name", "soft"), [("gap_3s", False), ("prosocial", True)])
 def test_parts_are_the_whole(name, soft):
     seeds = range(7, 30)
-    whole = episodes_of(Batch(Options(), len(seeds)), driver_of(name), [*seeds], not soft)
+    driver = driver_of(name, Intersection()).policy
+    whole = episodes_of(Batch(Options(), len(seeds)), driver, [*seeds], not soft)
     for processes in (1, 3):
         blocks = parts.blocks_of(seeds, processes)
-        played = [evaluate._play_road(name, soft, len(seeds), block) for block in blocks]
+        road = (name, "intersection", None, False, soft, len(seeds))
+        played = [evaluate._play_road(*road, block) for block in blocks]
         assert as_text(parts.joined(played)) == as_text(whole)
 
 

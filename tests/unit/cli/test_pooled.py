@@ -1,6 +1,8 @@
 import pytest
 
+from socialiq.cli.drivers import driver_of
 from socialiq.cli.evaluate import pool, target_of
+from socialiq.worlds.intersection.world import Intersection
 
 ROWS = [
     {"r_env": 1.0, "r_social": 0.0, "angle": 0.0, "angle_low": -1.0, "method": "exact"},
@@ -25,5 +27,12 @@ def test_policies_of_different_angles_have_none(targets, why):
 
 
 def test_targets():
-    assert target_of("set_prosocial") == target_of("atlas:set_prosocial") == 45.0
-    assert target_of("go") is None
+    for name, angle in (("set_prosocial", 45.0), ("atlas:set_prosocial", 45.0), ("go", None)):
+        assert target_of(driver_of(name, Intersection()).record) == angle
+
+
+def test_a_regret_at_several_angles_is_not_pooled():
+    rows = [row | {"target_angle": row["angle"], "regret": 1.0} for row in ROWS]
+    assert not {"regret", "target_angle"} & pool(rows, [0.0, 90.0]).keys()
+    alike = [row | {"target_angle": 45.0, "regret": 1.0} for row in ROWS]
+    assert pool(alike, [45.0, 45.0])["regret"] == 1.0

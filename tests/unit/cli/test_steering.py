@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from socialiq.cli.drivers import driver_of, road_named
 from socialiq.cli.evaluate import target_of
 from socialiq.cli.main import main
 from socialiq.nn.actor import Actor
@@ -63,7 +64,8 @@ def test_discrete_actions_have_no_such_share(capsys, policies) -> None:
 
 
 def test_policies_of_one_angle_are_pooled(policies, capsys) -> None:
-    assert target_of(policies["FIRST"]) == 30.0 and target_of(policies["TIMELESS"]) is None
+    for name, angle in (("FIRST", 30.0), ("TIMELESS", None)):
+        assert target_of(driver_of(str(policies[name]), road_named(WORLD)).record) == angle
     words = ["evaluate", "FIRST", "SECOND", "--world", WORLD, "--episodes", "3"]
     assert "angle" in printed(words, policies, capsys)["pooled"]
     words[2] = "TIMELESS"

@@ -307,7 +307,9 @@ def test_statistics_normalise_and_clip(with_statistics):
     ],
 )
 def test_numbers_that_are_no_statistics_are_refused(with_statistics, numbers):
-    with pytest.raises(UserError, match=r"vecnormalize\.json is no object of mean and var, 6 finite"):
+    with pytest.raises(
+        UserError, match=r"vecnormalize\.json is no object of mean and var, 6 finite"
+    ):
         with_statistics(numbers)
 
 

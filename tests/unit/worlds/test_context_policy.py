@@ -10,7 +10,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.load import load_policy
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import load_arrays, save_arrays
-from socialiq.worlds.situation import ContextPolicy, load_driver
+from socialiq.worlds.situation import ContextPolicy
 
 STATES = np.array([[2, 1, 1, 0, -1, 0], [0, 0, 4, 2, -1, 0], [3, 0, 0, 2, 1, 2]], np.float32)
 WHEN = {"angle": 75, "approaching": {"at_least": 1}}
@@ -39,7 +39,7 @@ def test_it_decides_as_the_dial_at_the_angle_of_each_situation(dial: DialPolicy)
 def test_its_file_holds_dial_and_rule(dial: DialPolicy, tmp_path: Path) -> None:
     policy, path = ContextPolicy.of(dial, RULE), tmp_path / "policy.safetensors"
     sha256 = policy.save(path)
-    loaded = load_driver(path)
+    loaded = ContextPolicy.load(path)
     assert isinstance(loaded, ContextPolicy) and loaded.sha256 == sha256
     assert loaded.rule == RULE
     np.testing.assert_array_equal(loaded.q_values(seen_by(dial)), policy.q_values(seen_by(dial)))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from socialiq import results_folder as store
-from socialiq.cli.drivers import driver_on
+from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.evaluation.episodes import episodes_of, outcome_row
 from socialiq.learners.settings import check_seeds
@@ -53,7 +53,7 @@ class Demo(Printing):
             batch = world.batch(self.episodes)
             rows = []
             for name, (policy, angle, words) in DRIVERS.items():
-                driver = driver_on(world, str(shipped(Path(policy))), angle)
+                driver = driver_of(str(shipped(Path(policy))), world, angle).policy
                 episodes = episodes_of(batch, driver, np.arange(self.episodes))
                 columns = ("arrival", "collision", "timeout", "speed_kmh", "stopped")
                 row = outcome_row(episodes)

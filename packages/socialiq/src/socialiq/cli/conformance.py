@@ -17,6 +17,7 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
 from socialiq.worlds.highway import PORTABLE
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Intersection
 
 _COUNTS = ("episodes", "steps", "off_road")
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
@@ -93,7 +94,9 @@ class Conformance(Printing):
         from socialiq.worlds import conformance
 
         if self.scene == "intersection":
-            driver = driver_of(self.driver, self.seed, options) if self.driver else None
+            driver = None
+            if self.driver:
+                driver = driver_of(self.driver, Intersection(options), seed=self.seed).policy
             compared = conformance.compare_intersection(options, self.episodes, self.seed, driver)
         else:
             compared = conformance.compare_scene(self.scene, self.episodes, self.seed)

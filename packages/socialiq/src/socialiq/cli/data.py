@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.drivers import continuous_driver_of
+from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Printing
 from socialiq.cli.words import refuse_unused
 from socialiq.datasets import arrays, minari, step_files, trajectories
@@ -147,7 +147,7 @@ class Collect(Printing):
         for mode, spec in modes.items():
             if env is None:
                 world = Intersection(registry.continuous_options(self.world))
-                driver = continuous_driver_of(spec, world, seed=self.seed, **code)
+                driver = driver_of(spec, world, seed=self.seed, **code)
             else:
                 driver = load_policy(spec, *sizes(env), action_size=action_size(env), **code)
             with driver as loaded:

@@ -13,30 +13,21 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
+from socialiq.cli.drivers import driver_of, gridworld_of, road_named
 from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation import context, exact, parts, simulate
+from socialiq.evaluation import context, exact, parts
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of, policy_row
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.learners.settings import check_seed
-from socialiq.nn.actor_policy import ActorPolicy
-from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.card import trained_angle
+from socialiq.policies.interface import Record
 from socialiq.policies.load import load_policy
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
-from socialiq.storage import kind_of
 from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS, environment, registry
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq.worlds.situation import load_driver
-
-FOREIGN = (".onnx", ".zip")
-"""Suffixes of policies of other programs."""
 
 TIMED = (*SCENE_IDS, *SCENE_IDS.values(), IDS["intersection"], *CONTINUOUS_IDS.values())
 """Roads of highway-env, whose environments show the time where a policy takes it."""
@@ -49,9 +40,9 @@ class Evaluate(Printing):
     Several policies, for instance one for each training seed, are also pooled: the angle is that of
     the mean totals, if all were trained for one angle.
 
-    In an environment of your own (a Gymnasium id, MODULE:ID or MODULE:FUNCTION) a policy may also
-    be a Stable-Baselines3 zip, an ONNX file, or python:MODULE:ATTRIBUTE; a dial is evaluated at
-    --angle.
+    A policy may also be a Stable-Baselines3 zip, an ONNX file, process:COMMAND LINE or
+    python:MODULE:ATTRIBUTE, as for `socialiq audit`; a dial is evaluated at --angle. A world may be
+    an environment of your own too: a Gymnasium id, MODULE:ID or MODULE:FUNCTION.
 
     With --data there is no world: J(α) at 0, 15, ..., 90 degrees is estimated from episodes that
     others drove, with 95 % intervals, by fitted Q evaluation and by weighted importance sampling,
@@ -71,8 +62,9 @@ class Evaluate(Printing):
     environment."""
     data: Path | None = None
     """Demonstrations file with both rewards, in the place of a world."""
-    angle: float = 0.0
-    """Angle in degrees at which regret is measured."""
+    angle: float | None = None
+    """Angle in degrees of a dial, and of the regret in a gridworld; by default the angle that each
+    policy was trained for, and 0 where that is not known."""
     angle_rule: Path | None = None
     """TOML file of a rule of the angle: the decision loss at it is measured, in a gridworld."""
     soft: bool = False
@@ -89,7 +81,7 @@ class Evaluate(Printing):
 
     def run(self) -> int:
         """Evaluate and print."""
-        check_angle(self.angle)
+        check_angle(self.angle or 0.0)
         if self.angle_rule is not None and (
             self.data or self.world not in registry.GRIDWORLDS or self.episodes
         ):
@@ -108,15 +100,15 @@ class Evaluate(Printing):
             check_seed(self.seed)
             policies = [str(path) for path in self.policies]
             return evaluate_data(self, policies, self.data)
-        rows = self.measured()
+        rows, targets = map(list, zip(*self.measured(), strict=True))
         if len(rows) == 1:
             return self.show(rows[0], listed(rows[0]))
-        pooled = pool(rows, [target_of(str(path)) for path in self.policies])
+        pooled = pool(rows, targets)
         if self.json:
             print_json({"policies": rows, "pooled": pooled})
             return 0
         columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
-        columns = (*columns, "length")
+        columns = (*columns, "length", "target_angle", "regret")
         table = [{"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)]
         print_table([{key: row[key] for key in columns if key in row} for row in table])
         why = pooled.pop("angle_not_pooled", "")
@@ -125,74 +117,69 @@ class Evaluate(Printing):
             sys.stdout.write(f"No pooled angle: {why}.\n")
         return 0
 
-    def measured(self) -> list[dict[str, Any]]:
-        """Return a row for each policy."""
+    def measured(self) -> list[tuple[dict[str, Any], float | None]]:
+        """Return a row for each policy, and the angle that it was trained for, if known."""
         registry.refuse_file(self.world)
         parts.check_processes(self.processes)
         if self.processes and self.world in (*registry.GRIDWORLDS, *CONTINUOUS):
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
-        if self.world in registry.GRIDWORLDS:
-            for path in self.policies:
-                if path.suffix in FOREIGN:
-                    raise UserError(
-                        f"{path}: `evaluate` reads {self.world}'s policies as `train` wrote"
-                        " them; `socialiq audit` drives other kinds too"
-                    )
-            measure = self.gridworld()
-            return [measure(load_driver(path)) for path in self.policies]
-        if self.episodes < 1:
-            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
         names = [str(path) for path in self.policies]
-        if self.world == "intersection" or self.world in CONTINUOUS:
-            return [self.intersection(name) for name in names]
-        return [self.sampled(self.environment(name)) for name in names]
+        if self.world in registry.GRIDWORLDS:
+            measure = self.gridworld()
+        elif self.episodes < 1:
+            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
+        elif self.world == "intersection" or self.world in CONTINUOUS:
+            measure = self.intersection
+        else:
+            measure = self.environment
+        return [measure(name) for name in names]
 
     @property
     def _seeds(self) -> range:
         return range(self.seed, self.seed + self.episodes)
 
-    def intersection(self, name: str) -> dict[str, Any]:
-        """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
+    def intersection(self, name: str) -> tuple[dict[str, Any], float | None]:
+        """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
-        size, seeds = min(SIDE_BY_SIDE, self.episodes), np.array(self._seeds)
-        if self.world in CONTINUOUS:
-            options = registry.continuous_options(self.world)
-            batch, world = Batch(options, size), Intersection(options)
-            driver = continuous_driver_of(name, world, self.angle, self.allow_code, self.seed)
-            with driver as loaded:
+        size, world = min(SIDE_BY_SIDE, self.episodes), road_named(self.world)
+        settings = (name, self.world, self.angle, self.allow_code, self.soft, size)
+        with driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
+            if not self.processes:
+                batch, seeds = world.batch(size), np.array(self._seeds)
                 episodes = episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
-        elif self.processes:  # as many side by side as in one
-            policy = driver_of(name)
-            if name == "random" or (self.soft and not isinstance(policy, simulate.SoftPolicy)):
+            elif name == "random" or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
+        if self.processes:  # as many side by side as in one
             blocks = parts.blocks_of(self._seeds, self.processes)
-            play = functools.partial(_play_road, name, self.soft, size)
+            play = functools.partial(_play_road, *settings)
             with Display() as display:
                 report = display.stage("episodes")
                 episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
-        else:
-            batch, policy = Batch(Options(), size), driver_of(name, self.seed)
-            episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
-        return method | {key: value for key, value in row.items() if key != "policy"}
+        row = method | {key: value for key, value in row.items() if key != "policy"}
+        return row, target_of(loaded.record)
 
-    def gridworld(self) -> Callable[[ValuePolicy], dict[str, Any]]:
-        """Return exact or sampled metrics, with regret against the exact optimum."""
-        optimum = exact.Optimum(tabulate(registry.make_grid(self.world)).reachable_part())
+    def gridworld(self) -> Callable[[str], tuple[dict[str, Any], float | None]]:
+        """Return exact or sampled metrics of a policy, with regret against the exact optimum."""
+        plain = registry.make_grid(self.world)
+        optimum = exact.Optimum(tabulate(plain).reachable_part())
         readout = "soft" if self.soft else "greedy"
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
-        def measure(policy: ValuePolicy) -> dict[str, Any]:
-            table = gridworld_of(self.world, policy)
-            states = table.reachable_part()
+        def measure(name: str) -> tuple[dict[str, Any], float | None]:
+            with driver_of(name, plain, self.angle, self.allow_code) as loaded:
+                table = gridworld_of(self.world, loaded.record.interface)
+                states = table.reachable_part()
+                driven = table if self.episodes else states
+                chances = exact.action_table(loaded.policy, driven, readout)
+            target = target_of(loaded.record)
+            angle = (target or 0.0) if self.angle is None else self.angle
             if self.episodes:
-                actions = exact.action_table(policy, table, readout)
-                rollout = rollout_table(table, actions, self.episodes, self.seed)
+                rollout = rollout_table(table, chances, self.episodes, self.seed)
                 metrics, row = rollout.metrics(), self.sampled(rollout)
             else:
-                chances = exact.action_table(policy, states, readout)
                 metrics = exact.evaluate_exactly(states, chances)
                 row = {"method": "exact", **metrics._asdict()}
                 if rule is not None:
@@ -200,29 +187,32 @@ class Evaluate(Printing):
                     row["decision_loss"] = float(lost.sum())
                     for name, loss in zip(rule.contexts, lost.tolist(), strict=True):
                         row[f"decision_loss where {name}"] = loss
-            regret = optimum.regret(metrics, self.angle)
-            return {**row, "readout": readout, "target_angle": self.angle, "regret": regret}
+            regret = optimum.regret(metrics, angle)
+            return {**row, "readout": readout, "target_angle": angle, "regret": regret}, target
 
         return measure
 
-    def environment(self, policy: str) -> Rollout:
-        """Play the episodes of a policy in an environment, in parts if there are processes.
+    def environment(self, policy: str) -> tuple[dict[str, Any], float | None]:
+        """Return metrics of a policy in an environment, played in parts if there are processes.
 
         In parts environment and policy must keep nothing from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
-        settings = (self.world, policy, self.angle, self.allow_code, self.soft)
-        play = functools.partial(_play_in_environment, *settings)
+        settings = (self.world, policy, self.angle or 0.0, self.allow_code, self.soft)
         if not self.processes:
-            return play(np.array(self._seeds))
+            rollout, record = _play_in_environment(*settings, np.array(self._seeds))
+            return self.sampled(rollout), target_of(record)
         if self.soft:
             raise parts.draws_in_order(policy)
         blocks = parts.blocks_of(self._seeds, self.processes)
+        play = functools.partial(_play_in_environment, *settings)
         with Display() as display:
             played = parts.in_parts(play, blocks, self.processes, display.stage("episodes"))
-        table = concatenate([rollout.transitions for rollout in played])
-        table = replace(table, source=played[0].transitions.source)
-        return Rollout(table, np.concatenate([rollout.speed for rollout in played]))
+        rollouts = [rollout for rollout, _ in played]
+        table = concatenate([rollout.transitions for rollout in rollouts])
+        table = replace(table, source=rollouts[0].transitions.source)
+        speed = np.concatenate([rollout.speed for rollout in rollouts])
+        return self.sampled(Rollout(table, speed)), target_of(played[0][1])
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Return the metrics of a rollout, without quantities that are not reported."""
@@ -236,16 +226,25 @@ class Evaluate(Printing):
         }
 
 
-def _play_road(driver: str, soft: bool, size: int, seeds: np.ndarray) -> Episodes:
+def _play_road(
+    driver: str,
+    world: str,
+    angle: float | None,
+    allow_code: bool,
+    soft: bool,
+    size: int,
+    seeds: np.ndarray,
+) -> Episodes:
     """Play episodes of a driver at the intersection; `size` of them run side by side."""
-    batch = Batch(Options(), size)
-    return episodes_of(batch, driver_of(driver), seeds, deterministic=not soft)
+    road = road_named(world)
+    with driver_of(driver, road, angle, allow_code) as loaded:
+        return episodes_of(road.batch(size), loaded.policy, seeds, deterministic=not soft)
 
 
 def _play_in_environment(
     world: str, policy: str, angle: float, allow_code: bool, soft: bool, seeds: np.ndarray
-) -> Rollout:
-    """Play the episodes of successive seeds.
+) -> tuple[Rollout, Record]:
+    """Play the episodes of successive seeds; return them with the policy's record.
 
     On a road a file of this package may take the time as a further feature.
     """
@@ -256,7 +255,8 @@ def _play_in_environment(
         if loaded.record.interface.n_features > size[0]:
             env = environment.make_environment(world, {"clock": True}, continuous=True)
         count = len(seeds)
-        return rollout_env(env, loaded.policy, count, int(seeds[0]), deterministic=not soft)
+        rollout = rollout_env(env, loaded.policy, count, int(seeds[0]), deterministic=not soft)
+        return rollout, loaded.record
 
 
 def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:
@@ -271,7 +271,8 @@ def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dic
     means: dict[str, Any] = {name: float(np.mean([row[name] for row in rows])) for name in names}
     if len(set(targets)) == 1 and targets[0] is not None:
         return means | {"angle": angle_of(means["r_env"], means["r_social"])}
-    means.pop("angle", None)
+    for name in ("angle", "target_angle", "regret"):
+        means.pop(name, None)
     angles = sorted({target for target in targets if target is not None})
     why = f"the policies were trained for {', '.join(f'{target:g}' for target in angles)} degrees"
     if None in targets:
@@ -279,18 +280,6 @@ def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dic
     return means | {"angle_not_pooled": why}
 
 
-def target_of(name: str) -> float | None:
-    """Return the angle in degrees that a policy, of the atlas or a file, was trained for."""
-    name = name.removeprefix("atlas:")
-    try:
-        if name in atlas.names():
-            policy = atlas.load(name)
-        elif name in atlas.names(atlas.CONTINUOUS_STUDIES):
-            policy = atlas.load_continuous(name)
-        elif kind_of(Path(name)) == ActorPolicy.KIND:
-            policy = ActorPolicy.load(Path(name))
-        else:
-            policy = load_driver(Path(name))
-        return trained_angle(policy.provenance)
-    except UserError:
-        return None
+def target_of(record: Record) -> float | None:
+    """Return the angle in degrees that a policy was trained for, or that a dial was set to."""
+    return trained_angle(record.details.get("provenance", {}))

@@ -12,7 +12,6 @@ import importlib.metadata
 import io
 import itertools
 import os
-import re
 import sys
 import traceback
 from collections.abc import Callable
@@ -30,7 +29,6 @@ OUTPUT_LOST = 74
 
 _LONGEST_LINE = 1000
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-_BOX = re.compile(r"[│╭╮╰╯─|+]+|-{3,}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -110,7 +108,6 @@ def _options_of(kind: Any, program: str, line: list[str], description: str | Non
     """Parse the words after a command's name; the parser's boxed messages become one line."""
     import tyro
 
-    complaint = io.StringIO()
     settings = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes)
 
     def parsed(arguments: list[str]) -> Any:
@@ -118,17 +115,21 @@ def _options_of(kind: Any, program: str, line: list[str], description: str | Non
             kind, prog=program, description=description, args=arguments, config=settings
         )
 
+    def complaint(given: list[str]) -> str:
+        page = io.StringIO()
+        with contextlib.redirect_stderr(page), contextlib.suppress(SystemExit):
+            parsed(given)
+        return page.getvalue()
+
     try:
-        with contextlib.redirect_stderr(complaint):
+        with contextlib.redirect_stderr(io.StringIO()):
             return parsed(line)
     except SystemExit as stop:
         if not stop.code:
             raise
     leading = list(itertools.takewhile(lambda word: not word.startswith("-"), line))
     names = words.option_names(lambda: parsed([*leading, "--help"]))
-    lines = [_BOX.sub(" ", row).strip() for row in complaint.getvalue().splitlines()]
-    text = re.sub(r"\s+", " ", "; ".join(row.rstrip(":") for row in lines if row))
-    raise words.unknown_option(program, line, names) or UserError(text)
+    raise words.unknown_option(program, line, names) or words.mistake(program, line, complaint)
 
 
 def _print_and_exit(text: str) -> None:

@@ -11,11 +11,11 @@ import numpy as np
 import tyro
 
 from socialiq.cli.audit import CodeOptions
-from socialiq.cli.drivers import driver_on, refuse_misfit, road_named
+from socialiq.cli.drivers import driver_of, refuse_misfit, road_named
 from socialiq.cli.output import say
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
-from socialiq.foreign import drawing
+from socialiq.foreign import drawing, one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import new_folder, refuse_existing
 from socialiq.plotting.style import png
@@ -89,8 +89,12 @@ class Render:
             batch.reset([self.seed])
             figure = sheet.picture(render.present_scene(batch), world.view)
         else:
-            driver = driver_on(world, self.driver, self.angle, self.seed)
-            episode = render.episode_scenes(batch, driver, self.seed)
+            with driver_of(self.driver, world, self.angle, seed=self.seed) as loaded:
+                if self.angle is not None and not loaded.record.kind.endswith("dial"):
+                    raise UserError(
+                        f"--angle is of a dial, which {one_line(self.driver)} is not: leave it out"
+                    )
+                episode = render.episode_scenes(batch, loaded.policy, self.seed)
             if self.out.suffix in FILMS:
                 sheet.save(self.out, episode, world.view, world.options.simulation_frequency)
                 return

@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import difflib
 import io
+import itertools
 import math
 import re
 import sys
@@ -66,6 +67,8 @@ def check_words(words: Sequence[str]) -> None:
             raise UserError(f"{one_line(option, 80)} is empty: give a value, or leave it out")
         if "\0" in word:
             raise UserError(f"'{one_line(word, 80)}' has a zero byte: no name or text has one")
+        if any(not text.isascii() and _is_number(text) for text in (word, value)):
+            raise UserError(f"'{one_line(word, 80)}' has digits of another script: write 0 to 9")
         try:
             word.encode()
         except UnicodeEncodeError:  # bytes that are not UTF-8 became halves of surrogates
@@ -73,6 +76,13 @@ def check_words(words: Sequence[str]) -> None:
             raise UserError(
                 f"'{text}' is not UTF-8 text: rename the file, or type it again"
             ) from None
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return bool(word) and math.isfinite(float(word))
+    except ValueError:
+        return False
 
 
 def check_options(command: Any) -> None:
@@ -202,6 +212,70 @@ def unknown_command(words: Sequence[str]) -> UserError:
     )
     hint = f"did you mean '{group}{near[0]}'? {page}" if near else page
     return UserError(f"unknown command '{group}{word}': {hint}")
+
+
+_BOX = re.compile(r"^[│|] ?(.*?)\s*[│|]?$")
+_RULE = re.compile(r"^\s*[─-]{3,}")
+_KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path", "STR": "a text"}
+"""Names of the parser's kinds of values."""
+
+Complaint = Callable[[list[str]], str]
+"""Returns the parser's boxed message of a command line, "" if it has none."""
+
+
+def mistake(program: str, line: list[str], complaint: Complaint) -> UserError:
+    """Return a mistake of the parser in one line.
+
+    Args:
+        program: The command, as it is called.
+        line: The command line after the command's name.
+        complaint: The parser's message.
+    """
+    rows = [match[1] for row in complaint(line).splitlines() if (match := _BOX.match(row))]
+    cut = next((place for place, row in enumerate(rows) if _RULE.match(row)), len(rows))
+    text = re.sub(r"\s+", " ", " ".join(rows[:cut])).strip()
+    if text.startswith("Missing from"):
+        return _missing(program, line, rows[1:cut], complaint)
+    if match := re.match(r"Error parsing (\S+): (.*)", text):
+        option, reason = match.groups()
+        words = [word.removeprefix(f"{option}=") for word in line if word.startswith(f"{option}=")]
+        if option in line:
+            following = line[line.index(option) + 1 :]
+            words = list(itertools.takewhile(lambda word: not word.startswith("--"), following))
+        kind = next((row.strip() for row in rows[cut:] if option in row), "").partition(" ")[2]
+        named = _KINDS.get(kind.replace("{None}|", "").strip("[]. ").partition(" ")[0])
+        if words and named:
+            several = ", or several" if kind.startswith("[") else ""
+            return UserError(f"{option} {one_line(' '.join(words), 80)}: give {named}{several}")
+        return UserError(f"{option}: {reason}; see {program} --help")
+    if match := re.match(r"invalid choice '(.*)' for argument '(\S+)'. Expected one of (.*)", text):
+        choices = re.sub(r"[().']", "", match[3]).rstrip(", ")
+        return UserError(f"{match[2]} {one_line(match[1], 80)}: choose one of {choices}")
+    if match := re.match(r"Missing value for argument '(\S+)'", text):
+        return UserError(f"{match[1]} has no value: give one, or leave it out")
+    if match := re.match(r"Unrecognized options: (.*)", text):
+        return UserError(f"{program} takes no further '{match[1]}': leave it out, or see --help")
+    return UserError(f"{text or 'the options do not go together'}; see {program} --help")
+
+
+def _missing(program: str, line: list[str], rows: list[str], complaint: Complaint) -> UserError:
+    """Return the mistake of missing options, after the first of those that are there."""
+    # The help text of an option is indented further than its name.
+    names = [row.strip() for row in rows if re.match(r"    \S", row)]
+    ending = f"{program} needs {' and '.join(names)}: add {'it' if len(names) == 1 else 'them'}"
+    first, last = [], []
+    for name in names:
+        option, _, kind = name.rpartition(" ")
+        is_number = _KINDS.get(kind, "").endswith("number")
+        value = "1" if is_number else kind.strip("{}").partition(",")[0]
+        last += [option, value] if option else []
+        first += [] if option else [value]
+    completed = [*first, *line, *last]
+    if complaint(completed):
+        text = str(mistake(program, completed, complaint))
+        if ending not in text:
+            return UserError(f"{text}; and {ending}")
+    return UserError(f"{ending}, or see {program} --help")
 
 
 def option_names(show_help: Callable[[], object]) -> list[str]:

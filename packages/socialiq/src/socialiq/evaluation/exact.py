@@ -11,11 +11,12 @@ from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.nn.q_policy import QPolicy, ValuePolicy
+from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of, score, weights
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
 
@@ -153,21 +154,23 @@ def exact_regret(
 
 
 def action_table(
-    policy: ValuePolicy, table: Table, readout: Readout
+    policy: Policy, table: Table, readout: Readout
 ) -> Float[np.ndarray, "*time state action"]:
-    """Return a network's action probabilities in every state, with a clock at every time.
+    """Return a policy's action probabilities in every state, with a clock at every time.
 
-    The readout "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
+    The readout "greedy" takes the best action, "soft" the distribution of a `SoftPolicy`.
     """
     one_of("readout", readout, READOUTS)
     times = np.arange(table.world.horizon if table.world.clock else 1)
     time, state = np.divmod(np.arange(len(times) * table.mdp.n_states), table.mdp.n_states)
     observation = table.observe(state, time)
     if readout == "soft":
+        if not isinstance(policy, SoftPolicy):
+            raise UserError("this policy gives no probabilities: leave --soft out")
         chances = policy.probabilities(observation)
     else:
-        chances = np.eye(policy.n_actions)[policy.q_values(observation).argmax(axis=1)]
-    by_time = chances.reshape(len(times), table.mdp.n_states, policy.n_actions)
+        chances = np.eye(table.world.n_actions)[policy.predict(observation)[0]]
+    by_time = chances.reshape(len(times), table.mdp.n_states, table.world.n_actions)
     return by_time if table.world.clock else by_time[0]
 
 

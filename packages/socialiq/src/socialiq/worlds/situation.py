@@ -12,11 +12,9 @@ from jaxtyping import Float, Float64, Int64, Shaped
 
 from socialiq.errors import UserError, one_of
 from socialiq.nn.dial_policy import DialPolicy, check_in_range
-from socialiq.nn.ensemble import load_values
 from socialiq.nn.q_policy import ValuePolicy, checked_batch
 from socialiq.nn.saved import Arrays, Header
 from socialiq.social.angle_rule import AngleRule
-from socialiq.storage import kind_of
 from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import policies
@@ -292,9 +290,3 @@ class ContextPolicy(ValuePolicy):
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
         return replace(policy, sha256=str(header["sha256"]))
-
-
-def load_driver(path: Path) -> ValuePolicy:
-    """Read a file of one network, of an ensemble, or of a dial with a rule; refuse others."""
-    is_by_rule = kind_of(path) == ContextPolicy.KIND
-    return ContextPolicy.load(path) if is_by_rule else load_values(path)
