@@ -102,5 +102,5 @@ def test_an_expert_of_the_atlas_is_drawn(tmp_path) -> None:
 
 def test_in_a_world_of_discrete_actions_it_is_refused(dial, capsys) -> None:
     assert main(["evaluate", str(dial), "--world", "crossing7"]) == 2
-    line = "has continuous actions: name a policy of discrete ones"
+    line = "the world has 6 and 3 discrete actions"
     assert capsys.readouterr().err.count(line) == 1

@@ -110,7 +110,7 @@ def test_version(capsys):
         (["data"], "name a command of data: from-arrays"),
         ([], "name a command"),
         (["solve"], "socialiq solve --help"),
-        (["solve", "crossing7", "--angle", "x"], "could not convert string to float"),
+        (["solve", "crossing7", "--angle", "x"], "socialiq: --angle x: give a number\n"),
         (["quux"], "unknown command 'quux': socialiq --help lists the commands"),
     ],
 )

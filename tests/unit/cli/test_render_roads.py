@@ -57,12 +57,12 @@ def test_a_film_has_a_frame_for_each_sub_step(files):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["merge", "--driver", "go", "--out", "x.png"], "no such file: go: name a policy file"),
+        (["merge", "--driver", "go", "--out", "x.png"], "no such file: go"),
         (["merge", "--out", "x.gif"], "a film needs an episode: add --driver"),
         (["merge", "--driver", "q.safetensors", "--angle", "9", "--out", "x.png"], "of a dial"),
         (["merge", "--angle", "9", "--out", "x.png"], "add --driver, a dial"),
         (["merge", "--driver", "dial.safetensors", "--out", "x.png"], "name the world it was made"),
-        (["intersection", "--driver", "q.safetensors", "--out", "x.png"], "name another policy"),
+        (["intersection", "--driver", "q.safetensors", "--out", "x.png"], "the world has 70 and 3"),
         (["intersection", "--driver", "go", "--angle", "9", "--out", "x.png"], "of a dial"),
         (["crossing7", "--driver", "go", "--out", "x.png"], "has no --driver: use --angle"),
         (["crossing7", "--out", "x.gif"], "choose one of .png"),

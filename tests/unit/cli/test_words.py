@@ -1,7 +1,8 @@
-"""Words of older releases for `train`."""
+"""Words of older releases for `train`, and mistakes of the parser."""
 
 import pytest
 
+from socialiq.cli.main import main
 from socialiq.cli.words import forwarded
 
 
@@ -38,3 +39,31 @@ def test_old_words_are_forwarded_with_one_line(old, new, capsys):
 def test_other_words_stay(words, capsys):
     assert forwarded(words.split()) == words.split()
     assert capsys.readouterr().err == ""
+
+
+MISTAKES = {
+    "train iq-learn d.st": "socialiq train iq-learn needs --out PATH: add it",
+    "train iq-learn d.st --updates abc": "--updates abc: give a whole number; and socialiq train iq",
+    "train iq-learn --updates=abc d.st --out x": "--updates abc: give a whole number",
+    "train iq-learn": "needs PATH and --out PATH: add them",
+    "train iq-learn d.st --out x --angle a b": "--angle a b: give a number, or several",
+    "train iq-learn d.st --out x extra": "takes no further 'extra': leave it out",
+    "evaluate a --episodes": "--episodes has no value: give one",
+    "evaluate a --episodes x": "--episodes x: give a whole number",
+    "audit p": "socialiq audit needs --profile PATH and --out PATH: add them",
+    "audit p --isolation some": "--isolation some: choose one of auto, required, none",
+    "profile new --angle x": "--angle x: give a number; and socialiq profile new needs --world STR",
+    "solve crossing7 --angle ٣": "'٣' has digits of another script: write 0 to 9",
+    "solve crossing7 --angle=४५": "'--angle=४५' has digits of another script: write 0 to 9",
+    "evaluate a --seed １": "has digits of another script",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_mistakes_of_the_parser_are_one_plain_line(words, encoding, capsys, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    assert main(words.split()) == 2
+    line = capsys.readouterr().err
+    assert MISTAKES[words] in line and line.count("\n") == 1
+    assert not {"│", "╭", "─"} & set(line) and "; Missing" not in line and "class 'int'" not in line

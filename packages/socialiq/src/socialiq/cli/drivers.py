@@ -44,7 +44,6 @@ def driver_of(
         shipped = name.removeprefix("atlas:")
         names = atlas.names(atlas.CONTINUOUS_STUDIES if world.action_size else atlas.STUDIES)
         if shipped != name or shipped in names:
-            one_of("driver", shipped, names)
             name = str(atlas.path_for(shipped, world.options))
         elif ":" not in name and not Path(name).exists():
             one_of("driver", name, (*world.drivers, *names, "a policy file"))

@@ -14,6 +14,7 @@ import itertools
 import math
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -214,8 +215,8 @@ def unknown_command(words: Sequence[str]) -> UserError:
     return UserError(f"unknown command '{group}{word}': {hint}")
 
 
-_BOX = re.compile(r"^[│|] ?(.*?)\s*[│|]?$")
-_RULE = re.compile(r"^\s*[─-]{3,}")
+_EDGE = re.compile(r"^[│|]|[│|]$")
+_RULE = re.compile(r"\s*[─-]{3}")
 _KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path", "STR": "a text"}
 """Names of the parser's kinds of values."""
 
@@ -231,7 +232,11 @@ def mistake(program: str, line: list[str], complaint: Complaint) -> UserError:
         line: The command line after the command's name.
         complaint: The parser's message.
     """
-    rows = [match[1] for row in complaint(line).splitlines() if (match := _BOX.match(row))]
+    # The first row is the title. Without a box, as in an ASCII locale, a rule is below it.
+    page = [row for row in complaint(line).splitlines()[1:] if row[:1] not in ("╰", "+")]
+    rows = [_EDGE.sub(" ", row).rstrip() for row in page]
+    begin = int(bool(rows) and _RULE.match(rows[0]) is not None)
+    rows = textwrap.dedent("\n".join(rows[begin:])).split("\n")
     cut = next((place for place, row in enumerate(rows) if _RULE.match(row)), len(rows))
     text = re.sub(r"\s+", " ", " ".join(rows[:cut])).strip()
     if text.startswith("Missing from"):
@@ -271,7 +276,7 @@ def _missing(program: str, line: list[str], rows: list[str], complaint: Complain
         last += [option, value] if option else []
         first += [] if option else [value]
     completed = [*first, *line, *last]
-    if complaint(completed):
+    if names and complaint(completed):
         text = str(mistake(program, completed, complaint))
         if ending not in text:
             return UserError(f"{text}; and {ending}")

@@ -93,6 +93,8 @@ def load_policy(
         )
     path, suffix = Path(spec), Path(spec).suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
+        if ":" not in spec:
+            read_content(path)  # says what is wrong with a path
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".zip":
