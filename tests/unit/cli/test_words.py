@@ -43,7 +43,7 @@ def test_other_words_stay(words, capsys):
 
 MISTAKES = {
     "train iq-learn d.st": "socialiq train iq-learn needs --out PATH: add it",
-    "train iq-learn d.st --updates abc": "--updates abc: give a whole number; and socialiq train iq",
+    "train iq-learn d.st --updates abc": "--updates abc: give a whole number; and socialiq train",
     "train iq-learn --updates=abc d.st --out x": "--updates abc: give a whole number",
     "train iq-learn": "needs PATH and --out PATH: add them",
     "train iq-learn d.st --out x --angle a b": "--angle a b: give a number, or several",
