@@ -67,3 +67,16 @@ def test_mistakes_of_the_parser_are_one_plain_line(words, encoding, capsys, monk
     line = capsys.readouterr().err
     assert MISTAKES[words] in line and line.count("\n") == 1
     assert not {"│", "╭", "─"} & set(line) and "; Missing" not in line and "class 'int'" not in line
+
+
+def test_without_a_world_the_offline_defaults_apply(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main("collect crossing7 --episodes 3 --out d.safetensors".split()) == 0
+    small = "--updates 2 --hidden 4 --out run".split()
+    assert main(["train", "d.safetensors", "--angle", "45", *small]) == 0
+    assert '"value_term": "value_expert"' in (tmp_path / "run/run.json").read_text()
+    capsys.readouterr()
+    words = ["train", "iq-learn", "d.safetensors", "--value-term", "value", "--out", "other"]
+    assert main(words) == 2
+    line = capsys.readouterr().err
+    assert "name a world (--world), or set value_term (--value-term)" in line

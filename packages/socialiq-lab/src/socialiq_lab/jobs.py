@@ -164,6 +164,13 @@ def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
     return [job for job in jobs if not is_done(work / job.name, hashes[job.name])]
 
 
+def check_work(work: Path) -> None:
+    """Refuse a work folder with content that no run of jobs has left there."""
+    names = {path.name for path in work.iterdir()} if work.is_dir() else set()
+    if names and not names & {".lock", ".locks", "compiled", "sweep.sh"}:
+        raise UserError(f"{work} holds something else: name a new folder with --work")
+
+
 @contextmanager
 def claimed(work: Path) -> Iterator[None]:
     """Keep a second command out of a work folder; the lock of a killed command is released.
@@ -172,6 +179,7 @@ def claimed(work: Path) -> Iterator[None]:
         UserError: If the folder is in use, or can't be made.
     """
     try:
+        check_work(work)
         work.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(work / ".lock", blocking=False)
         lock.acquire()

@@ -13,43 +13,51 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import filelock
 
 from socialiq.errors import UserError
 
+OTHER_FORMATS = (".csv", ".npz", ".parquet", ".hdf5", ".json", ".zip", ".onnx", ".pth", ".toml")
+"""Endings of files of other formats than safetensors."""
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
-def refuse_existing(path: Path) -> None:
+def refuse_existing(path: Path, other_than: Sequence[str] = ()) -> None:
     """Refuse an output file that exists, be it a link to nothing, before any work is done."""
+    if path.suffix.lower() in other_than:
+        raise UserError(f"{path} would not be a {path.suffix} file: name it .safetensors")
     if os.path.lexists(path):
         raise UserError(f"{path} exists already: name a new file, or remove it first")
+
+
+def check_place(out: Path, option: str) -> None:
+    """Refuse an output that is a root, or the folder that one is in or above."""
+    if out.name in ("", ".", ".."):
+        raise UserError(f"{out} is no new place: name another {option}")
 
 
 @contextlib.contextmanager
 def claimed(out: Path) -> Iterator[None]:
     """Keep other commands from an output while this one makes it.
 
-    The claim is a locked hidden file beside the output. The system releases the lock of a process
-    that dies, so that no claim outlives it.
+    The claim is a locked file in the user's cache, so that a killed process leaves nothing beside
+    its output. The system releases the lock of a process that dies: no claim outlives it.
     """
-    if out.name in ("", ".", ".."):
-        raise UserError(f"{out} is no new place: name another --out")
-    out = out.absolute()
-    folder = next((parent for parent in out.parents if parent.is_dir()), Path(out.anchor))
-    below = out.relative_to(folder).as_posix()  # of parents that don't exist yet
-    name = hashlib.sha256(below.encode()).hexdigest()[:16] if "/" in below else out.name
-    lock = filelock.FileLock(folder / f".{name}.claim", blocking=False)
+    check_place(out, "--out")
     try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "socialiq"
+        cache.mkdir(parents=True, exist_ok=True)
+        name = hashlib.sha256(os.path.realpath(out).encode()).hexdigest()[:32]
+        lock = filelock.FileLock(cache / f"{name}.claim", blocking=False)
         lock.acquire()
     except filelock.Timeout as error:
         raise UserError(
             f"another process is writing {out}: wait for it, or name another --out"
         ) from error
-    except (OSError, NotImplementedError):  # a folder that can't be written: the command says so
+    except (OSError, NotImplementedError, RuntimeError):  # no cache: what appears is not replaced
         yield
         return
     try:
@@ -88,6 +96,20 @@ def new_folder(path: Path) -> Path:
     except OSError as error:
         raise UserError(f"cannot make {path}: {error.strerror}; choose another place") from error
     return path
+
+
+@contextlib.contextmanager
+def all_or_none(folder: Path) -> Iterator[None]:
+    """Remove what a block that fails has added to a folder, and the folder if nothing is left."""
+    before = {*folder.iterdir()}
+    try:
+        yield
+    except BaseException:
+        for path in {*folder.iterdir()} - before:
+            path.unlink()
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+        raise
 
 
 def part_beside(folder: Path) -> Path:

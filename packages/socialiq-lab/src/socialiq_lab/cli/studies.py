@@ -67,6 +67,8 @@ class Reproduce(Printing):
 
     def run(self) -> int:
         """Run or read, then print."""
+        if not self.study:
+            raise UserError(f"name a study: {', '.join(registry.STUDIES)}; or your own STUDY.toml")
         study, content = registry.study_and_declaration(self.study, self.allow_code)
         if self.from_ is not None:
             results = experiment.load(study, self.from_)

@@ -14,7 +14,7 @@ from socialiq import results_folder as store
 from socialiq.cli.output import Display, Printing, complain, print_json, print_table
 from socialiq.storage import write_atomically
 from socialiq_lab.engine import Engine, run_jobs
-from socialiq_lab.jobs import do, fingerprints, job_environment, open_jobs
+from socialiq_lab.jobs import check_work, do, fingerprints, job_environment, open_jobs
 from socialiq_lab.sweep.plan import Plan, read_plan
 from socialiq_lab.sweep.runs import results_of
 
@@ -80,6 +80,7 @@ class Sweep(Printing):
     def do_one(self, plan: Plan, work: Path) -> int:
         """Do one job in this process, unless it is finished."""
         assert self.task is not None
+        check_work(work)
         if not 0 <= self.task < len(plan.jobs):
             raise UserError(f"task must be from 0 to {len(plan.jobs) - 1}, got {self.task}")
         job = plan.jobs[self.task]
@@ -96,6 +97,7 @@ class Sweep(Printing):
         words = [sys.executable, "-m", "socialiq", "sweep", str(self.file.absolute())]
         words += ["--out", str(self.out.absolute()), "--work", str(work)]
         words += ["--allow-code"] if self.allow_code else []
+        check_work(work)
         try:
             work.mkdir(parents=True, exist_ok=True)
         except OSError as error:

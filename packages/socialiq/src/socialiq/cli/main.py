@@ -39,9 +39,13 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(arguments: list[str] | None) -> int:
     try:
         command = parse(arguments)
-        from socialiq.outputs import claimed
+        from socialiq.outputs import check_place, claimed
 
         words.check_options(command)
+        for option in ("out", "work"):
+            place = getattr(command, option, None)
+            if isinstance(place, Path):
+                check_place(place, f"--{option}")
         out = getattr(command, "output", getattr(command, "out", None))
         with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
             return command.run()

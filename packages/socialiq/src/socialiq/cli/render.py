@@ -17,7 +17,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.foreign import drawing, one_line
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.outputs import new_folder, refuse_existing
+from socialiq.outputs import all_or_none, new_folder, refuse_existing
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
@@ -128,7 +128,8 @@ class Page:
         if self.dial:
             refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())
             dial = own_dial(self.dial)
-        say(f"open {write_page(new_folder(self.out), dial)}")
+        with all_or_none(new_folder(self.out)):
+            say(f"open {write_page(self.out, dial)}")
         return 0
 
 

@@ -202,7 +202,9 @@ def application(view: View | None, port: int, token: str) -> App:
         return responses.HTMLResponse(alone.text, headers={"content-security-policy": alone.policy})
 
     async def part(request: Any) -> Any:
-        number = request.path_params["number"]
+        text = request.path_params["number"]
+        # Python refuses to read a number of thousands of digits.
+        number = int(text) if text.isascii() and text.isdigit() and len(text) < 16 else -1
         if view is None or not 0 <= number < view.count:
             return responses.PlainTextResponse("there is no such part\n", 404)
         try:
@@ -213,7 +215,7 @@ def application(view: View | None, port: int, token: str) -> App:
     routes = [
         routing.Route("/", index),
         routing.Route("/dial", dial),
-        routing.Route("/part/{number:int}", part),
+        routing.Route("/part/{number}", part),
     ]
     if view is not None and view.decide is not None:
         routes.append(routing.WebSocketRoute("/decide", _Conversation(view.decide).hold))
@@ -261,6 +263,27 @@ class _Conversation:
         return {"number": number, **answer}
 
 
+HEADER_SECONDS = 10.0
+"""Time in which a connection has to send the headers of its first request."""
+
+
+def _protocol() -> type[Any]:
+    """Return uvicorn's protocol, which closes connections that never finish their headers."""
+    base = optional("uvicorn.protocols.http.h11_impl", "web", "view").H11Protocol
+
+    class Impatient(base):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+
+            def close_if_silent() -> None:
+                if transport.get_protocol() is self and self.cycle is None:
+                    transport.close()
+
+            self.loop.call_later(HEADER_SECONDS, close_if_silent)
+
+    return Impatient
+
+
 def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     """Serve until Ctrl-C.
 
@@ -284,6 +307,7 @@ def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
             lifespan="off",
             proxy_headers=False,
             server_header=False,
+            http=_protocol(),
             ws="websockets-sansio",
             ws_max_size=MOST_BYTES,
             limit_concurrency=64,

@@ -93,8 +93,11 @@ class IQLearn(Printing):
         if "divergence" in functions:
             functions["divergence"] = extensions.checked_divergence(functions["divergence"])
         one_of("preset", self.preset or "grid", tuple(PRESETS))
+        preset = PRESETS[self.preset or "grid"]
+        if not self.world and preset[0].value_term == "value":
+            values.setdefault("value_term", "value_expert")
         settings = values | {"online": bool(self.world)} | self.size.settings()
-        static, numbers = self.options.apply(PRESETS[self.preset or "grid"], settings)
+        static, numbers = self.options.apply(preset, settings)
         return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
 
 

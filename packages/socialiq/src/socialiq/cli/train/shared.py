@@ -17,7 +17,7 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, EventFiles, Report
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
-from socialiq.outputs import new_folder
+from socialiq.outputs import all_or_none, new_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv, versions
 from socialiq.settings import assignments, laid_over
@@ -197,6 +197,12 @@ class RunFolder:
         change: Callable[[Any], Any] | None = None,
     ) -> int:
         """Write and print the policies of a grid, changed if need be; return the exit status."""
+        with all_or_none(self.out):
+            return self._finish_policies(trained, record, change)
+
+    def _finish_policies(
+        self, trained: Trained, record: Mapping[str, Any], change: Callable[[Any], Any] | None
+    ) -> int:
         arrays = {name: trained.history.array(name) for name in trained.history.values}
         columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
         labels = [label(numbers) for numbers in trained.hyperparameters]

@@ -87,11 +87,14 @@ class IQLearnConfig(settings.LearnerConfig, settings.Replay):
         super().__post_init__()
         if not self.online and self.value_term == "value":
             raise UserError(
-                "value term 'value' needs the learner's own transitions: "
-                "train online, or choose value_expert or v0"
+                "value term 'value' needs the learner's own transitions: name a world (--world), "
+                "or set value_term (--value-term) to value_expert or v0"
             )
         if not self.online and self.chi2_on == "mixture":
-            raise UserError("chi2 on the mixture needs replay: train online, or choose expert")
+            raise UserError(
+                "chi2_on mixture needs replay: name a world (--world), or set chi2_on (--set "
+                "chi2_on=expert)"
+            )
         derived = (self.prior, self.divergence, self.chi2_on) == ("none", "chi2", "mixture")
         if not derived and (self.bounded or "occupancy" in self.endings.by_kind().values()):
             raise UserError(
