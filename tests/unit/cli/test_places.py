@@ -11,6 +11,7 @@ import pytest
 
 from socialiq.cli.main import main
 from socialiq.cli.train.shared import RunFolder, RunOptions
+from socialiq.learners.kernel import Trained
 from socialiq.outputs import all_or_none, new_folder
 
 SWEEP = 'data = ["d.safetensors"]\nworlds = ["crossing7"]\n'
@@ -61,7 +62,7 @@ def test_a_full_disk_leaves_no_half_of_a_training(checkpoint, monkeypatch):
     out = new_folder(Path("run"))
     if checkpoint:
         (out / "checkpoint.safetensors").write_bytes(b"0")
-    run = RunFolder(out, "policy", RunOptions(), False)
+    run, trained = RunFolder(out, "policy", RunOptions(), False), object.__new__(Trained)
 
     def full(self, *_):
         (out / "policy_0.safetensors").write_bytes(b"1")
@@ -69,7 +70,7 @@ def test_a_full_disk_leaves_no_half_of_a_training(checkpoint, monkeypatch):
 
     monkeypatch.setattr(RunFolder, "_finish_policies", full)
     with pytest.raises(OSError, match="No space"):
-        run.finish_policies(None, {})  # pyright: ignore[reportArgumentType]
+        run.finish_policies(trained, {})
     left = sorted(path.name for path in out.iterdir()) if out.exists() else []
     assert left == (["checkpoint.safetensors"] if checkpoint else [])
 

@@ -71,8 +71,8 @@ def test_mistakes_of_the_parser_are_one_plain_line(words, encoding, capsys, monk
 
 def test_without_a_world_the_offline_defaults_apply(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main("collect crossing7 --episodes 3 --out d.safetensors".split()) == 0
-    small = "--updates 2 --hidden 4 --out run".split()
+    assert main(["collect", "crossing7", "--episodes", "3", "--out", "d.safetensors"]) == 0
+    small = ["--updates", "2", "--hidden", "4", "--out", "run"]
     assert main(["train", "d.safetensors", "--angle", "45", *small]) == 0
     assert '"value_term": "value_expert"' in (tmp_path / "run/run.json").read_text()
     capsys.readouterr()

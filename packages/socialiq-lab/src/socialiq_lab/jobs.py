@@ -179,7 +179,6 @@ def claimed(work: Path) -> Iterator[None]:
         UserError: If the folder is in use, or can't be made.
     """
     try:
-        check_work(work)
         work.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(work / ".lock", blocking=False)
         lock.acquire()

@@ -23,6 +23,7 @@ from socialiq.settings import assignments, changed, described
 from socialiq_lab import registry
 from socialiq_lab import study as experiment
 from socialiq_lab.engine import Engine
+from socialiq_lab.jobs import check_work
 from socialiq_lab.study import Study
 
 
@@ -108,6 +109,7 @@ class Reproduce(Printing):
         with claimed(folder), Display() as display:
             store.check_target(folder, self.replace)
             work = self.work or folder.with_name(f"{folder.name}.work")
+            check_work(work)
             results = experiment.run(study, config, display.stage, work, self.engine)
             experiment.save(study, results, folder, self.replace)
         return results

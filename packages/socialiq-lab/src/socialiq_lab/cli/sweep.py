@@ -56,6 +56,7 @@ class Sweep(Printing):
         """Do the jobs, or one of them, or write the script that does them."""
         plan = read_plan(self.file, self.allow_code)
         work = (self.work or self.out.with_name(f"{self.out.name}.work")).absolute()
+        check_work(work)
         if self.task is not None:
             return self.do_one(plan, work)
         if self.slurm:
@@ -80,7 +81,6 @@ class Sweep(Printing):
     def do_one(self, plan: Plan, work: Path) -> int:
         """Do one job in this process, unless it is finished."""
         assert self.task is not None
-        check_work(work)
         if not 0 <= self.task < len(plan.jobs):
             raise UserError(f"task must be from 0 to {len(plan.jobs) - 1}, got {self.task}")
         job = plan.jobs[self.task]
@@ -97,7 +97,6 @@ class Sweep(Printing):
         words = [sys.executable, "-m", "socialiq", "sweep", str(self.file.absolute())]
         words += ["--out", str(self.out.absolute()), "--work", str(work)]
         words += ["--allow-code"] if self.allow_code else []
-        check_work(work)
         try:
             work.mkdir(parents=True, exist_ok=True)
         except OSError as error:

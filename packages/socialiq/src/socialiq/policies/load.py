@@ -63,8 +63,7 @@ def load_policy(
     """Load a policy from a file, a command or a Python module, for a world.
 
     Args:
-        spec: One of `KINDS`. A .safetensors is a file of this package (a policy, an ensemble, a
-            dial or a table), a .zip one of Stable-Baselines3.
+        spec: One of `KINDS`: a .safetensors is ours, a .zip of Stable-Baselines3.
         n_features: Length of the world's observations.
         n_actions: Number of the world's actions; 0 if they are continuous.
         angle: Angle of a dial, in degrees.
@@ -88,19 +87,16 @@ def load_policy(
     if spec.startswith(("process:", "python:")):
         return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)
     if files:
-        raise UserError(
-            f"{source} is one file: leave --files out, which are of a process or Python"
-        )
+        raise UserError(f"{source} is one file: leave --files out, of a process or Python")
     path, suffix = Path(spec), Path(spec).suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
-        if ":" not in spec:
-            read_content(path)  # says what is wrong with a path
+        read_content(path) if ":" not in spec else None  # says what is wrong with a path
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".zip":
-        beside = [*path.parent.glob("*vecnormalize*"), *path.with_suffix("").glob("*vecnormalize*")]
-        name = beside[0].name if beside else ""
-        kind, (policy, details) = "sb3", read_sb3(content, source, world, name)
+        places = (path.parent, path.with_suffix(""))
+        beside = [file.name for place in places for file in place.glob("*vecnormalize*")]
+        kind, (policy, details) = "sb3", read_sb3(content, source, world, *beside[:1])
     elif suffix == ".onnx":
         kind, (policy, details) = "onnx", read_onnx(content, source, world)
     else:

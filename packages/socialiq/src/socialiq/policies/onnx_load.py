@@ -37,9 +37,8 @@ _ACTIONS = "actions"
 def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
     """Load a policy from the bytes of an ONNX file.
 
-    Its one input is float32, (batch, ...), with a batch size that is free or 1; its output is a
-    score for each action, of which the best is taken, or the action itself. Of several outputs the
-    one named "actions" is used. It has no distribution, so it always takes its best action.
+    Its input is float32, (batch, ...), the batch free or 1; its output is a score for each action,
+    of which it always takes the best, or the action itself; of several that named "actions".
 
     Args:
         content: The file.
@@ -84,8 +83,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
     interface = Interface(n_features, *sizes)
     interface.check(source, world)
     names = [model.graph.input[0].name, output.name]
-    batch_size = model.graph.input[0].type.tensor_type.shape.dim[0]
-    at_once = 1 if batch_size.HasField("dim_value") else ROWS
+    at_once = 1 if model.graph.input[0].type.tensor_type.shape.dim[0].dim_value else ROWS
 
     def decide(batch: Float32[np.ndarray, "batch feature"], _deterministic: bool) -> np.ndarray:
         outputs = _run(session, names, batch.reshape(-1, *inputs), at_once, source)
