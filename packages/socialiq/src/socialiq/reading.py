@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,6 +45,13 @@ def check_file(path: Path) -> None:
     if path.exists():
         raise UserError(f"{path} is not a regular file: name one")
     raise UserError(f"no such file: {path}")
+
+
+def path_of(path: object) -> Path:
+    """Return a path that may be text; `UserError` for anything else."""
+    if isinstance(path, str | os.PathLike):
+        return Path(path)
+    raise UserError(f"{type(path).__name__} is no path: give a text or a pathlib.Path")
 
 
 def read_bytes(path: Path, most: int) -> bytes:

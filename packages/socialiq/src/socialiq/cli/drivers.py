@@ -9,7 +9,7 @@ from socialiq.audit.request import rule_of
 from socialiq.errors import UserError, one_of
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.policies.interface import Interface, Loaded
+from socialiq.policies.interface import Interface, Loaded, read_content
 from socialiq.policies.load import load_policy
 from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.enumerate import Table, tabulate
@@ -47,6 +47,8 @@ def driver_of(
             name = str(atlas.path_for(shipped, world.options))
         elif ":" not in name and not Path(name).exists():
             one_of("driver", name, (*world.drivers, *names, "a policy file"))
+    if ":" not in name:
+        read_content(Path(name))  # says what is wrong with a path
     size = Interface.of(world)
     settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
     settings["action_size"] = size.action_size

@@ -119,10 +119,10 @@ def _options_of(kind: Any, program: str, line: list[str], description: str | Non
             kind, prog=program, description=description, args=arguments, config=settings
         )
 
-    def complaint(given: list[str]) -> str:
+    def complaint(line: list[str]) -> str:
         page = io.StringIO()
         with contextlib.redirect_stderr(page), contextlib.suppress(SystemExit):
-            parsed(given)
+            parsed(line)
         return page.getvalue()
 
     try:

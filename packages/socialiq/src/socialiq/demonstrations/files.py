@@ -8,6 +8,7 @@ from typing import Any
 from socialiq import storage
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.reading import path_of
 
 KIND = "demonstrations"
 SCHEMA_VERSION = 1
@@ -15,14 +16,16 @@ CONTINUOUS_VERSION = 2
 """Schema version of tables with continuous actions, which readers of version 1 would not know."""
 
 
-def save(path: Path, demonstrations: Demonstrations, replace: bool = True) -> str:
+def save(path: str | Path, demonstrations: Demonstrations, replace: bool = True) -> str:
     """Write a table to one file, in a folder that exists, whole or not at all.
 
     Returns:
         The SHA-256 of the content, the same for every table of the same content.
     """
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
-    return storage.save_arrays(path, KIND, _version(demonstrations), arrays, header, replace)
+    return storage.save_arrays(
+        path_of(path), KIND, _version(demonstrations), arrays, header, replace
+    )
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:
@@ -44,11 +47,12 @@ def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
     }
 
 
-def load(path: Path, continuous: bool = False) -> Demonstrations:
+def load(path: str | Path, continuous: bool = False) -> Demonstrations:
     """Read a table, checking the file's bytes and then every column.
 
     Tables with continuous actions are read if `continuous`; an error names the file.
     """
+    path = path_of(path)
     arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, CONTINUOUS_VERSION))
     if header["version"] == CONTINUOUS_VERSION and not continuous:
         raise UserError(

@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import inspect
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -55,9 +55,9 @@ class Trained:
 
     learner: Learner
     hyperparameters: tuple[Any, ...]
-    state: TrainState
-    retained: Any
-    history: History
+    state: TrainState = field(repr=False)
+    retained: Any = field(repr=False)
+    history: History = field(repr=False)
     failures: tuple[str, ...]
 
     @property

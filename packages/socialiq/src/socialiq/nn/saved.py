@@ -15,6 +15,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.nn.view import ROW, Choice, Encoding, OneHot, View, row_width
+from socialiq.reading import path_of
 from socialiq.storage import kind_of, load_arrays, save_arrays
 
 Arrays = Mapping[str, np.ndarray]
@@ -71,21 +72,22 @@ class Saved(ABC):
             UserError: If they don't agree.
         """
 
-    def save(self, path: Path, replace: bool = True) -> str:
+    def save(self, path: str | Path, replace: bool = True) -> str:
         """Write one safetensors file, in a folder that exists; return the content's SHA-256.
 
         Raises:
             UserError: If the file can't be written.
         """
-        return save_arrays(path, self.KIND, self.version, *self.content(), replace=replace)
+        return save_arrays(path_of(path), self.KIND, self.version, *self.content(), replace=replace)
 
     @classmethod
-    def load(cls: type[Form], path: Path) -> Form:
+    def load(cls: type[Form], path: str | Path) -> Form:
         """Read a file that `save` wrote.
 
         Raises:
             UserError: If the file is missing, damaged, or holds something else.
         """
+        path = path_of(path)
         return cls.checked(path, *load_arrays(path, cls.KIND, cls.VERSIONS))
 
 

@@ -90,7 +90,6 @@ def load_policy(
         raise UserError(f"{source} is one file: leave --files out, of a process or Python")
     path, suffix = Path(spec), Path(spec).suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
-        read_content(path) if ":" not in spec else None  # says what is wrong with a path
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".zip":

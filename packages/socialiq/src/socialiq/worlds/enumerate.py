@@ -60,6 +60,8 @@ def tabulate(world: GridWorld) -> Table:
 
     Rewards are weighted in float64 from the signals, which are exact in float32.
     """
+    if not hasattr(world, "chance"):
+        raise UserError(f"{type(world).__name__} is no gridworld: make one by make('crossing7')")
     states, outcome = world.states(), _outcomes(world)
     chance = np.asarray(world.chance, np.float64)
     shares = {name: np.asarray(value, np.float64) for name, value in outcome.signals.items()}

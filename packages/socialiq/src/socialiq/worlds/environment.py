@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
@@ -165,11 +166,12 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
         raise failure(one_line(name), error) from error
 
 
-class _Guarded(gymnasium.Wrapper):
+class _Guarded(gymnasium.Wrapper, RecordConstructorArgs):
     """Flatten observations, and report failures of the environment's code as a `UserError`."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], name: str) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, name=name)
+        gymnasium.Wrapper.__init__(self, env)
         self.observation_space = flat_space(env.observation_space)
         self._name = name
 

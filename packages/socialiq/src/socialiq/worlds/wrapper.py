@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, one_line
@@ -29,7 +30,7 @@ class Transition(NamedTuple):
     env: gymnasium.Env[Any, Any]
 
 
-class RewardPairWrapper(gymnasium.Wrapper):
+class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
     """Environment with a reward pair, for collection, training, evaluation and audits.
 
     `info["reward_pair"]` of every step is (r_env, r_social), and the scalar reward is R(α) of it
@@ -60,7 +61,8 @@ class RewardPairWrapper(gymnasium.Wrapper):
         angle: float = 0.0,
     ) -> None:
         check_spaces(env, continuous=True)
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, pair=pair, ending=ending, angle=angle)
+        gymnasium.Wrapper.__init__(self, env)
         self.observation_space = flat_space(env.observation_space)
         self.pair, self.ending = pair, ending
         self._weights = weights(check_angle(angle))
@@ -122,6 +124,8 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
             finite bounds; or its observations are not arrays.
     """
+    if not isinstance(env, gymnasium.Env):
+        raise UserError(f"{type(env).__name__} is no gymnasium.Env: make it by make_environment")
     actions, observations = env.action_space, env.observation_space
     if continuous and isinstance(actions, spaces.Box):
         if len(actions.shape) != 1 or not actions.shape[0] or actions.dtype.kind != "f":
@@ -154,14 +158,15 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         )
 
 
-class UnitActions(gymnasium.ActionWrapper):
+class UnitActions(gymnasium.ActionWrapper, RecordConstructorArgs):
     """Environment whose actions are float32 vectors in [-1, 1], the ends being its own bounds.
 
     Its own space, `bounds`, is a `Box` within finite bounds. A step refuses other actions.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ActionWrapper.__init__(self, env)
         assert isinstance(env.action_space, spaces.Box)  # of others this is no wrapper
         self.bounds = env.action_space
         self.action_space = spaces.Box(-1.0, 1.0, env.action_space.shape, np.float32)
@@ -194,7 +199,7 @@ def flat(observation: Any) -> np.ndarray:
     return np.ravel(np.asarray(observation, np.float32))
 
 
-class AbsorbingStates(gymnasium.Wrapper):
+class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
     """Environment in which a terminal state is followed by one that is never left.
 
     Observations are flat, float32, and one longer: the last number is 0, and 1 in the absorbing
@@ -210,7 +215,8 @@ class AbsorbingStates(gymnasium.Wrapper):
     def __init__(self, env: gymnasium.Env[Any, Any], stay: int = 1) -> None:
         if stay < 1:
             raise UserError(f"stay must be at least 1, got {stay}")
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, stay=stay)
+        gymnasium.Wrapper.__init__(self, env)
         inner = flat_space(env.observation_space)
         low, high = np.minimum(inner.low, 0.0), np.maximum(inner.high, 0.0)
         low, high = np.append(low, np.float32(0)), np.append(high, np.float32(1))

@@ -152,8 +152,8 @@ class IQLearn(Learner):
 
 def train(
     static: Any,
-    hyperparameters: Sequence[Any],
-    datasets: Sequence[Transitions],
+    hyperparameters: Any,
+    datasets: Any,
     simulator: Simulator | None = None,
     callbacks: Callbacks | None = None,
     chunk: int = 500,
@@ -168,8 +168,9 @@ def train(
 
     Args:
         static: Shared by all runs: an `IQLearnConfig`, or the config of `learner`.
-        hyperparameters: One entry for each run: `IQLearnHyperparameters`, or those of `learner`.
-        datasets: Sets of demonstrations; their `dataset` picks the set of each run.
+        hyperparameters: One entry for each run: `IQLearnHyperparameters`, or those of `learner`;
+            an entry alone is one run.
+        datasets: Sets of demonstrations, or one; their `dataset` picks the set of each run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks.
@@ -183,6 +184,7 @@ def train(
         UserError: If settings, data and world don't fit together, or code of the user's own fails.
         Stopped: On Ctrl-C.
     """
+    hyperparameters, datasets = _listed(hyperparameters, datasets, simulator)
     if learner is not None:
         if any(
             argument is not None for argument in (simulator, before_chunk, prior, divergence, loss)
@@ -218,6 +220,24 @@ def unread(static: Any, no_social: str, functions: UserFunctions) -> str:
     if static.prior == "bellman_shift" and static.divergence == "chi2" and not static.shift_term_3:
         return "with divergence chi2 the shift is a constant without a gradient (docs/theory.md)"
     return "" if static.prior == "shifted_chi2" and static.chi2_on == "mixture" else no_social
+
+
+def _listed(hyperparameters: Any, datasets: Any, simulator: Any) -> tuple[Any, Any]:
+    """Return lists of runs and sets, of which one may stand alone; refuse a wrong set or world."""
+    if not isinstance(hyperparameters, Sequence):
+        hyperparameters = [hyperparameters]
+    datasets = datasets if isinstance(datasets, Sequence) else [datasets]
+    for what, values, name in (
+        ("datasets", datasets, "returns"),
+        ("simulator", [] if simulator is None else [simulator], "advance"),
+    ):
+        for value in values:
+            if not hasattr(value, name):
+                raise UserError(
+                    f"{what} has a {type(value).__name__}: pass Demonstrations, a gridworld by "
+                    "make(NAME), and an environment by before_chunk=acting_in(...)"
+                )
+    return hyperparameters, datasets
 
 
 def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tuple[Any, Any]:
