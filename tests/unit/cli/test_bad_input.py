@@ -110,7 +110,7 @@ def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, men
         (["--world", "crossing7", "--set", "temperature=0"], "temperature must be above 0"),
         (["--world", "crossing7", "--set", "discount=1"], "discount must lie in [0, 1)"),
         (["--world", "crossing7", "--updates", "0"], "updates must be at least 1"),
-        ([], "train online, or choose value_expert or v0"),
+        (["--value-term", "value"], "set value_term (--value-term) to value_expert or v0"),
         (["--resume", "--world", "crossing7"], "no such file"),
     ],
 )
