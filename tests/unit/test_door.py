@@ -82,3 +82,9 @@ def test_dir_has_the_public_names_alone():
     found = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
     assert found.stdout == "True\n"
     assert Path(socialiq.__file__).is_file()
+
+
+def test_the_page_of_the_interface_names_registered_ids():
+    page = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
+    named = {word.strip("`,.") for word in page.split() if word.startswith("`socialiq/")}
+    assert len(named) == 4 and named <= {*gymnasium.registry}
