@@ -147,3 +147,40 @@ def test_damaged_maps_are_one_line(tmp_path, content):
     with pytest.raises(UserError) as error:
         read_lanelet2(path, ORIGIN)
     assert "\n" not in str(error.value)
+
+
+def test_a_map_of_another_zone_needs_the_origin_of_the_tracks(tmp_path):
+    path = tmp_path / "map.osm"
+    zone = lanelet2.io.Origin(48.16, 11.57)
+    osm(path, lanelet2.projection.UtmProjector(zone))
+    with pytest.raises(UserError, match=r"map.osm: its first node, .*UTM zone .* --origin"):
+        read_lanelet2(path)
+    road = read_lanelet2(path, origin=(48.16, 11.57))
+    np.testing.assert_allclose(road.lanelets[1001].left, [[0, 3], [20, 3]], atol=1e-3)
+
+
+def test_local_coordinates_need_no_origin(tmp_path):
+    path = tmp_path / "map.osm"
+    osm(path, lanelet2.projection.UtmProjector(lanelet2.io.Origin(48.16, 11.57)))
+    text = path.read_text()
+    for number, (x, y) in POINTS.items():
+        tags = f"<tag k='local_x' v='{x + 5}'/><tag k='local_y' v='{y}'/></node>"
+        head, _, tail = text.partition(f"<node id='{number}' ")
+        text = head + f"<node id='{number}' " + tail.replace(" />", f">{tags}", 1)
+    path.write_text(text)
+    road = read_lanelet2(path)
+    np.testing.assert_allclose(road.lanelets[1001].left, [[5, 3], [25, 3]], atol=1e-9)
+
+
+def test_a_relation_without_ways_is_left_out_and_named(tmp_path):
+    path = tmp_path / "map.osm"
+    osm(path, lanelet2.projection.UtmProjector(lanelet2.io.Origin(0.0, 0.0)))
+    broken = (
+        "<relation id='1009' visible='true' version='1'><member type='way' ref='911' role='left'/>"
+        "<member type='way' ref='912' role='right'/><tag k='type' v='lanelet'/></relation></osm>"
+    )
+    path.write_text(path.read_text().replace("</osm>", broken))
+    road = read_lanelet2(path)
+    assert 1001 in road.lanelets and 1009 not in road.lanelets
+    assert any("nonexistent member 911" in fault.reason for fault in road.faults)
+    assert "lanelet 1009" in [fault.identity for fault in road.faults]

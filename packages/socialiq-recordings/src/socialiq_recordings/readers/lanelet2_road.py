@@ -85,7 +85,8 @@ def read_lanelet2(
             "elements"
         )
         reason = one_line(answer.get("error", ended))
-        raise UserError(f"{path} is not a Lanelet2 map: {reason}{listed}")
+        fault = "" if "--origin" in reason else " is not a Lanelet2 map"
+        raise UserError(f"{path}{fault}: {reason}{listed}")
     elements = Elements(path)
     for name, reason in faults:
         elements.leave_out(name, reason)
@@ -104,7 +105,8 @@ def _lanelet(values: dict[str, Any]) -> Lanelet:
         values[name] = None if values[name] is None else np.array(values[name])
     for name in ("successors", "predecessors", "adjacent_left", "adjacent_right"):
         values[name] = None if values[name] is None else tuple(values[name])
-    return Lanelet(**values | {"sign": Sign(values["sign"])})
+    values["sign"] = Sign(values["sign"])
+    return Lanelet(**values)
 
 
 def serve() -> None:
