@@ -94,9 +94,7 @@ class Predict(Printing):
             trait_tables, tested = _trait_test(situations, self.seed)
             tables |= trait_tables
         summary = _summary(situations, prediction.scores, prediction.contrasts)
-        summary |= {"trait": tested, "limits": list(LIMITS)} | not_used(
-            [recording.tracks for recording in recordings]
-        )
+        summary |= {"trait": tested, "limits": list(LIMITS)} | not_used(recordings)
         if self.out is not None:
             provenance = _provenance("prediction", config, self.duplicates, recordings)
             results = Results.of("recordings prediction", provenance, tables, summary)
