@@ -1,5 +1,6 @@
 """Connections that never finish their headers, and numbers of any length, don't stop the server."""
 
+import contextlib
 import http.client
 import socket
 import threading
@@ -28,8 +29,10 @@ def test_silent_connections_are_closed_and_overlong_numbers_are_no_fault(monkeyp
 
     def status(path):
         connection = http.client.HTTPConnection(name, int(port))
-        connection.request("GET", f"/{token}{path}")
-        return connection.getresponse().status
+        with contextlib.closing(connection):
+            connection.request("GET", f"/{token}{path}")
+            with connection.getresponse() as response:
+                return response.status
 
     assert status("/") == 200
     for number in ("9" * 5000, "x", "-1", "٣".encode().hex(), "3"):
