@@ -392,7 +392,8 @@ def _hitched(tracks: Tracks, front: int, rear: int, error: MeasurementError) -> 
     """
     starts = tracks.starts
     spans = [slice(starts[track], starts[track + 1]) for track in (front, rear)]
-    _, first, second = np.intersect1d(*(tracks.frame[span] for span in spans), return_indices=True)
+    frames = [tracks.frame[span] for span in spans]
+    _, first, second = np.intersect1d(frames[0], frames[1], return_indices=True)
     rows = spans[0].start + first, spans[1].start + second
     centre, axis = (
         [np.stack([a[row], b[row]], axis=1) for row in rows]
