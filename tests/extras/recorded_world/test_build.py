@@ -54,9 +54,11 @@ def test_a_lane_is_closed_in_front_of_one_that_stands_without_a_reason():
     far = np.where(west, standing.x - 55.0, standing.x)  # no car comes from the west soon
     moved = {"x": far} | {n: getattr(standing, n) for n in standing.arrays() if n != "x"}
     more = {"dt": 0.1, "recording": "ZAM_Stands-1_1_T-1", "source": {}}
-    signed = Recording(type(standing)(**moved, **more), crossing_road())
-    assert len(build([signed], WorldConfig()).world.road.closed) == 0  # signs, and no light
-    recording = Recording(signed.tracks, without_signs())
+    recording = Recording(type(standing)(**moved, **more), crossing_road())
+    lit = {**recording.road.lanelets}
+    lit[1] = dataclasses.replace(lit[1], sign=Sign.LIGHT)  # another approach has the only light
+    elsewhere = Recording(recording.tracks, RoadNetwork(lit))
+    assert len(build([elsewhere], WorldConfig()).world.road.closed) == 0
     world = build([recording], WorldConfig())
     road = world.world.road
     [(at, begin, end)] = road.closed[road.closed_first[-2] : road.closed_first[-1]]

@@ -124,13 +124,12 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
     """Return the lines that were closed, one for each vehicle that stood without a known reason.
 
     A vehicle must be the first of its lane, and its stand unexplained for `_UNEXPLAINED` s. On a
-    road whose signs are stated, only a lanelet with a light is closed.
+    map that marks lights, only a route with a light is closed.
     """
     closures, lanelets = [], encounters.scene.lanes.road.lanelets
     lit = {number for number, lanelet in lanelets.items() if lanelet.sign == Sign.LIGHT}
-    stated = any(lanelet.sign != Sign.NONE for lanelet in lanelets.values())
     for way in encounters.ways.values():
-        if stated and not lit.intersection(way.lanelets):
+        if lit and not lit.intersection(way.lanelets):
             continue
         standing = np.concatenate([[False], way.speed < STANDING, [False]])
         edges = np.flatnonzero(np.diff(standing.astype(np.int8))).reshape(-1, 2)
