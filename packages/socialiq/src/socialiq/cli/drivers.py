@@ -75,9 +75,12 @@ def refuse_misfit(
 
 def road_named(name: str) -> Intersection | SceneWorld:
     """Return the intersection, or another road of highway-env, with its default options."""
-    if name in CONTINUOUS:
-        return Intersection(registry.continuous_options(name))
-    return world_of(name) if name in SCENES else Intersection(Options())
+    return world_of(name) if name in SCENES else intersection_named(name)
+
+
+def intersection_named(name: str) -> Intersection:
+    """Return the intersection with its default options, of discrete or continuous actions."""
+    return Intersection(registry.continuous_options(name) if name in CONTINUOUS else Options())
 
 
 def gridworld_of(name: str, policy: Interface | DialPolicy) -> Table:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import driver_of, gridworld_of, road_named
+from socialiq.cli.drivers import driver_of, gridworld_of, intersection_named
 from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
@@ -141,7 +141,7 @@ class Evaluate(Printing):
     def intersection(self, name: str) -> tuple[dict[str, Any], float | None]:
         """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
-        size, world = min(SIDE_BY_SIDE, self.episodes), road_named(self.world)
+        size, world = min(SIDE_BY_SIDE, self.episodes), intersection_named(self.world)
         settings = (name, self.world, self.angle, self.allow_code, self.soft, size)
         with driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
             if not self.processes:
@@ -149,12 +149,12 @@ class Evaluate(Printing):
                 episodes = episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
             elif name == "random" or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
-        if self.processes:  # as many side by side as in one
-            blocks = parts.blocks_of(self._seeds, self.processes)
-            play = functools.partial(_play_road, *settings)
-            with Display() as display:
-                report = display.stage("episodes")
-                episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
+            else:  # as many side by side as in one
+                blocks = parts.blocks_of(self._seeds, self.processes)
+                play = functools.partial(_play_road, *settings)
+                with Display() as display:
+                    report = display.stage("episodes")
+                    episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
@@ -236,7 +236,7 @@ def _play_road(
     seeds: np.ndarray,
 ) -> Episodes:
     """Play episodes of a driver at the intersection; `size` of them run side by side."""
-    road = road_named(world)
+    road = intersection_named(world)
     with driver_of(driver, road, angle, allow_code) as loaded:
         return episodes_of(road.batch(size), loaded.policy, seeds, deterministic=not soft)
 

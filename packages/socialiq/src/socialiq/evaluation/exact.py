@@ -130,7 +130,7 @@ class Ground(NamedTuple):
         )
         return Ground(table, part, self.optimum)
 
-    def regret(self, policy: ValuePolicy, angle: float, readout: Readout) -> float:
+    def regret(self, policy: SoftPolicy, angle: float, readout: Readout) -> float:
         """Return the regret of a policy at an angle in degrees."""
         chances = action_table(policy, self.part, readout)
         return self.optimum.regret(evaluate_exactly(self.part, chances), angle)

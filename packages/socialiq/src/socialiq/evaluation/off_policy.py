@@ -27,7 +27,8 @@ from scipy.stats import t
 
 from socialiq.errors import UserError
 from socialiq.evaluation import fitted_q
-from socialiq.evaluation.fitted_q import Chances, Logged
+from socialiq.evaluation.fitted_q import Chances as Chances
+from socialiq.evaluation.fitted_q import Logged as Logged
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.bootstrap import resample_rows

@@ -241,8 +241,9 @@ _TENSOR_TYPE: _Message = {1: _LEAF, 2: {1: _DIMENSION}}
 _TYPE: _Message = {1: _TENSOR_TYPE, 6: _LEAF}
 _VALUE: _Message = {1: _LEAF, 2: _TYPE, 3: _LEAF, 4: _ENTRY}
 _TENSOR: _Message = dict.fromkeys((1, 2, 4, 5, 7, 8, 9, 10, 12), _LEAF)
-_ATTRIBUTE: dict[int, _Message | None] = dict.fromkeys((1, 2, 3, 4, 7, 8, 13, 20), _LEAF) | {
-    5: _TENSOR
+_ATTRIBUTE: dict[int, _Message | None] = {
+    **dict.fromkeys((1, 2, 3, 4, 7, 8, 13, 20), _LEAF),
+    5: _TENSOR,
 }
 _NODE: _Message = dict.fromkeys((1, 2, 3, 4, 6, 7), _LEAF) | {5: _ATTRIBUTE, 9: _ENTRY}
 _GRAPH: dict[int, _Message | None] = {
@@ -251,7 +252,8 @@ _GRAPH: dict[int, _Message | None] = {
     5: _TENSOR,
     10: _LEAF,
     16: _ENTRY,
-} | dict.fromkeys((11, 12, 13), _VALUE)
+    **dict.fromkeys((11, 12, 13), _VALUE),
+}
 _ATTRIBUTE[6] = _GRAPH  # of an If whose branch is known
 _MODEL: _Message = dict.fromkeys(range(1, 7), _LEAF) | {7: _GRAPH, 8: _ENTRY, 14: _ENTRY}
 

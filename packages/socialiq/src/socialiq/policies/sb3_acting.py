@@ -77,6 +77,10 @@ def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> 
     Raises:
         UserError: If the numbers can't be statistics.
     """
+    refusal = UserError(
+        f"{source}: {STATISTICS} is no object of mean and var, {n_features} finite numbers each, "
+        "epsilon and clip_obs: write them as VecNormalize has them"
+    )
     try:
         numbers = json.loads(content)
         if numbers == {"norm_obs": False}:
@@ -86,13 +90,17 @@ def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> 
         sound = mean.shape == variance.shape == (n_features,) and clip > 0.0
         sound = sound and bool(np.isfinite(mean).all() and np.isfinite(variance).all())
         sound = sound and epsilon >= 0.0 and bool((variance + epsilon > 0.0).all())
-    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
-        sound = False
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
+        raise refusal from error
     if not sound:
-        raise UserError(
-            f"{source}: {STATISTICS} is no object of mean and var, {n_features} finite numbers "
-            "each, epsilon and clip_obs: write them as VecNormalize has them"
-        )
+        raise refusal
     kind = SoftNormalised if isinstance(policy, SoftPolicy) else Normalised
     return kind(policy, mean, np.sqrt(variance + epsilon), clip)
 

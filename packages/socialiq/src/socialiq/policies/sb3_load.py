@@ -7,7 +7,6 @@ The zip holds `policy.pth`, the tensors (see `sb3_tensors`), and `data`, the res
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -88,7 +87,7 @@ def _outside(source: str, sign: str) -> UserError:
     )
 
 
-def _layers(tensors: Mapping[str, np.ndarray], config: Config, source: str) -> list[str]:
+def _layers(tensors: dict[str, np.ndarray], config: Config, source: str) -> list[str]:
     """Return the names of the layers in order, numbered 0, 2, 4, ...; check their sizes."""
     kind = KINDS[config.algorithm]
     unused = re.compile(rf"{kind.unused}\.(weight|bias)")
