@@ -1,6 +1,7 @@
 """ONNX policies act as onnxruntime has them act; crafted ones are refused before it sees them."""
 
 import dataclasses
+import json
 import runpy
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ pytest.importorskip("onnxruntime", reason="extra `onnx` is not installed")
 import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
+from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.policies.load import load_policy
@@ -383,3 +385,12 @@ def test_branch_that_is_never_taken_is_removed(read, taken):
     expected = (OBSERVATIONS @ W + B).argmax(axis=1)
     np.testing.assert_array_equal(loaded.policy.predict(OBSERVATIONS)[0], expected)
     assert loaded.record.details["operators"] == ["Constant", "Gemm", "Identity"]
+
+
+def test_evaluate_gives_an_example_as_zip_and_as_onnx_the_same_row(capsys):
+    rows = []
+    for kind in ("zip", "onnx"):
+        words = [str(EXAMPLES / f"dqn_intersection.{kind}"), "--world", "intersection"]
+        assert main(["evaluate", *words, "--episodes", "6", "--json"]) == 0
+        rows.append(json.loads(capsys.readouterr().out))
+    assert rows[0] == rows[1]

@@ -134,7 +134,7 @@ def test_render_takes_a_policy_file_that_fits(tmp_path, capsys):
     QPolicy((weights[:, :6],), (biases,), "relu", 1.0).save(narrow)
     command[3] = str(narrow)
     assert main(command) == 2
-    assert "the intersection has 70 and 3" in capsys.readouterr().err
+    assert "the world has 70 and 3" in capsys.readouterr().err
 
 
 def test_evaluate_takes_drivers_of_the_intersection_by_name(capsys):
