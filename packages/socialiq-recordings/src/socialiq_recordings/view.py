@@ -96,7 +96,9 @@ class Traffic:
             return []
         encounters = Encounters(Scene(self._recording))
         pairs = [
-            meeting for meeting in encounters.meetings() if meeting.ego.track < meeting.other.track
+            meeting
+            for meeting in encounters.meetings()
+            if meeting.area.is_conflict and meeting.ego.track < meeting.other.track
         ]
         conflicts = []
         for meeting, row in zip(pairs, rows_of(encounters, pairs), strict=True):

@@ -129,6 +129,7 @@ def _cases(
         (number, meeting.ego.track, meeting.other.track): meeting
         for number, of_recording in enumerate(encounters)
         for meeting in of_recording.meetings()
+        if meeting.area.is_conflict
     }
     if drop:
         durations = {key: len(m.frames) * m.ego.dt for key, m in meetings.items()}

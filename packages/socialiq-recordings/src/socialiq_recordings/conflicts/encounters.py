@@ -71,6 +71,11 @@ class Area:
     y: float  # its middle, m to the north
     outline: Float64[np.ndarray, "corner 2"]  # its corners, m
 
+    @property
+    def is_conflict(self) -> bool:
+        """Whether vehicles merge or cross in it, and don't merely drive side by side."""
+        return self.kind != Conflict.CROSSING or self.angle >= CROSSING
+
     def swapped(self) -> Area:
         """Return the area with the vehicles in the other order."""
         return replace(self, entry=self.entry[::-1], exit=self.exit[::-1])
@@ -130,8 +135,6 @@ def _area(first: Way, second: Way, polygon: Any) -> Area | None:
     # Ways that join are compared where they meet, ways that cross in the middle.
     at = entry if merging else middle
     angle = float(np.degrees(_between(first.line, at[0], second.line, at[1])))
-    if not merging and angle < CROSSING:
-        return None
     return Area(
         Conflict.MERGING if merging else Conflict.CROSSING,
         (entry[0], entry[1]),
