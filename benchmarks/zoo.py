@@ -5,7 +5,7 @@
 
 The first folder's name is the algorithm. A policy trained under VecNormalize counts as read "with
 statistics" if it is read after statistics were added, of mean 0 and variance 1: its own are a
-pickle, which nobody should load. `best_model.zip` is a second copy and is not counted.
+pickle, which is never loaded. `best_model.zip` is a second copy and is not counted.
 """
 
 import collections

@@ -1,4 +1,4 @@
-"""What the documentation says of policies under VecNormalize holds with the real library."""
+"""Advice of the documentation on policies under VecNormalize holds with the real library."""
 
 import io
 import json
