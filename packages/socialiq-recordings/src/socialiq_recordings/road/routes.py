@@ -200,7 +200,7 @@ class Matcher:
         # The cheapest sequence, forwards and then back.
         total, came_from = misfit[0].copy(), np.empty(misfit.shape, np.int64)
         for state in range(1, count):
-            # A state that costs more than the cheapest and a gap leads nowhere that a gap from there
+            # A state dearer than the cheapest by a gap leads nowhere that a gap from there
             # doesn't for less.
             few = np.flatnonzero(total <= total.min() + GAP)
             costs = total[few, None] + price[few]
