@@ -1,5 +1,6 @@
 """`train offline-dial`: a dial from demonstrations alone."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -96,3 +97,14 @@ def test_demonstrations_of_another_world_are_refused(crossing, tmp_path, capsys)
     arguments = ["train", "offline-dial", str(crossing), "--world", "intersection"]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
     assert "they belong to another world" in capsys.readouterr().err
+
+
+def test_data_without_social_rewards_make_no_dial(crossing, tmp_path, capsys) -> None:
+    data = files.load(crossing)
+    zero = np.zeros_like(data.rewards.social)
+    alone = dataclasses.replace(data, rewards=RewardPair(data.rewards.env, zero))
+    files.save(tmp_path / "alone.safetensors", alone)
+    words = ["train", "offline-dial", str(tmp_path / "alone.safetensors"), "--world", "crossing5"]
+    assert main([*words, *SMALL, "--out", str(tmp_path / "run")]) == 2
+    assert "no social rewards" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

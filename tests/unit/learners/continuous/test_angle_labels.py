@@ -20,12 +20,7 @@ from socialiq.learners.continuous.config import (
     TD3BCConfig,
     TD3BCHyperparameters,
 )
-from socialiq.learners.dial import offline as offline_dial
-from socialiq.learners.dial.config import (
-    PRESETS,
-    OfflineDialConfig,
-    OfflineDialHyperparameters,
-)
+from socialiq.learners.dial.config import PRESETS
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn.config import (
     FEW_OFFLINE,
@@ -137,8 +132,6 @@ def test_two_angles_that_a_learner_of_ones_own_does_not_read_are_refused(demonst
 
 def test_a_dial_of_data_without_social_rewards_is_refused(demonstrations, random_drives):
     data = without_social(demonstrations())
-    with pytest.raises(UserError, match="no social rewards"):
-        offline_dial.train(OfflineDialConfig(**TINY), [OfflineDialHyperparameters()], [data])
     with pytest.raises(UserError, match="no social rewards"):
         preset = PRESETS["offline"]
         train_dial(preset.structure, [preset.numbers], [data])

@@ -24,7 +24,7 @@ from socialiq.learners.dial import config, offline
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.settings import check_seeds
+from socialiq.learners.settings import check_seeds, check_social
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import new_folder, whole_folder
 from socialiq.results_folder import as_csv, versions
@@ -252,6 +252,7 @@ class OfflineDial(Printing):
         """Train a dial for each seed, write the folder, print what came out."""
         check_seeds(self.seed)
         data = files.load(self.data)
+        check_social([data])
         settings = encoding_of(self.world, data) | self.size.settings()
         configs = OfflineDialConfig(), OfflineDialHyperparameters()
         static, numbers = self.options.apply(configs, settings)

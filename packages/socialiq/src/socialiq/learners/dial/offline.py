@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
-from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import offline_losses as losses
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
@@ -167,7 +166,6 @@ def train(
     sizes = {(int(data.observation.shape[1]), int(data.n_actions)) for data in datasets}
     if len(sizes) > 1:
         raise UserError("the sets of demonstrations have different observations or actions")
-    settings.check_social(datasets)
     tables, units = zip(*(recorded(data, static.whole_episode) for data in datasets), strict=True)
     bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
     shared: dict[str, Any] = {"bounds": jnp.asarray(bounds, jnp.int32), "units": jnp.stack(units)}
