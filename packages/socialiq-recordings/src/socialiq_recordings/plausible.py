@@ -245,12 +245,9 @@ def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarr
     frames = max(1, round(1 / tracks.dt))
     row = np.flatnonzero(np.diff(tracks.track) == 0)
     after = np.minimum(row + frames, tracks.starts[1:][tracks.track[row]] - 1)
-    dx, dy, track = (
-        tracks.x[after] - tracks.x[row],
-        tracks.y[after] - tracks.y[row],
-        tracks.track[row],
-    )
-    track, direction, distance = track.astype(np.int64), np.arctan2(dy, dx), np.hypot(dx, dy)
+    dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
+    track, direction = tracks.track[row].astype(np.int64), np.arctan2(dy, dx)
+    distance = np.hypot(dx, dy)
     vx, vy, east, north = (
         _sums(values, row, after)
         for values in (tracks.vx, tracks.vy, np.cos(tracks.heading), np.sin(tracks.heading))
@@ -317,10 +314,10 @@ def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray
         if pairs.depth[pair] <= error.overlap:
             break
         rows = int(pairs.first[pair]), int(pairs.second[pair])
-        one, two = (int(plausible.track[row]) for row in rows)
-        if (one, two) not in hitched:
-            hitched[one, two] = _hitched(plausible, one, two, error)
-        if hitched[one, two]:
+        front, rear = (int(plausible.track[row]) for row in rows)
+        if (front, rear) not in hitched:
+            hitched[front, rear] = _hitched(plausible, front, rear, error)
+        if hitched[front, rear]:
             continue
         for row, beside in (rows, rows[::-1]):
             track = numbers[plausible.track[row]]
@@ -404,12 +401,9 @@ def _hitched(tracks: Tracks, front: int, rear: int, error: MeasurementError) -> 
     lengths = np.linalg.lstsq(axes, apart.ravel(), rcond=None)[0]
     off = (axes @ lengths - apart.ravel()).reshape(-1, 2)
     driven = np.hypot(*np.ptp(centre[0], axis=0))
-    longest, total = (
-        max(tracks.length[front], tracks.length[rear]),
-        tracks.length[front] + tracks.length[rear],
-    )
+    sizes = tracks.length[front], tracks.length[rear]
     return bool(
-        driven > total
-        and np.hypot(*apart.T).min() > longest / 2
+        driven > sum(sizes)
+        and np.hypot(*apart.T).min() > max(sizes) / 2
         and np.sqrt((off**2).sum(axis=1).mean()) <= COVERAGE * math.sqrt(2.0) * error.position
     )

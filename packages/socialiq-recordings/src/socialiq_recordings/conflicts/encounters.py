@@ -196,8 +196,8 @@ class Meeting:
     def times(self) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
         """Times of the ego and of the other in the area at their speeds of each of the frames."""
         sides = zip((self.ego, self.other), self.area.entry, self.area.exit, strict=True)
-        one, two = (motion.projections(*side, self.frames) for side in sides)
-        return one, two
+        ego_times, other_times = (motion.projections(*side, self.frames) for side in sides)
+        return ego_times, other_times
 
     @property
     def ego_first(self) -> bool | None:

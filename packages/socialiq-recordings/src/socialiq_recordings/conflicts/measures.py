@@ -100,10 +100,6 @@ def lag_accepted(arrives: float, after: float) -> float:
     return after - arrives
 
 
-GRIP = 9.81
-"""m/s²; no tyre brakes harder on a dry road (friction of 1; Wong, Theory of Ground Vehicles, 2001,
-table 1.3: at most 0.9)."""
-
 _TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between which a way turns
 
 
@@ -166,8 +162,10 @@ Times = tuple[Occupancy, Occupancy]
 
 
 def _moments(meeting: Meeting) -> Iterator[tuple[int, Times]]:
-    one, two = (itertools.starmap(Occupancy, times.tolist()) for times in meeting.times)
-    return zip(meeting.frames.tolist(), zip(one, two, strict=True), strict=True)
+    ego_times, other_times = (
+        itertools.starmap(Occupancy, times.tolist()) for times in meeting.times
+    )
+    return zip(meeting.frames.tolist(), zip(ego_times, other_times, strict=True), strict=True)
 
 
 def ttc_at(meeting: Meeting, frame: int, times: Times) -> float:
@@ -209,9 +207,8 @@ def required_at(meeting: Meeting, frame: int, times: Times) -> float:
 
 
 def _hardest(meeting: Meeting) -> float:
-    """Return the largest deceleration that the ego needs, m/s²; NaN if unseen or above `GRIP`."""
-    needed = max((required_at(meeting, *moment) for moment in _moments(meeting)), default=math.nan)
-    return needed if needed <= GRIP else math.nan
+    """Return the largest deceleration that the ego needs in the conflict, m/s²; NaN if unseen."""
+    return max((required_at(meeting, *moment) for moment in _moments(meeting)), default=math.nan)
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:

@@ -135,7 +135,7 @@ class Levels:
         """
         shares_of = by_driver or {}
 
-        def forecast(situations: Situations, last: Any) -> Forecast:  # noqa: ARG001
+        def forecast(situations: Situations, _last: Any) -> Forecast:
             shares = [shares_of.get(vehicle, log_share) for vehicle in situations.vehicle.tolist()]
             columns = np.array(shares).reshape(len(situations), len(log_share), 1)
             mixed = np.asarray(logsumexp(columns + chances(situations), axis=1))

@@ -78,12 +78,12 @@ class RoadDraft:
             self._elements.add(name, functools.partial(self._lanelet, element, name))
         elif element.tag in ("trafficSign", "trafficLight"):
             add = self._add_sign if element.tag == "trafficSign" else self._add_light
-            self._or(None, name, lambda: add(element, name))
+            self._read_detail(None, name, lambda: add(element, name))
         else:
             return element.tag == "intersection"
         return True
 
-    def _or(self, default: Any, name: str, read: Callable[[], Any]) -> Any:
+    def _read_detail(self, default: Any, name: str, read: Callable[[], Any]) -> Any:
         """Return what is read of a detail of the road; if that fails, name it: the default."""
         try:
             return read()
@@ -98,13 +98,17 @@ class RoadDraft:
             sign = max(sign, xml.SIGNS.get(number, Sign.NONE))
             if number in xml.SPEED_LIMITS:
                 value = item.findtext("additionalValue") or ""
-                limit = min(limit, self._or(np.inf, name, lambda: _speed(value)))  # noqa: B023
+                limit = min(
+                    limit, self._read_detail(np.inf, name, functools.partial(_speed, value))
+                )
         self._signs[identity] = sign, limit
 
     def _add_light(self, element: Element, name: str) -> None:
         identity, dark = whole_number(element.attrib["id"]), text_of(element, "active") == "false"
         self._signs[identity] = Sign.NONE if dark else Sign.LIGHT, np.inf
-        cycle = None if dark else self._or(None, name, lambda: _cycle(element.find("cycle")))
+        cycle = (
+            None if dark else self._read_detail(None, name, lambda: _cycle(element.find("cycle")))
+        )
         if cycle is not None:
             self._cycles[identity] = cycle
 
@@ -132,7 +136,7 @@ class RoadDraft:
         left, right = (_points(element.find(side)) for side in ("leftBound", "rightBound"))
 
         def detail(default: Any, read: Callable[..., Any], *arguments: Any) -> Any:
-            return self._or(default, name, lambda: read(*arguments))
+            return self._read_detail(default, name, lambda: read(*arguments))
 
         limit = element.findtext("speedLimit")
         lanelet = Lanelet(

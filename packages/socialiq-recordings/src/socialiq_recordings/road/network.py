@@ -147,9 +147,7 @@ class Elements:
     def leave_out(self, name: str, error: object) -> Refused:
         """Name an element that can't be read, and return its name with the reason."""
         text = f"no {error}" if isinstance(error, KeyError) else one_line(str(error))
-        prefix = name.replace(
-            "lane segment", "lanelet"
-        )  # which a lanelet's own errors name already
+        prefix = name.replace("lane segment", "lanelet")  # which a lanelet's own errors name
         self._faults.append(Refused(name, text.removeprefix(f"{prefix}: ")))
         return self._faults[-1]
 

@@ -215,9 +215,8 @@ class View:
         if self.choice.relative:
             ego = ego[..., None, :]
             cos, sin = ego[..., 5:6], ego[..., 6:]
-            offset = vehicles[
-                ..., 1:
-            ].copy()  # position, velocity, heading; headings are only turned
+            # position, velocity, heading; headings are only turned
+            offset = vehicles[..., 1:].copy()
             offset[..., :4] -= ego[..., 1:5]
             x, y, turned = offset[..., ::2], offset[..., 1::2], columns[..., ROW : ROW + 6]
             turned[..., ::2], turned[..., 1::2] = x * cos + y * sin, y * cos - x * sin

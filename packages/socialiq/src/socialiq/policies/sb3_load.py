@@ -191,5 +191,8 @@ def _actor(
     )
     if not bounded:
         return actor
-    decide = lambda batch, _: np.tanh(_CLIP_MEAN * actor.predict(batch)[0])  # noqa: E731
+
+    def decide(batch: np.ndarray, _soft: bool) -> np.ndarray:
+        return np.tanh(_CLIP_MEAN * actor.predict(batch)[0])
+
     return BatchPolicy(source, config.interface, decide)

@@ -271,7 +271,7 @@ def _protocol() -> type[Any]:
     """Return uvicorn's protocol, which closes connections that never finish their headers."""
     base = optional("uvicorn.protocols.http.h11_impl", "web", "view").H11Protocol
 
-    class Impatient(base):
+    class HeaderTimeout(base):
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
 
@@ -281,7 +281,7 @@ def _protocol() -> type[Any]:
 
             self.loop.call_later(HEADER_SECONDS, close_if_silent)
 
-    return Impatient
+    return HeaderTimeout
 
 
 def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:

@@ -7,20 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq.foreign import optional
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import drivers
 from socialiq.worlds.highway.options import FEATURES, RoadOptions
 from socialiq.worlds.highway.scenes import CAR, Scene
 from socialiq.worlds.world import Decisions
 
-try:
-    # Type checks also run where the extra is not installed.
-    from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
-except ImportError as error:
-    raise UserError(
-        "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
-    ) from error
+IDMVehicle: Any = optional("highway_env.vehicle.behavior", "highway", "the reference").IDMVehicle
 
 
 class Driver(IDMVehicle):
