@@ -367,3 +367,20 @@ def test_a_fingerprint_names_the_data_and_every_setting() -> None:
         fit.fingerprint(table, Setting(), Setting()),
     ]
     assert len(same | set(others)) == 5
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="counts the maps of Linux")
+def test_programs_are_released_before_the_memory_maps_run_out():
+    def maps() -> int:
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+
+    def compile_one(size: int) -> None:
+        jax.jit(lambda x: jnp.sin(x) @ x)(jnp.ones((size, size))).block_until_ready()
+
+    for size in (3, 5, 7):
+        compile_one(size)
+    before = maps()
+    fit.release_programs(most=before)
+    assert maps() >= before
+    fit.release_programs(most=before - 1)
+    assert maps() < before

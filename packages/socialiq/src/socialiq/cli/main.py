@@ -6,15 +6,18 @@ that closes the pipe early, a full disk or a locale that lacks a character must 
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import errno
 import importlib.metadata
 import io
 import itertools
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -38,17 +41,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str] | None) -> int:
     try:
-        command = parse(arguments)
-        from socialiq.outputs import check_place, claimed
+        with ctrl_c_until_heard():
+            command = parse(arguments)
+            from socialiq.outputs import check_place, claimed
 
-        words.check_options(command)
-        for option in ("out", "work"):
-            place = getattr(command, option, None)
-            if isinstance(place, Path):
-                check_place(place, f"--{option}")
-        out = getattr(command, "output", getattr(command, "out", None))
-        with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
-            return command.run()
+            words.check_options(command)
+            for option in ("out", "work"):
+                place = getattr(command, option, None)
+                if isinstance(place, Path):
+                    check_place(place, f"--{option}")
+            out = getattr(command, "output", getattr(command, "out", None))
+            with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
+                return command.run()
     except KeyboardInterrupt:
         return _fail("stopped; nothing was saved", 130)
     except UserError as error:
@@ -61,6 +65,48 @@ def _run(arguments: list[str] | None) -> int:
         if error.filename is None:
             raise
         return _fail(f"{error.strerror}: {foreign.cut(str(error.filename), 200)}")
+
+
+@contextlib.contextmanager
+def ctrl_c_until_heard() -> Iterator[None]:
+    """Raise `KeyboardInterrupt` again if a library drops it, until the block has ended.
+
+    JAX has bare `except:` clauses, and Python drops what a callback of its collector raises.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    main_thread = threading.main_thread()
+    if threading.current_thread() is not main_thread or before is not signal.default_int_handler:
+        yield
+        return
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(1.0):
+            handled: Any = sys._current_exceptions().get(main_thread.ident or 0)
+            error = handled[1] if isinstance(handled, tuple) else handled  # a tuple up to 3.11
+            while error is not None and not isinstance(error, KeyboardInterrupt):
+                error = error.__context__
+            if error is None:
+                _thread.interrupt_main()
+
+    def interrupt(_number: int, _frame: Any) -> None:
+        if not watcher.is_alive():
+            watcher.start()
+        raise KeyboardInterrupt
+
+    def report(dropped: Any) -> None:
+        if dropped.exc_type is not KeyboardInterrupt:
+            reported(dropped)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    reported, sys.unraisablehook = sys.unraisablehook, report
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        ended.set()
+        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = reported
 
 
 def _fail(line: str, status: int = UserError.exit_status) -> int:

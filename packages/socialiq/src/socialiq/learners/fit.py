@@ -62,6 +62,7 @@ def fit(
         Stopped: On Ctrl-C, after the chunk in progress.
         UserError: If a checkpoint can't be resumed.
     """
+    release_programs()
     begin = jax.jit(_start_all, compiler_options=_COMPILE_FAST)
     runs, history = begin(learner, hyperparameters), History()
     if callbacks.resume:
@@ -91,6 +92,21 @@ def fit(
                 saved = ": go on with --resume" if callbacks.checkpoint else "; nothing was saved"
                 raise Stopped(after + saved)
     return runs, history
+
+
+def release_programs(most: int | None = None) -> None:
+    """Let JAX forget its compiled programs if this process has more than `most` memory maps.
+
+    Each program holds some. Linux grants a process `vm.max_map_count`, and a process that asks for
+    one more crashes: after about a hundred trainings of different shapes. The default is a half.
+    """
+    try:
+        if most is None:
+            most = int(Path("/proc/sys/vm/max_map_count").read_text()) // 2
+        if Path("/proc/self/maps").read_bytes().count(b"\n") > most:
+            jax.clear_caches()
+    except OSError:  # another system, without such a limit
+        return
 
 
 def term_names(learner: Any, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
