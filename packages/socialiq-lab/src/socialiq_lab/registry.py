@@ -22,7 +22,7 @@ from socialiq_lab.study import Study
 DECLARATION = "STUDY.toml"
 
 
-for _folder in (Path(__file__).parents[4], Path.cwd()):  # `import studies` finds either
+for _folder in (*Path(__file__).parents[4:5], Path.cwd()):  # `import studies` finds either
     if (_folder / "studies").is_dir() and str(_folder) not in sys.path:
         sys.path.append(str(_folder))
 

@@ -215,7 +215,7 @@ def _word(value: Any) -> str:
 def packaged_results() -> Path:
     """Return the folder of the committed results, in an installed package or in a checkout."""
     package = Path(str(importlib.resources.files("socialiq")))
-    for folder in (package / "results", package.parents[3] / "results"):
+    for folder in (package / "results", *(up / "results" for up in package.parents[3:4])):
         if folder.is_dir():
             return folder
     raise UserError("the committed results did not come with this package: name --results DIR")

@@ -117,8 +117,9 @@ def load(name: str) -> ModuleType:
     Raises:
         UserError: In an installed package, which has no benchmarks.
     """
-    path = Path(socialiq.__file__).parents[4] / "benchmarks" / f"{name}.py"
-    if not path.is_file():
+    up = Path(socialiq.__file__).parents[4:5]
+    path = next((folder / "benchmarks" / f"{name}.py" for folder in up), None)
+    if path is None or not path.is_file():
         raise UserError("benchmarks come with the sources, not the package: run in a checkout")
     spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", path)
     assert spec is not None and spec.loader is not None
