@@ -1,4 +1,5 @@
 import errno
+import importlib.resources
 import json
 import os
 from pathlib import Path
@@ -312,3 +313,9 @@ def test_an_output_folder_is_checked_before_the_work(tmp_path):
     (tmp_path / "link").symlink_to(folder)
     with pytest.raises(UserError, match="is not a folder"):
         outputs.check_output_folder(tmp_path / "link", replace=True)
+
+
+def test_a_package_in_a_short_path_has_no_checkout_around_it(monkeypatch) -> None:
+    monkeypatch.setattr(importlib.resources, "files", lambda _: Path("/site/socialiq"))
+    with pytest.raises(UserError, match="--results DIR"):
+        storage.packaged_results()
