@@ -1,12 +1,14 @@
-"""Speed of importing recorded traffic: ours beside commonroad-io, and the CSV layouts.
+"""Speed of importing recorded traffic, ours beside commonroad-io, and of finding its conflicts.
 
-One recording is made up, so that no data set is needed: cars side by side, each state with the
-digits that real files have. Reading, checking and making the table are timed, in one process.
+Two recordings are made up, so that no data set is needed, each state with the digits that real
+files have: cars side by side, and cars that cross at each of some junctions. Reading, checking and
+making the table are timed, in one process; conflicts from the imported recording to their rows.
 commonroad-io needs an environment of its own; SOCIALIQ_COMMONROAD_PYTHON names its Python.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import statistics
@@ -19,13 +21,17 @@ from typing import Any
 
 import numpy as np
 
+from socialiq_recordings.conflicts.encounters import Encounters
+from socialiq_recordings.conflicts.measures import rows_of
 from socialiq_recordings.export import write_commonroad, write_csv
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.readers.column_map import read_map
 from socialiq_recordings.recording import Recording, Tracks
-from socialiq_recordings.road.network import RoadNetwork
+from socialiq_recordings.road.network import Lanelet, RoadNetwork
+from socialiq_recordings.road.routes import Scene
 
 N_TRACKS, N_FRAMES = 60, 500
+N_JUNCTIONS, N_CARS = 16, 20  # cars at each junction
 LAYOUTS = ("ind", "interaction", "ngsim")
 
 _PEER = """
@@ -44,8 +50,9 @@ def run(repeats: int) -> dict[str, Any]:
     """Import each format, `repeats` times.
 
     Returns:
-        Median states per second of processor time by name, the peer's where there is one, and
-        bytes of memory at the peak for each state, at one and at two times as many states.
+        Median states per second of processor time by name, the peer's where there is one; seconds
+        of the conflicts of the junctions for each second of their import, and their number; bytes
+        of memory at the peak for each state, at one and at two times as many states.
     """
     python = os.environ.get("SOCIALIQ_COMMONROAD_PYTHON", "")
     found: dict[str, Any] = {}
@@ -66,6 +73,9 @@ def run(repeats: int) -> dict[str, Any]:
             found["ratio"] = statistics.median(
                 ours / theirs for ours, theirs in zip(rates["commonroad"], peer, strict=True)
             )
+        measured = [_junctions(Path(folder)) for _ in range(repeats)]
+        found["conflicts_per_import"] = statistics.median(ratio for ratio, _ in measured)
+        found["conflicts"] = measured[0][1]
         for factor in (1, 2):
             larger = made_up(factor * N_TRACKS)
             path = _commonroad(larger, Path(folder))
@@ -102,6 +112,57 @@ def made_up(n_tracks: int) -> Tracks:
         recording="ZAM_Bench-1_1_T-1",
         source={"made_by": "benchmarks/recordings.py"},
     )
+
+
+def junctions(n_junctions: int, n_cars: int) -> Recording:
+    """Two streets that cross at each junction, and cars on them, the one 1.5 s after the other."""
+    speed, half, apart = 12.0, 100.0, 400.0  # m/s; m of street before a junction; m between them
+    frames = int(2 * half / speed / 0.1)
+    car = np.repeat(np.arange(n_junctions * n_cars, dtype=np.int32), frames)
+    since, junction, turn = np.tile(np.arange(frames), n_junctions * n_cars), car // n_cars, car % 2
+    along = since * 0.1 * speed - half
+    columns = made_up(1).arrays() | {
+        "track": car,
+        "frame": (since + 15 * (car % n_cars)).astype(np.int32),
+        "x": along * (turn == 0) + junction * apart,
+        "y": along * (turn == 1),
+        "heading": turn * np.pi / 2,
+        "vx": speed * (turn == 0),
+        "vy": speed * (turn == 1),
+        "identity": np.arange(1, n_junctions * n_cars + 1),
+    }
+    for name in ("road_user", "length", "width"):
+        columns[name] = np.repeat(columns[name], n_junctions * n_cars)
+    lanelets: dict[int, Lanelet] = {}
+    for place in range(n_junctions):
+        for street in range(2):
+            ends = np.array([-half, -10.0, 10.0, half])
+            for first, second in itertools.pairwise(ends.tolist()):
+                number = 1_000_000 + len(lanelets)
+                middle = np.zeros((20, 2))
+                middle[:, street] = np.linspace(first, second, 20)
+                middle[:, 0] += place * apart
+                beside = 1.75 * np.array([-street, 1 - street])
+                onwards = () if second == half else (number + 1,)
+                before = () if first == -half else (number - 1,)
+                lanelets[number] = Lanelet(
+                    number, middle + beside, middle - beside, onwards, before
+                )
+    source = {"made_by": "benchmarks/recordings.py"}
+    tracks = Tracks(**columns, dt=0.1, recording="ZAM_Junctions-1_1_T-1", source=source)
+    return Recording(tracks, RoadNetwork(lanelets))
+
+
+def _junctions(folder: Path) -> tuple[float, int]:
+    """Return the time of conflicts for each second of the import, and the number of conflicts."""
+    path = folder / "junctions.xml"
+    write_commonroad(junctions(N_JUNCTIONS, N_CARS), path)
+    begin = time.process_time()
+    (imported,) = import_file(path)
+    read = time.process_time()
+    encounters = Encounters(Scene(imported.recording))
+    rows = rows_of(encounters, encounters.meetings())
+    return (time.process_time() - read) / (read - begin), len(rows) // 2
 
 
 def _commonroad(tracks: Tracks, folder: Path) -> Path:

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
 from socialiq.physics import wrapped
@@ -91,15 +91,15 @@ def area_of(
     lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
     areas are Shapely's.
     """
-    if not first_swept.intersects(second_swept):
-        return None
-    if not any(lanes.conflict(a, b) for a in first.lanelets for b in second.lanelets):
+    if all(lanes.against[number].isdisjoint(second.lanelets) for number in first.lanelets):
         before, before_other = (
             dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (first, second)
         )
         common = {*first.lanelets} & {*second.lanelets}
         if all(before.get(number) == before_other.get(number) for number in common):
             return None
+    if not first_swept.intersects(second_swept):
+        return None
     common = first_swept.intersection(second_swept)
     areas = []
     for polygon in getattr(common, "geoms", [common]):
@@ -117,8 +117,8 @@ def _area(first: Way, second: Way, polygon: Any) -> Area | None:
         along = way.line.coordinates(corners[:, 0], corners[:, 1]).along
         entry.append(float(along.min()))
         end.append(float(min(along.max(), way.line.length)))
-    if min(entry) <= _START:
-        return None
+        if entry[-1] <= _START:
+            return None
     middle = [(low + high) / 2 for low, high in zip(entry, end, strict=True)]
     merging = _between(first.line, end[0], second.line, end[1]) < SAME_WAY
     if merging:
@@ -180,6 +180,15 @@ def held(scene: Scene, way: Way, frame: int) -> bool:
     return False
 
 
+def times_at(
+    ways: tuple[Way, Way], area: Area, frames: Int64[np.ndarray, " frame"]
+) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
+    """Return the times of two vehicles in their area at their speeds of each of some frames."""
+    sides = zip(ways, area.entry, area.exit, strict=True)
+    first, second = (motion.projections(*side, frames) for side in sides)
+    return first, second
+
+
 @dataclass(frozen=True, eq=False)
 class Meeting:
     """Conflict of an ordered pair."""
@@ -195,9 +204,7 @@ class Meeting:
     @cached_property
     def times(self) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
         """Times of the ego and of the other in the area at their speeds of each of the frames."""
-        sides = zip((self.ego, self.other), self.area.entry, self.area.exit, strict=True)
-        ego_times, other_times = (motion.projections(*side, self.frames) for side in sides)
-        return ego_times, other_times
+        return times_at((self.ego, self.other), self.area, self.frames)
 
     @property
     def ego_first(self) -> bool | None:
@@ -239,33 +246,20 @@ class Encounters:
     def area(self, first: int, second: int) -> Area | None:
         """Return the conflict area of two tracks, the first one's coordinates first."""
         pair = (min(first, second), max(first, second))
-        if pair not in self._areas and not self._near(*pair):
-            return None
         if pair not in self._areas:
-            for way in (self.ways[track] for track in pair if track not in self._swept):
+            ways = self.ways[pair[0]], self.ways[pair[1]]
+            (west, south, east, north), (left, low, right, high) = (way.box for way in ways)
+            if west > right or left > east or south > high or low > north:
+                return None  # most pairs end here
+            for way in (way for way in ways if way.track not in self._swept):
                 width = max(way.width - self.config.slack, 0.1)
                 line = shapely().linestrings(way.line.points)
-                area = line.buffer(width / 2, cap_style="flat", join_style="round")
-                self._swept[way.track] = area
-            ways, swept = [self.ways[n] for n in pair], [self._swept[n] for n in pair]
-            self._areas[pair] = area_of(ways[0], ways[1], swept[0], swept[1], self.scene.lanes)
+                swept = line.buffer(width / 2, cap_style="flat", join_style="round")
+                self._swept[way.track] = swept
+            both = self._swept[pair[0]], self._swept[pair[1]]
+            self._areas[pair] = area_of(*ways, *both, self.scene.lanes)
         area = self._areas[pair]
         return area if area is None or first == pair[0] else area.swapped()
-
-    def _near(self, first: int, second: int) -> bool:
-        """Whether the boxes around what two vehicles sweep overlap; most pairs end here."""
-        west, south, east, north = self._boxes[first]
-        left, low, right, high = self._boxes[second]
-        return west <= right and left <= east and south <= high and low <= north
-
-    @cached_property
-    def _boxes(self) -> dict[int, tuple[float, float, float, float]]:
-        boxes = {}
-        for track, way in self.ways.items():
-            low, high = (edge(way.line.points, axis=0).tolist() for edge in (np.min, np.max))
-            half = way.width / 2
-            boxes[track] = (low[0] - half, low[1] - half, high[0] + half, high[1] + half)
-        return boxes
 
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
@@ -274,8 +268,7 @@ class Encounters:
         track here that is there.
         """
         copied = copy.copy(self)
-        for name in ("in_time", "_boxes"):
-            copied.__dict__.pop(name, None)
+        copied.__dict__.pop("in_time", None)
         copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
         number = {track: way.track for track, way in ways.items()}
         copied._swept = {number[t]: value for t, value in self._swept.items() if t in number}
@@ -313,19 +306,19 @@ class Encounters:
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
             met = self.first_in_line(way, area.entry[late], frame, ways[1 - late].track)
             met = met and not held(self.scene, way, frame)
+        if not met and not self._on_course(*ways, area, frames):
+            return None
         ego_times, other_times = (motion.expected(*side) for side in sides)
-        meeting = Meeting(*ways, area, ego_times, other_times, complete, frames)
-        return meeting if met or self._on_course(meeting) else None
+        return Meeting(*ways, area, ego_times, other_times, complete, frames)
 
-    def _on_course(self, meeting: Meeting) -> bool:
+    def _on_course(self, ego: Way, partner: Way, area: Area, frames: np.ndarray) -> bool:
         """Whether two vehicles would once be in the area close in time, and are first in line."""
-        ego, partner, frames = meeting.ego, meeting.other, meeting.frames
-        first, second = (Occupancy(*times.T) for times in meeting.times)
+        times = times_at((ego, partner), area, frames)
+        first, second = (Occupancy(*times_of.T) for times_of in times)
         soon = np.maximum(first.enters, second.enters) <= frames * ego.dt + self.config.horizon
         close = soon & (motion.apart(first, second) <= self.config.near)
         if close.any() and not self.config.queued:
-            sides = zip((ego, partner), meeting.area.entry, (partner, ego), strict=True)
-            for way, entry, ignored in sides:
+            for way, entry, ignored in zip((ego, partner), area.entry, (partner, ego), strict=True):
                 close &= ~self._held_up(way, entry, ignored.track)[frames - way.first]
         return any(not self.held(ego, partner, frame) for frame in frames[close].tolist())
 
@@ -349,7 +342,7 @@ class Encounters:
         """Return all conflicts, two for each pair, in the order of the tracks."""
         every: dict[tuple[int, int], Meeting | None] = {}
         for ego, ego_way in self.ways.items():
-            for way in self.in_time.between(ego_way.first, ego_way.last):
+            for way in self.in_time.between(ego_way.first, ego_way.last, ego_way):
                 if way.track == ego:
                     continue
                 if (way.track, ego) in every:

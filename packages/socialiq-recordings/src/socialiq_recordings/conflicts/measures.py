@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Bool
 
 from socialiq.physics import wrapped
 from socialiq.types import Row
@@ -128,9 +129,7 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "complete": meeting.complete,
             "seconds": len(meeting.frames) * ego.dt,
             "pet": pet(meeting),
-            "ttc": min(
-                (ttc_at(meeting, *moment) for moment in _moments(meeting)), default=math.inf
-            ),
+            "ttc": _soonest(meeting),
             "required_deceleration": _hardest(meeting),
             "other_required_deceleration": _hardest(meeting.swapped()),
             "gap_accepted": gap,
@@ -161,11 +160,20 @@ Times = tuple[Occupancy, Occupancy]
 """Times of the ego and of the other in the area at their speeds of a frame."""
 
 
-def _moments(meeting: Meeting) -> Iterator[tuple[int, Times]]:
-    ego_times, other_times = (
-        itertools.starmap(Occupancy, times.tolist()) for times in meeting.times
-    )
-    return zip(meeting.frames.tolist(), zip(ego_times, other_times, strict=True), strict=True)
+def _moments(meeting: Meeting, chosen: Bool[np.ndarray, " frame"]) -> Iterator[tuple[int, Times]]:
+    """Yield some frames of a conflict, and the times in the area at their speeds."""
+    times = (itertools.starmap(Occupancy, of_one[chosen].tolist()) for of_one in meeting.times)
+    return zip(meeting.frames[chosen].tolist(), zip(*times, strict=True), strict=True)
+
+
+def _soonest(meeting: Meeting) -> float:
+    """Return the least time to collision, s; infinite if the vehicles would not collide."""
+    now = (meeting.frames * meeting.ego.dt)[:, None]
+    first, second = (times - now for times in meeting.times)
+    # At other moments vehicles that cross would not be in the area at one time.
+    meet = np.maximum(first, second)[:, 0] < np.minimum(first, second)[:, 1]
+    moments = _moments(meeting, meet | (meeting.area.kind == Conflict.MERGING))
+    return min((ttc_at(meeting, *moment) for moment in moments), default=math.inf)
 
 
 def ttc_at(meeting: Meeting, frame: int, times: Times) -> float:
@@ -208,7 +216,13 @@ def required_at(meeting: Meeting, frame: int, times: Times) -> float:
 
 def _hardest(meeting: Meeting) -> float:
     """Return the largest deceleration that the ego needs in the conflict, m/s²; NaN if unseen."""
-    return max((required_at(meeting, *moment) for moment in _moments(meeting)), default=math.nan)
+    if not len(meeting.frames):
+        return math.nan
+    arrives, other_arrives = (times[:, 0] for times in meeting.times)
+    # At other moments it needs none.
+    late = (arrives > other_arrives) & (arrives > meeting.frames * meeting.ego.dt)
+    moments = _moments(meeting, late)
+    return max((required_at(meeting, *moment) for moment in moments), default=0.0)
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
@@ -270,6 +284,6 @@ def sign(encounters: Encounters, way: Way, partner: Way) -> str:
     lanes, last = encounters.scene.lanes, Sign.NONE
     for number in way.lanelets:
         last = lanes.road.lanelets[number].sign or last
-        if any(lanes.conflict(number, lanelet) for lanelet in partner.lanelets):
+        if not lanes.against[number].isdisjoint(partner.lanelets):
             break
     return Sign(last).name.lower()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import bisect
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.physics import wrapped
-from socialiq_recordings.road.routes import AHEAD, Polyline, Scene
+from socialiq_recordings.road.routes import AHEAD, Polyline, Scene, on_segments
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions
 BEHIND = 10.0  # m of straight line before the first state
@@ -35,6 +36,14 @@ class Way:
     width: float  # of the vehicle, m
     lanelets: tuple[int, ...]  # numbers of the lanelets on its route
     dt: float  # s between frames
+
+    @cached_property
+    def box(self) -> tuple[float, float, float, float]:
+        """Box around what the vehicle sweeps: its west, south, east and north, m."""
+        half = self.width / 2
+        west, south = (self.line.points.min(axis=0) - half).tolist()
+        east, north = (self.line.points.max(axis=0) + half).tolist()
+        return west, south, east, north
 
     @property
     def last(self) -> int:
@@ -71,15 +80,15 @@ def way_of(scene: Scene, track: int) -> Way:
     """Return the way of a vehicle, by the number of its track."""
     tracks, rows = scene.tracks, scene.rows(track)
     points = np.stack([tracks.x[rows], tracks.y[rows]], axis=1)
-    spaced = [points[0]]
-    for point in points[1:]:
-        if np.hypot(*(point - spaced[-1])) >= SPACING:
+    spaced, passed = points[:1].tolist(), []
+    for point in points.tolist():
+        if math.dist(point, spaced[-1]) >= SPACING:
             spaced.append(point)
-    driven = np.array(spaced)
-    heading = float(tracks.heading[rows.start])
+        passed.append(len(spaced))
+    driven, heading = np.array(spaced), float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
-    along = _along(line, points)
+    along = _along(line, points, line.starts[passed])
     # Central differences over `SMOOTHED`, one-sided at the ends; 0 for one state.
     half, frames = max(round(SMOOTHED / tracks.dt / 2), 1), np.arange(len(along))
     first, last = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
@@ -97,27 +106,34 @@ def way_of(scene: Scene, track: int) -> Way:
     )
 
 
-def _along(line: Polyline, points: Float64[np.ndarray, "state 2"]) -> Float64[np.ndarray, " state"]:
+def _along(
+    line: Polyline,
+    points: Float64[np.ndarray, "state 2"],
+    guess: Float64[np.ndarray, " state"],
+) -> Float64[np.ndarray, " state"]:
     """Return the coordinate of each state; a line may cross itself or turn back beside itself.
 
     Each is searched near the one before, as `Polyline.coordinates` does on that part of the line.
+    All are searched at once, again and again, until those before are those that are found.
     """
-    along, coordinate, starts = np.empty(len(points)), BEHIND, line.starts
-    ordered, steps = starts.tolist(), line.steps
-    lengths = np.hypot(*steps.T)
-    unit = steps / lengths[:, None]
-    for row, point in enumerate(points):
-        low = max(bisect.bisect_right(ordered, coordinate - 2 * SPACING) - 1, 0)
-        high = bisect.bisect_right(ordered, coordinate + 8.0)
-        apart, sides = point - line.points[low:high], unit[low:high]
-        ahead = apart[:, 0] * sides[:, 0] + apart[:, 1] * sides[:, 1]
-        left = apart[:, 1] * sides[:, 0] - apart[:, 0] * sides[:, 1]
-        inside = np.minimum(np.maximum(ahead, 0.0), lengths[low:high])
-        inside[0], inside[-1] = min(ahead[0], inside[0]), max(ahead[-1], inside[-1])
-        piece = int(np.argmin(np.hypot(ahead - inside, left)))
-        begin = float(np.cumsum(lengths[low : low + piece])[-1]) if piece else 0.0
-        coordinate = max(coordinate, ordered[low] + max(begin + float(inside[piece]), 0.0))
-        along[row] = coordinate
+    along, begin, starts = guess, 0, line.starts
+    while begin < len(points):
+        coordinate = np.append(BEHIND, along)[begin:-1]
+        low = np.maximum(starts.searchsorted(coordinate - 2 * SPACING, side="right") - 1, 0)
+        count = starts.searchsorted(coordinate + 8.0, side="right") - low
+        rows, columns = np.arange(len(low)), np.arange(count.max())
+        segment = np.minimum(low[:, None] + columns, len(starts) - 1)
+        bounds = np.zeros(segment.shape), line.lengths[segment]
+        bounds[0][count > 1, 0], bounds[1][rows, count - 1] = -np.inf, np.inf
+        at = points[begin:, :1], points[begin:, 1:]
+        inside, _, distance = on_segments(*at, *line.segments[:4, segment], *bounds)
+        piece = np.where(columns < count[:, None], distance, np.inf).argmin(axis=1)
+        before = np.cumsum(line.lengths[segment], axis=1)[rows, piece - 1] * (piece > 0)
+        reached = starts[low] + np.maximum(before + inside[rows, piece], 0.0)
+        reached = np.maximum.accumulate(np.maximum(reached, coordinate[0]))
+        differs = np.flatnonzero(reached != along[begin:])
+        along = np.append(along[:begin], reached)
+        begin = begin + int(differs[0]) + 1 if len(differs) else len(points)
     return along
 
 
@@ -261,14 +277,14 @@ class Ahead(NamedTuple):
 
 def ahead_of(scene: Scene, way: Way, slack: float) -> Ahead:
     """Return the vehicles of `on_way` that are on the line ahead; only near ones are compared."""
-    tracks, low, high = scene.tracks, *(edge(way.line.points, axis=0) for edge in (np.min, np.max))
-    moments, columns = np.arange(len(way.along)), []
+    tracks, moments, columns = scene.tracks, np.arange(len(way.along)), []
+    west, south, east, north = way.box
     for block in np.split(moments, moments[_MOMENTS::_MOMENTS]):
         every = [scene.present(way.first + moment) for moment in block.tolist()]
         rows, moment = np.concatenate(every), np.repeat(block, [len(rows_of) for rows_of in every])
         x, y = tracks.x[rows], tracks.y[rows]
-        near = (x > low[0] - _BESIDE) & (x < high[0] + _BESIDE) & (y > low[1] - _BESIDE)
-        near &= (y < high[1] + _BESIDE) & (tracks.track[rows] != way.track)
+        near = (x > west - _BESIDE) & (x < east + _BESIDE) & (y > south - _BESIDE)
+        near &= (y < north + _BESIDE) & (tracks.track[rows] != way.track)
         rows, moment = rows[near], moment[near]
         positions, number = way.line.coordinates(x[near], y[near]), tracks.track[rows]
         turned = wrapped(tracks.heading[rows] - positions.heading)
@@ -326,19 +342,31 @@ class InTime:
     """
 
     def __init__(self, ways: Mapping[int, Way]) -> None:
-        self.ways = ways
-        self._every = list(ways.values())
+        self.ways, self._every = ways, list(ways.values())
         first = np.array([way.first for way in self._every], np.int64)
+        self._last = np.array([way.last for way in self._every], np.int64)
         self._order = np.argsort(first, kind="stable")
         self._first = first[self._order]
         self.longest = max((len(way.along) for way in self._every), default=0)
 
-    def between(self, first: int | float, last: int | float) -> list[Way]:
-        """Return the ways that are seen between two frames, both included, in their order."""
+    @cached_property
+    def _boxes(self) -> Float64[np.ndarray, "way 4"]:
+        return np.array([way.box for way in self._every]).reshape(-1, 4)
+
+    def between(self, first: int | float, last: int | float, near: Way | None = None) -> list[Way]:
+        """Return the ways that are seen between two frames, both included, in their order.
+
+        With another way, only those whose boxes overlap its box: most ways end here.
+        """
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")
-        ways = [self._every[index] for index in sorted(self._order[begin:end].tolist())]
-        return [way for way in ways if way.last >= first]
+        chosen = np.sort(self._order[begin:end])
+        chosen = chosen[self._last[chosen] >= first]
+        if near is not None:
+            box, boxes = np.array(near.box), self._boxes[chosen]
+            beside = (boxes[:, :2] <= box[2:]) & (box[:2] <= boxes[:, 2:])
+            chosen = chosen[beside.all(axis=1)]
+        return [self._every[index] for index in chosen.tolist()]
 
     def earlier(self, frame: int | float) -> Iterator[Way]:
         """Yield the ways that are seen first at a frame or before it, the latest first."""

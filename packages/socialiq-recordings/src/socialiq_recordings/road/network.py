@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -225,9 +226,14 @@ class Lanes:
     conflicts: dict[tuple[int, int], Conflict]  # of two lanelets, the smaller number first
     junction_of: dict[int, int]  # number by lanelet in conflict: those that conflicts connect share
 
-    def conflict(self, first: int, second: int) -> bool:
-        """Whether two lanelets are in conflict."""
-        return (min(first, second), max(first, second)) in self.conflicts
+    @cached_property
+    def against(self) -> dict[int, set[int]]:
+        """Lanelets in conflict with each."""
+        against: dict[int, set[int]] = {number: set() for number in self.road.lanelets}
+        for first, second in self.conflicts:
+            against[first].add(second)
+            against[second].add(first)
+        return against
 
 
 NO_ROAD = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -27,6 +27,23 @@ class Coordinates(NamedTuple):
     heading: Float64[np.ndarray, " point"]  # direction of the line there, rad
 
 
+_MANY, _TOGETHER = 50_000, 50  # pairs of points and segments; points, to compare at once
+_ROUNDING = 0.1  # m; more than errors of distances are
+
+
+def on_segments(
+    x: Any, y: Any, from_x: Any, from_y: Any, east: Any, north: Any, low: Any, high: Any
+) -> tuple[Any, Any, Any]:
+    """Return coordinates of points along segments within bounds, to their left, and distances, m.
+
+    The first four columns of `Polyline.segments`, and the bounds; all fit each other.
+    """
+    dx, dy = x - from_x, y - from_y
+    along, left = dx * east + dy * north, dy * east - dx * north
+    inside = np.minimum(np.maximum(along, low), high)
+    return inside, left, np.hypot(along - inside, left)
+
+
 @dataclass(frozen=True, eq=False)
 class Polyline:
     """Polyline through at least two points, with different neighbours."""
@@ -39,46 +56,69 @@ class Polyline:
         return np.diff(self.points, axis=0)
 
     @cached_property
-    def _lengths(self) -> Float64[np.ndarray, " piece"]:
+    def lengths(self) -> Float64[np.ndarray, " piece"]:
+        """Length of each segment, m."""
         return np.hypot(*self.steps.T)
 
     @cached_property
     def starts(self) -> Float64[np.ndarray, " piece"]:
         """Distance along the line to the start of each segment, m."""
-        return np.concatenate([[0.0], np.cumsum(self._lengths)[:-1]])
+        return np.concatenate([[0.0], np.cumsum(self.lengths)[:-1]])
 
     @property
     def length(self) -> float:
         """Length in m."""
-        return float(self._lengths.sum())
+        return float(self.lengths.sum())
+
+    @cached_property
+    def segments(self) -> Float64[np.ndarray, "8 piece"]:
+        """Of each segment: start x and y, unit vector, bounds of coordinates on it, heading, start.
+
+        The first and the last go on straight beyond the line.
+        """
+        unit, low, high = self.steps / self.lengths[:, None], 0 * self.lengths, self.lengths.copy()
+        low[0], high[-1] = -np.inf, np.inf
+        heading = np.arctan2(unit[:, 1], unit[:, 0])
+        return np.stack([*self.points[:-1].T, *unit.T, low, high, heading, self.starts])
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
         """Project points on the nearest segment; of equally near segments on the first."""
-        lengths = self._lengths
-        unit = self.steps / lengths[:, None]
-        dx, dy = x[:, None] - self.points[:-1, 0], y[:, None] - self.points[:-1, 1]
-        along = dx * unit[:, 0] + dy * unit[:, 1]
-        left = dy * unit[:, 0] - dx * unit[:, 1]
-        low, high = np.zeros(len(lengths)), lengths.copy()
-        low[0], high[-1] = -np.inf, np.inf
-        inside = np.clip(along, low, high)
-        distance = np.hypot(along - inside, left)
-        piece = np.argmin(distance, axis=1)
-        rows = np.arange(len(x))
-        lateral = np.copysign(distance, left)[rows, piece]
-        heading = np.arctan2(unit[:, 1], unit[:, 0])[piece]
-        return Coordinates(self.starts[piece] + inside[rows, piece], lateral, heading)
+        parts, result = [np.arange(len(x))], np.empty((3, len(x)))
+        if x.size * len(self.lengths) > _MANY:
+            order = np.argsort(x if np.ptp(x) > np.ptp(y) else y)
+            parts = np.array_split(order, len(x) // _TOGETHER + 1)
+        for rows in parts:
+            near = self._near(x[rows], y[rows]) if len(parts) > 1 else self.segments
+            *segments, heading, starts = near
+            inside, left, distance = on_segments(x[rows, None], y[rows, None], *segments)
+            at = np.arange(len(rows)), np.argmin(distance, axis=1)
+            lateral = np.copysign(distance[at], left[at])
+            result[:, rows] = starts[at[1]] + inside[at], lateral, heading[at[1]]
+        return Coordinates(*result)
+
+    def _near(
+        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
+    ) -> Float64[np.ndarray, "8 near"]:
+        """Return the segments of which one is the nearest of each of some points."""
+        low, high = (np.array([[edge(x)], [edge(y)]]) for edge in (np.min, np.max))
+        ends = self.points[:-1].T, self.points[1:].T
+        apart = np.maximum(low - np.maximum(*ends), np.minimum(*ends) - high)
+        # No point of their box is further from the segment that begins nearest to its middle.
+        middle, half = (low + high) / 2, np.hypot(*(high - low)) / 2
+        reach = np.hypot(*(middle - ends[0])).min() + half + _ROUNDING
+        near = np.hypot(*np.maximum(apart, 0.0)) <= reach
+        near[[0, -1]] = True  # which go on beyond the line
+        return self.segments[:, near]
 
     def points_at(
         self, along: Float64[np.ndarray, " point"]
     ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
         """Return points on the line or its straight extensions, and directions there, rad."""
         piece = np.clip(np.searchsorted(self.starts, along, side="right") - 1, 0, None)
-        unit = self.steps / self._lengths[:, None]
-        points = self.points[piece] + unit[piece] * (along - self.starts[piece])[:, None]
-        return points, np.arctan2(unit[piece, 1], unit[piece, 0])
+        unit, heading = self.segments[2:4, piece].T, self.segments[6, piece]
+        return self.points[piece] + unit * (along - self.starts[piece])[:, None], heading
 
 
 @dataclass(frozen=True)
@@ -145,6 +185,8 @@ GAP = 20.0  # cost of a step to a lanelet that is not connected
 OFF_THE_MAP = 3.5  # m; largest mean distance from the nearest lanelet
 AHEAD = 100.0  # m; continuation of a route beyond the last state
 _HOPS = 3  # most lanelets passed between two frames
+_NEAR = GAP + 2.0  # m; distance to which lanelets are looked for at first
+_BLOCK = 500  # states that are compared at once, which bounds memory
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
 """Road users that drive on lanelets; others are neither ego nor neighbour."""
@@ -165,24 +207,32 @@ class Matcher:
     def __init__(self, road: RoadNetwork) -> None:
         self._road, self._numbers = road, list(road.lanelets)
         self._paths = {number: path_of(lane.centre) for number, lane in road.lanelets.items()}
-        centres = [lane.centre for lane in road.lanelets.values()]
-        self._low = np.array([centre.min(axis=0) for centre in centres])
-        self._high = np.array([centre.max(axis=0) for centre in centres])
-        # Cost of a step from each lanelet to each.
         index = {number: row for row, number in enumerate(self._numbers)}
-        follows = np.zeros((len(index), len(index)), bool)
-        self._price = np.full(follows.shape, GAP)
+        # Lanelets to which a step costs less than a gap, each with its cost.
+        self._cheap: list[dict[int, float]] = []
         for number, lanelet in road.lanelets.items():
-            for beside in (lanelet.adjacent_left, lanelet.adjacent_right):
-                if beside is not None and beside[1] and beside[0] in index:
-                    self._price[index[number], index[beside[0]]] = LANE_CHANGE
-            for successor in self._next(number):
-                follows[index[number], index[successor]] = True
-        reached = follows.copy()
-        for _ in range(_HOPS):
-            self._price[reached] = 0.0
-            reached = reached @ follows
-        np.fill_diagonal(self._price, 0.0)
+            beside = (lanelet.adjacent_left, lanelet.adjacent_right)
+            cheap = {index[at[0]]: LANE_CHANGE for at in beside if at and at[1] and at[0] in index}
+            reached = {number}
+            for _ in range(_HOPS):
+                reached = {after for number in reached for after in self._next(number)}
+                cheap |= dict.fromkeys((index[number] for number in reached), 0.0)
+            self._cheap.append(cheap | {index[number]: 0.0})
+        # Boxes around the paths, and the segments of all polylines in one table.
+        boxes, lines = [], []
+        for path in self._paths.values():
+            if isinstance(path, Arc):
+                middle = np.array([path.x, path.y])
+                boxes.append((middle - path.radius, middle + path.radius))
+                lines.append(np.zeros((8, 0)))
+            else:
+                boxes.append((path.points.min(axis=0), path.points.max(axis=0)))
+                lines.append(path.segments)
+        self._low, self._high = (np.array(edge) for edge in zip(*boxes, strict=True))
+        self._segments = np.concatenate(lines, axis=1)
+        self._count = np.array([line.shape[1] for line in lines])
+        self._first = np.cumsum(self._count) - self._count
+        self._length = np.array([path.length for path in self._paths.values()])
 
     def path(self, number: int) -> Polyline | Arc:
         """Return a lanelet's centre line."""
@@ -194,36 +244,54 @@ class Matcher:
         The misfit of a lanelet is that of the simulator (`core.geometry.closest_lane`): m and rad.
         """
         rows = slice(*tracks.starts[number : number + 2])
-        count = int(rows.stop - rows.start)
-        near, metres, misfit = self._misfits(tracks, rows)
-        numbers, price = [self._numbers[index] for index in near], self._price[np.ix_(near, near)]
-        # The cheapest sequence, forwards and then back.
-        total, came_from = misfit[0].copy(), np.empty(misfit.shape, np.int64)
-        for state in range(1, count):
-            # A state dearer than the cheapest by a gap leads nowhere that a gap from there
-            # doesn't for less.
-            few = np.flatnonzero(total <= total.min() + GAP)
-            costs = total[few, None] + price[few]
-            cheapest = np.argmin(costs, axis=0)
-            came_from[state] = few[cheapest]
-            total = costs[cheapest, np.arange(len(total))] + misfit[state]
-        chosen = np.empty(count, np.int64)
-        chosen[-1] = np.argmin(total)
-        for state in range(count - 1, 0, -1):
-            chosen[state - 1] = came_from[state, chosen[state]]
-        lanelets, places = [numbers[chosen[0]]], np.zeros(count, np.int64)
-        for state in range(1, count):
-            if numbers[chosen[state]] != lanelets[-1]:
-                lanelets += self._between(lanelets[-1], numbers[chosen[state]])
-            places[state] = len(lanelets) - 1
-        off = float(metres[np.arange(count), chosen].mean())
+        place = tracks.x[rows], tracks.y[rows], tracks.heading[rows]
+        reach, needed = 0.0, _NEAR
+        while needed > reach:
+            reach = max(needed, 2 * reach)
+            near, metres, misfit = self._misfits(*place, reach)
+            # A state dearer than the cheapest by a gap leads nowhere that a gap from there doesn't
+            # for less: no lanelet that is further than the least cost of a state and a gap counts.
+            needed, chosen = self._cheapest(near, misfit)
+        numbers = [self._numbers[index] for index in near[chosen].tolist()]
+        lanelets, places = numbers[:1], []
+        for before, after in zip(numbers[:1] + numbers, numbers, strict=False):
+            lanelets += [] if after == before else self._between(before, after)
+            places.append(len(lanelets) - 1)
+        off = float(metres[np.arange(len(chosen)), chosen].mean())
         route, length = lanelets[-1:], 0.0
         while length < AHEAD and self._go_on(route):
             length += self.path(route[-1]).length
-        return Matched((*lanelets, *route[1:]), places, off)
+        return Matched((*lanelets, *route[1:]), np.array(places, np.int64), off)
+
+    def _cheapest(
+        self, near: Int64[np.ndarray, " lanelet"], misfit: Float64[np.ndarray, "state lanelet"]
+    ) -> tuple[float, Int64[np.ndarray, " state"]]:
+        """Return the distance to which lanelets are needed, m, and the cheapest sequence."""
+        if np.isinf(misfit.min(axis=1, initial=np.inf)).any():
+            return np.inf, near[:0]
+        at = {index: column for column, index in enumerate(near.tolist())}
+        price = np.full((len(near), len(near)), GAP)  # of a step to each lanelet, from each
+        for row, index in enumerate(at):
+            for after, cost in self._cheap[index].items():
+                if after in at:
+                    price[at[after], row] = cost
+        totals, came_from = [misfit[0]], []
+        for misfits in misfit[1:]:
+            costs = price + totals[-1]
+            came_from.append(costs.argmin(axis=1))
+            totals.append(costs.min(axis=1) + misfits)
+        chosen = [int(np.argmin(totals[-1]))]
+        for before in reversed(came_from):
+            chosen.append(int(before[chosen[-1]]))
+        least = np.diff(np.min(totals, axis=1), prepend=0.0)
+        return float(least.max()) + GAP, np.array(chosen[::-1])
 
     def _misfits(
-        self, tracks: Tracks, rows: slice
+        self,
+        x: Float64[np.ndarray, " state"],
+        y: Float64[np.ndarray, " state"],
+        heading: Float64[np.ndarray, " state"],
+        reach: float,
     ) -> tuple[
         Int64[np.ndarray, " lanelet"],
         Float64[np.ndarray, "state lanelet"],
@@ -231,27 +299,52 @@ class Matcher:
     ]:
         """Return lanelets, the distances of states from them, m, and the misfits, m and rad.
 
-        A lanelet so far from the whole track that a gap to a nearer one and back costs less is in
-        no cheapest sequence: it is not among them.
+        Infinite where a state is further from the box around a lanelet than `reach`, m.
         """
-        x, y, heading = tracks.x[rows], tracks.y[rows], tracks.heading[rows]
-        low, high = np.array([[x.min(), y.min()], [x.max(), y.max()]])
-        apart = np.hypot(*np.maximum(np.maximum(self._low - high, low - self._high), 0.0).T)
-        reach = max(2 * GAP, float(apart.min()))
-        while True:
-            near, columns = np.flatnonzero(apart <= reach), []
-            for index in near.tolist():
-                path = self._paths[self._numbers[index]]
-                position = path.coordinates(x, y)
-                beyond = np.maximum(position.along - path.length, 0)
-                beyond = beyond + np.maximum(-position.along, 0)
-                metres = abs(position.lateral) + beyond
-                columns.append((metres, metres + abs(wrapped(heading - position.heading))))
-            metres, misfit = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
-            needed = float(misfit.min(axis=1).max()) + 2 * GAP
-            if needed <= reach or len(near) == len(apart):
-                return near, metres, misfit
-            reach = needed
+        reach += _ROUNDING
+        low, high = (np.array([edge(x), edge(y)]) for edge in (np.min, np.max))
+        apart = np.maximum(np.maximum(self._low - high, low - self._high), 0.0)
+        near = np.flatnonzero(np.hypot(*apart.T) <= reach)
+        metres, misfit = (np.full((len(x), len(near)), np.inf) for _ in range(2))
+        for begin in range(0, len(x), _BLOCK):
+            points = np.stack([x, y], axis=1)[begin : begin + _BLOCK, None]
+            apart = np.maximum(np.maximum(self._low[near] - points, points - self._high[near]), 0.0)
+            state, column = np.nonzero(np.hypot(apart[..., 0], apart[..., 1]) <= reach)
+            state += begin
+            distance, along, direction = self._positions(x[state], y[state], near[column])
+            length = self._length[near[column]]
+            distance += np.maximum(along - length, 0) + np.maximum(-along, 0)
+            metres[state, column] = distance
+            misfit[state, column] = distance + np.abs(wrapped(heading[state] - direction))
+        return near, metres, misfit
+
+    def _positions(
+        self,
+        x: Float64[np.ndarray, " pair"],
+        y: Float64[np.ndarray, " pair"],
+        lanelet: Int64[np.ndarray, " pair"],
+    ) -> Float64[np.ndarray, "3 pair"]:
+        """Return distances from lanelets, coordinates along them, m, and their headings, rad."""
+        result, count = np.empty((3, len(x))), self._count[lanelet]
+        for index in np.unique(lanelet[count == 0]).tolist():
+            of_arc = lanelet == index
+            along, lateral, heading = self._paths[self._numbers[index]].coordinates(
+                x[of_arc], y[of_arc]
+            )
+            result[:, of_arc] = np.abs(lateral), along, heading
+        pairs = np.flatnonzero(count)
+        if len(pairs):
+            lanelet, count = lanelet[pairs], count[pairs]
+            first = np.cumsum(count) - count
+            number = np.arange(count.sum()) + np.repeat(self._first[lanelet] - first, count)
+            pair = np.repeat(pairs, count)
+            inside, _, distance = on_segments(x[pair], y[pair], *self._segments[:6, number])
+            least = np.minimum.reduceat(distance, first)
+            nearest = np.flatnonzero(distance == np.repeat(least, count))
+            nearest = nearest[np.searchsorted(nearest, first)]
+            heading, start = self._segments[6:, number[nearest]]
+            result[:, pairs] = least, start + inside[nearest], heading
+        return result
 
     def _between(self, lanelet: int, goal: int) -> list[int]:
         """Return the lanelets passed without a state, and the lanelet reached."""
