@@ -114,8 +114,17 @@ def test_vehicles_that_drive_through_each_other_are_counted(crossing):
     counts = contacts(met, 0, 2)
     assert counts["vehicles"] == 6 and counts["pairs_in_contact"] == 0
     blind = met.world.road._replace(area_of=np.full_like(met.world.road.area_of, -1))
-    seen = contacts(met._replace(world=dataclasses.replace(met.world, road=blind)), 0, 2)
+    blind_world = dataclasses.replace(met.world, road=blind)
+    seen = contacts(met._replace(world=blind_world), 0, 2)
     assert seen["pairs_in_contact"] > 0 and seen["deepest_contact"] > 0
+    # In an episode, too, those that are no ego are counted, each once.
+    for world, wanted in ((met.world, 0), (blind_world, 2)):
+        egos = world.road._replace(egos=np.array([2]))  # the one behind
+        batch = dataclasses.replace(world, road=egos).batch(1)
+        batch.reset([0])
+        collided = [batch.step(np.array([0]), auto_reset=False).neighbours_collided[0]]
+        collided += [batch.step(np.array([0])).neighbours_collided[0] for _ in range(5)]
+        assert sum(collided) == wanted
 
 
 def test_what_makes_no_world(crossing):

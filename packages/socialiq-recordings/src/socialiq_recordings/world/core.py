@@ -16,7 +16,7 @@ from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlin
 from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
 from socialiq_recordings.idm import HARDEST
 from socialiq_recordings.world import traffic as rules
-from socialiq_recordings.world.observation import annotate, observe, touched
+from socialiq_recordings.world.observation import annotate, observe, others_touched, touched
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT, WAITING, ahead_of
 
 _EGO, _MOMENT = 100, 101  # purposes of random numbers; drivers have those below
@@ -45,6 +45,7 @@ def populate(road, traffic, row, recording, ego, step):
     traffic.recording[row], traffic.ego[row] = recording, ego
     traffic.step[row] = traffic.begun[row] = step
     traffic.n_present[row] = 0
+    traffic.touched[row, : end - base] = 0
     for vehicle in range(end - base):
         first, last = road.state_first[base + vehicle], road.state_first[base + vehicle + 1] - 1
         for number in range(len(road.drivers)):
@@ -161,11 +162,12 @@ def decide(road, traffic, results, row, level, settings, slack):
     for slot in range(traffic.n_present[row]):
         number = traffic.present[row, slot]
         traffic.before[row, number] = traffic.speed[row, number]
-    results.contact[row] = _UNTOUCHED
+    results.contact[row], results.neighbours_collided[row] = _UNTOUCHED, 0
     for _ in range(settings.frames):
         front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
         line = rules.closed_line(road.closed_first, road.closed, vehicle, front, now)
         sub_step(road, traffic, row, base, count, level, settings.max_speed)
+        results.neighbours_collided[row] += others_touched(road, traffic, row, base, slack)
         contact = touched(road, traffic, row, base, slack)
         if contact != _UNTOUCHED:
             results.contact[row] = contact

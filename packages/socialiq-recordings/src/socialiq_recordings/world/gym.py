@@ -40,6 +40,7 @@ class Traffic(NamedTuple):
     before: np.ndarray  # speeds at the last decision, or since they entered, m/s
     rate: np.ndarray  # accelerations of the sub-step, m/s²
     barrier: np.ndarray  # coordinate of the next leader or closed line, m
+    touched: np.ndarray  # 1 if it has driven into another that is no ego, or was driven into
     driver: np.ndarray  # parameters, (row, vehicle, 6)
 
     @staticmethod
@@ -54,6 +55,7 @@ class Traffic(NamedTuple):
             present=np.zeros(vehicles, np.int64),
             status=np.zeros(vehicles, np.int8),
             **{name: np.zeros(vehicles) for name in by_vehicle},
+            touched=np.zeros(vehicles, np.int64),
             driver=np.zeros((*vehicles, len(world.road.drivers))),
         )
 
@@ -122,6 +124,7 @@ class JunctionBatch(RoadBatch):
             dict(zip(SIGNALS, results.signals.T.copy(), strict=True)),
             results.speed.copy(),
             results.contact.copy(),
+            results.neighbours_collided.copy(),
         )
 
     def _arrays(self) -> tuple[np.ndarray, ...]:
@@ -146,7 +149,8 @@ class RecordedJunctionEnv(RoadEnv):
 
     `info` has `reward_pair` (r_env, r_social), `signals` (every named signal, unweighted), `ending`
     (arrival, collision, timeout, or other: over a closed line), the ego's `speed` in m/s, `contact`
-    (which vehicle struck), and in that of `reset` the `recording` and `vehicle` of its place.
+    (which vehicle struck), `neighbours_collided` (number of others that drove into each other), and
+    in that of `reset` the `recording` and `vehicle` of its place.
 
     Args:
         file: World of `socialiq data world`.

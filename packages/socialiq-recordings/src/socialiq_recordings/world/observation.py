@@ -111,29 +111,62 @@ def observe(road, traffic, row, base, count, observation):
         _write(observation[filled + slot], along - origin, left, angle - way, speed)
 
 
+@kernel
+def overlap(road, vehicle, along, other, other_along, slack):
+    """Whether two vehicles overlap, and how fast each comes nearer to the other's middle, times m.
+
+    They are smaller by `slack`, m, than recorded.
+    """
+    x, y, angle = place_of(road.line_first, road.line, vehicle, along)
+    ox, oy, turned = place_of(road.line_first, road.line, other, other_along)
+    length = max(road.length[vehicle] - slack, 0.1) / 2
+    width = max(road.width[vehicle] - slack, 0.1) / 2
+    half = max(road.length[other] - slack, 0.1) / 2
+    side = max(road.width[other] - slack, 0.1) / 2
+    dx, dy = ox - x, oy - y
+    if dx * dx + dy * dy >= (length + width + half + side) ** 2:
+        return False, 0.0, 0.0
+    depth = overlap_depth(dx, dy, angle, turned, length, width, half, side)
+    approach = math.cos(angle) * dx + math.sin(angle) * dy
+    return depth > 0.0, approach, math.cos(turned) * dx + math.sin(turned) * dy
+
+
 @inlined_kernel
 def touched(road, traffic, row, base, slack):
     """Return the ego's contact: whose motion closed the gap between the centres."""
     ego, contact = traffic.ego[row], _UNTOUCHED
-    x, y, angle = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
-    length = max(road.length[base + ego] - slack, 0.1) / 2
-    width = max(road.width[base + ego] - slack, 0.1) / 2
     for slot in range(traffic.n_present[row]):
         number = traffic.present[row, slot]
-        vehicle, along = base + number, traffic.along[row, number]
-        ox, oy, turned = place_of(road.line_first, road.line, vehicle, along)
-        dx, dy = ox - x, oy - y
-        half = max(road.length[vehicle] - slack, 0.1) / 2
-        side = max(road.width[vehicle] - slack, 0.1) / 2
-        near = dx * dx + dy * dy < (length + width + half + side) ** 2
-        if number == ego or not near:
+        if number == ego:
             continue
-        if overlap_depth(dx, dy, angle, turned, length, width, half, side) > 0.0:
-            approach = traffic.speed[row, ego] * (math.cos(angle) * dx + math.sin(angle) * dy)
-            closing = traffic.speed[row, number] * (math.cos(turned) * dx + math.sin(turned) * dy)
+        along, there = traffic.along[row, ego], traffic.along[row, number]
+        meet, approach, closing = overlap(road, base + ego, along, base + number, there, slack)
+        if meet:
+            approach, closing = (
+                traffic.speed[row, ego] * approach,
+                traffic.speed[row, number] * closing,
+            )
             contact = _STRUCK if approach >= -closing else _WAS_STRUCK
             break
     return contact
+
+
+@inlined_kernel
+def others_touched(road, traffic, row, base, slack):
+    """Count the vehicles besides the ego that drive into each other for the first time."""
+    ego, count = traffic.ego[row], 0
+    for slot in range(traffic.n_present[row]):
+        number = traffic.present[row, slot]
+        for later in range(slot + 1, traffic.n_present[row]):
+            partner = traffic.present[row, later]
+            is_new = not (traffic.touched[row, number] and traffic.touched[row, partner])
+            if number == ego or partner == ego or not is_new:
+                continue
+            along, there = traffic.along[row, number], traffic.along[row, partner]
+            if overlap(road, base + number, along, base + partner, there, slack)[0]:
+                count += 2 - traffic.touched[row, number] - traffic.touched[row, partner]
+                traffic.touched[row, number] = traffic.touched[row, partner] = 1
+    return count
 
 
 @inlined_kernel

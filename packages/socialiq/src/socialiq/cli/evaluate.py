@@ -212,18 +212,20 @@ class Evaluate(Printing):
         table = concatenate([rollout.transitions for rollout in rollouts])
         table = replace(table, source=rollouts[0].transitions.source)
         speed = np.concatenate([rollout.speed for rollout in rollouts])
-        return self.sampled(Rollout(table, speed)), target_of(played[0][1])
+        collided = sum(rollout.neighbours_collided for rollout in rollouts)
+        return self.sampled(Rollout(table, speed, collided)), target_of(played[0][1])
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Return the metrics of a rollout, without quantities that are not reported."""
         metrics = rollout.metrics()._asdict().items()
-        estimate = rollout.angle(self.seed)
+        estimate, collided = rollout.angle(self.seed), rollout.neighbours_collided / self.episodes
+        others = {} if math.isnan(collided) else {"neighbours_collided": collided}
         return {
             "method": f"{self.episodes} episodes, seed {self.seed}",
             **{name: value for name, value in metrics if math.isfinite(value)},
             "angle_low": estimate.low,
             "angle_high": estimate.high,
-        }
+        } | others
 
 
 def _play_road(

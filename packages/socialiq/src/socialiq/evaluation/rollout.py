@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -31,10 +32,13 @@ class Rollout(NamedTuple):
     Attributes:
         transitions: Every transition, in the form of a demonstrations table.
         speed: The ego's speed at each transition; NaN if the environment doesn't report it.
+        neighbours_collided: Number of others that collided with each other, of all episodes; NaN
+            likewise.
     """
 
     transitions: Demonstrations
     speed: Float[np.ndarray, " transition"]
+    neighbours_collided: float = math.nan
 
     def metrics(self) -> Metrics:
         """Return the means over the episodes (thesis 5.4)."""
@@ -201,7 +205,7 @@ def rollout_env(
 
     `info["reward_pair"]` gives (r_env, r_social); without it the scalar reward counts as r_env
     and r_social is 0. `info["ending"]` names the ending; without it a terminal state is `OTHER`.
-    `info["speed"]` is recorded if it is there.
+    `info["speed"]` is recorded and `info["neighbours_collided"]` counted if they are there.
 
     Args:
         env: The environment: with discrete actions, or with actions in [-1, 1] as
@@ -235,7 +239,9 @@ def rollout_env(
         n_actions=int(space.n) if isinstance(space, gymnasium.spaces.Discrete) else 0,
         source={"seed": seed, **action_bounds(env), **(source or {})},
     )
-    return Rollout(transitions, np.array([step.made.speed for step in steps], np.float64))
+    speed = np.array([step.made.speed for step in steps], np.float64)
+    collided = float(sum(step.made.neighbours_collided for step in steps))
+    return Rollout(transitions, speed, collided)
 
 
 def demonstrations_by_mode(

@@ -250,12 +250,13 @@ MOST_STEPS = 100_000
 
 
 class GymStep(NamedTuple):
-    """Result of a step in a Gymnasium environment; the speed is NaN if it is not reported."""
+    """Result of a step in a Gymnasium environment; numbers are NaN if they are not reported."""
 
     observation: Any
     rewards: RewardPair
     ending: Int64[np.ndarray, " 1"]
     speed: float
+    neighbours_collided: float
 
 
 class GymSimulator:
@@ -311,4 +312,5 @@ class GymSimulator:
         ending = Ending.of_step(terminated, truncated, info)
         pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
         self._present, self._length = after, self._length + 1
-        return GymStep(after, pair, np.array([int(ending)]), speed)
+        collided = float(info.get("neighbours_collided", np.nan))
+        return GymStep(after, pair, np.array([int(ending)]), speed, collided)

@@ -182,10 +182,10 @@ class RoadEnv(gymnasium.Env):
             "ending": Ending(ending).name.lower(),
             "speed": float(decisions.speed[0]),
             "contact": Contact(int(decisions.contact[0])).name.lower(),
+            "neighbours_collided": int(decisions.neighbours_collided[0]),
         }
         if len(decisions.off_road):  # a recorded junction doesn't report these
             classical = decisions.classical
-            info["neighbours_collided"] = int(decisions.neighbours_collided[0])
             info["classical"] = np.array([classical.env[0], classical.social[0]])
             info["off_road"] = bool(decisions.off_road[0])
         reward = float(score(self._weights, decisions.rewards)[0])
