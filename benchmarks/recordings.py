@@ -31,7 +31,7 @@ from socialiq_recordings.road.network import Lanelet, RoadNetwork
 from socialiq_recordings.road.routes import Scene
 
 N_TRACKS, N_FRAMES = 60, 500
-N_JUNCTIONS, N_CARS = 16, 20  # cars at each junction
+N_JUNCTIONS, N_CARS = 32, 20  # cars at each junction
 LAYOUTS = ("ind", "interaction", "ngsim")
 
 _PEER = """

@@ -1,5 +1,6 @@
 """`socialiq data import`: what is written, what is printed, what is refused."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -102,11 +103,38 @@ def test_a_road_and_errors_go_with_what_has_them(tmp_path, capsys):
     assert "--road goes with csv" in line
     line = refused(capsys, "commonroad", EXAMPLES[0], "--position-error", 0, "--out", out)
     assert "error of position must be a number above 0" in line
+    csv = ("csv", EXAMPLES[0], "--columns", "interaction", "--out", out)
+    assert "latitude, -80 to 84, and longitude" in refused(capsys, *csv, "--origin", 85, 0)
+    for name, words in (("m.txt", "is not a map"), ("m.xml", "holds no lanelet")):
+        road = tmp_path / name
+        road.write_text("<commonRoad commonRoadVersion='2020a' timeStepSize='0.1'/>")
+        assert words in refused(capsys, *csv, "--road", road)
     path = write_csv(files_of_example().tracks, "ind", tmp_path)
     call = ["data", "import", "csv", str(path), "--columns", "ind", "--out", str(out), "--json"]
     assert main([*call, "--road", str(EXAMPLES[0]), "--position-error", "0.1"]) == 0
     [told] = json.loads(capsys.readouterr().out)["recordings"]
     assert len(files.load(out / told["file"]).road.lanelets) == 9
+
+
+def test_a_map_of_another_place_is_said(tmp_path, capsys):
+    tracks = files_of_example().tracks
+    for number, x in enumerate((0.0, 300.0)):
+        moved = dataclasses.replace(tracks, x=tracks.x + x, recording=f"by{x:g}")
+        path, out = write_csv(moved, "ind", tmp_path), tmp_path / f"out{number}"
+        call = ["data", "import", "csv", str(path), "--columns", "ind", "--out", str(out)]
+        assert main([*call, "--road", str(EXAMPLES[0])]) == 0
+        said = capsys.readouterr().err
+        assert ("100 % of its vehicles' states are on no lane" in said) == (x > 0)
+
+
+@pytest.mark.parametrize("option", ["--out", "--demonstrations"])
+def test_a_world_is_no_csv_file(tmp_path, capsys, option):
+    files.save(tmp_path / "r.safetensors", files_of_example())
+    names = {"--out": tmp_path / "w.safetensors"} | {option: tmp_path / "w.csv"}
+    words = [word for pair in names.items() for word in map(str, pair)]
+    assert main(["data", "world", str(tmp_path / "r.safetensors"), *words]) == 2
+    assert "would not be a .csv file: name it .safetensors" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["r.safetensors"]
 
 
 def test_inspect_counts_sites_chains_and_vehicles(tmp_path, capsys):

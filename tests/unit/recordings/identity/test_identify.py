@@ -87,6 +87,21 @@ def test_a_small_road_that_a_large_one_contains_either_way_is_no_site(make):
     assert found.site[1] == "bend"
 
 
+def test_a_map_in_two_larger_ones_does_not_join_them(make):
+    # An arm of 40 m lies in two junctions; a junction that lacks an arm lies in one of them.
+    third = (0.0, 2.2, 4.1)
+    roads = {"t": make.junction(make.t), "arm": make.junction((0.0,)), "y": make.junction(third)}
+    roads["crop"] = RoadNetwork({n: roads["y"].lanelets[n] for n in (0, 1, 3)})
+    tracks = [dataclasses.replace(make.traffic(n), recording=name) for n, name in enumerate(roads)]
+    recordings = [make.recording(t, roads[t.recording]) for t in tracks]
+    for order in ([0, 1, 2, 3], [1, 2, 0, 3], [3, 2, 1, 0]):
+        found = identify([recordings[number] for number in order])
+        site = dict(zip(found.names, found.site, strict=True))
+        assert site["y"] == site["crop"] and len({*site.values()}) == 3
+    # One that lies in maps of one site is there.
+    assert set(identify(recordings[1:]).site) == {"arm"}
+
+
 def _road(lines):
     lanelets = {}
     for number, line in enumerate(lines):

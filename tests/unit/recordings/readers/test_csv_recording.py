@@ -256,6 +256,13 @@ def test_pieces_of_any_size_give_the_same(read, monkeypatch):
         (MAP + '[axes]\ny = "left"', "axes.y is 'left'"),
         (MAP.replace("[0.5, 0.4]", "[0.5]"), "must be .length, width."),
         (MAP + '[road_users]\nfile = ["a"]\nid = "b"', "must be a list of two texts"),
+        (MAP + '[road_users]\nfile = ["a", "b"]', "a file but no id"),
+        (
+            MAP.replace("rate = 10.0", "rate = 10.0\nperiods = true"),
+            "periods needs the columns time",
+        ),
+        (MAP + '[map]\norigin = ["a", "b"]', "origin needs time.rate_file"),
+        (MAP.split("[classes]")[0], "classes. is missing"),
     ],
 )
 def test_a_bad_column_map_is_refused(read, said, line):

@@ -102,6 +102,12 @@ def test_older_commonroad(tmp_path, version, seconds):
             import_file(path)
         return
     [found] = import_file(path)
+    if seconds:
+        path.write_text(
+            path.read_text().replace("<exact>1.9</exact></time>", "<exact>1.93</exact></time>")
+        )
+        with pytest.raises(UserError, match="s is no multiple of the step"):
+            import_file(path)
     tracks = found.recording.tracks
     assert tracks.frame.tolist() == list(range(20)) and found.recording.road.lanelets[1]
     assert tracks.source["tags"] == "urban simulated"

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from scipy.spatial import KDTree
 
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError, one_of
@@ -31,8 +32,8 @@ from socialiq_recordings.plausible import MeasurementError
 from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_of
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
-from socialiq_recordings.road.network import NO_ROAD, RoadNetwork, shapely
-from socialiq_recordings.road.routes import VEHICLES, Scene
+from socialiq_recordings.road.network import NO_ROAD, STEP, RoadNetwork, every_step, shapely
+from socialiq_recordings.road.routes import OFF_THE_MAP, VEHICLES, Scene
 from socialiq_recordings.simulated import signs_of_simulation
 
 
@@ -140,6 +141,7 @@ class Import(Printing):
                 continue
             seconds = time.perf_counter() - began
             states = sum(imported.n_states for imported in recordings)
+            say_if_apart([imported.recording for imported in recordings])
             for imported in recordings:
                 tracks = imported.recording.tracks
                 # The recording's name, without characters that file names can't have.
@@ -310,6 +312,7 @@ def remark(recordings: Sequence[Recording], identified: Identified) -> None:
     """Say on standard error what recordings have in common, and which are simulated."""
     with contextlib.redirect_stdout(sys.stderr):
         _show_overlaps(identified)
+    say_if_apart(recordings)
     for kinds in not_used(recordings).values():
         listed = ", ".join(f"{name}: {number}" for name, number in kinds.items())
         say(f"not used, because only vehicles on lanelets are: {listed}")
@@ -318,6 +321,23 @@ def remark(recordings: Sequence[Recording], identified: Identified) -> None:
         if signs:
             name = one_line(recording.tracks.recording, 60)
             say(f"{name} is simulated, not human: {one_line(signs[0])}")
+
+
+def say_if_apart(recordings: Sequence[Recording]) -> None:
+    """Say on standard error which recordings have most of their vehicles' states on no lane."""
+    for recording in recordings:
+        tracks, name = recording.tracks, one_line(recording.tracks.recording, 60)
+        lines = [every_step(lanelet.centre) for lanelet in recording.road.lanelets.values()]
+        rows = np.isin(tracks.road_user, VEHICLES)[tracks.track]
+        if lines and rows.any():
+            places = np.column_stack([tracks.x, tracks.y])[rows]
+            distance, _ = KDTree(np.concatenate(lines)[:, :2]).query(places)
+            share = (distance > np.hypot(OFF_THE_MAP, STEP / 2)).mean()
+            if share > 0.5:
+                say(
+                    f"{name}: {100 * share:.0f} % of its vehicles' states are on no lane of the "
+                    "map: name the map of these tracks with --road, and its --origin at import"
+                )
 
 
 def _show_overlaps(identified: Identified) -> None:

@@ -81,17 +81,17 @@ def shape_of(recording: Recording) -> Shape:
     return Shape(points[np.unique(cells, axis=0, return_index=True)[1]], False)
 
 
-def shared(first: Shape, second: Shape) -> float:
-    """Return the share of the smaller shape's points that lie on the other, best aligned.
+def shared(first: Shape, second: Shape) -> tuple[float, float]:
+    """Return the share of each shape's points that lie on the other, best aligned.
 
     Shapes that are straight fit everywhere along themselves, and paths of vehicles scatter: both
     are compared in the frames that they are written in.
     """
     if not len(first.points) or not len(second.points):
-        return 0.0
+        return 0.0, 0.0
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
     best = _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)
-    if best > _ALIKE or not (first.of_road and second.of_road):
+    if max(best) > _ALIKE or not (first.of_road and second.of_road):
         return best
     if min(_bends(first.points), _bends(second.points)) < _STRAIGHT:
         return best
@@ -110,8 +110,9 @@ def shared(first: Shape, second: Shape) -> float:
         correlation[np.arange(peak - 4, peak + 5) % 360] = -np.inf
     for turn in turns:
         placement = _placed(first.points, second.points, turn)
-        best = max(best, _overlap(first.points, second.points, placement, beside))
-        if best > _ALIKE:
+        shares = _overlap(first.points, second.points, placement, beside)
+        best = max(best, shares, key=max)
+        if max(best) > _ALIKE:
             break
     return best
 
@@ -123,15 +124,17 @@ def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
     says nothing of where it is. Shapes that agree in the frames that they are written in do.
     """
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
-    if _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside) >= least:
+    if max(_overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)) >= least:
         return False
     mirrored = first.points * np.array([-1.0, 1.0, -1.0]) + np.array([0.0, 0.0, np.pi])
-    return shared(Shape(mirrored, first.of_road), second) >= least
+    return max(shared(Shape(mirrored, first.of_road), second)) >= least
 
 
-def _overlap(first: np.ndarray, second: np.ndarray, placement: Placement, beside: float) -> float:
-    """Return the larger of the two shares of points that lie on the other shape, once placed."""
-    return max(_on(placement.of(second), first, beside), _on(placement.back(first), second, beside))
+def _overlap(
+    first: np.ndarray, second: np.ndarray, placement: Placement, beside: float
+) -> tuple[float, float]:
+    """Return the shares of points that lie on the other shape, once placed."""
+    return _on(placement.back(first), second, beside), _on(placement.of(second), first, beside)
 
 
 def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:

@@ -30,8 +30,8 @@ from socialiq_recordings.identity.alignment import (
 from socialiq_recordings.recording import Recording, Tracks
 
 SAME_SITE = 0.8
-"""Share of the smaller shape that must lie on the other. Among the six maps of the twelve scenarios
-of NGSIM the three sites' own pairs share at least 0.98, others at most 0.57."""
+"""Share of a shape that must lie on another. Of the six maps of the twelve scenarios of NGSIM the
+smaller ones share at least 0.98 with those of their site, at most 0.57 with others."""
 
 SAME_SIZE = 1e-3  # m
 CHANCE = 0.05
@@ -133,13 +133,19 @@ def site_of(recording: str) -> str:
 
 
 def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]:
-    """Return a forest of recordings at one site; each pair of shapes is compared once."""
+    """Return a forest of recordings at one site; each pair of shapes is compared once.
+
+    Two maps that lie on each other are one site, whatever else lies on them. A map that lies in a
+    larger one belongs there, too; but one that lies in maps of several sites would fit anywhere,
+    since no place is in two: it joins none of them.
+    """
     sites, shapes, keys = list(range(len(recordings))), dict[bytes, Shape](), list[bytes]()
-    shares: dict[tuple[bytes, bytes], float] = {}
+    shares: dict[tuple[bytes, bytes], tuple[float, float]] = {}
     for recording in recordings:
         shape = shape_of(recording)
         keys.append(shape.points.tobytes() + bytes([shape.of_road]))
         shapes[keys[-1]] = shape
+    inside: list[tuple[int, int]] = []  # a recording whose map lies in that of another
     for second, first in ((b, a) for b in range(len(recordings)) for a in range(b)):
         if _root(sites, first) == _root(sites, second):
             continue
@@ -147,12 +153,21 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
         same = site_of(names[first]) == site_of(names[second]) != names[first]
         low, high = sorted((keys[first], keys[second]))
         if not same and low != high and (low, high) not in shares:
-            share = shared(shapes[low], shapes[high])
             pair = shapes[low], shapes[high]
-            known = share >= SAME_SITE and not fits_by_chance(*pair, SAME_SITE)
-            shares[low, high] = share if known else 0.0
-        if same or low == high or shares[low, high] >= SAME_SITE:
+            shares[low, high] = shared(*pair)
+            if max(shares[low, high]) >= SAME_SITE and fits_by_chance(*pair, SAME_SITE):
+                shares[low, high] = 0.0, 0.0
+        of_low, of_high = (1.0, 1.0) if same or low == high else shares[low, high]
+        if min(of_low, of_high) >= SAME_SITE:
             _join(sites, first, second)
+        elif max(of_low, of_high) >= SAME_SITE:
+            is_inside = (of_low >= SAME_SITE) == (keys[first] == low)
+            inside.append((first, second) if is_inside else (second, first))
+    # The largest first, so that what a map lies in has its site.
+    for root in sorted({_root(sites, n) for n, _ in inside}, key=lambda n: -len(keys[n])):
+        larger = {_root(sites, n) for small, n in inside if _root(sites, small) == root} - {root}
+        if len(larger) == 1:
+            _join(sites, root, larger.pop())
     return sites
 
 
