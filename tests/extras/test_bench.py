@@ -74,11 +74,12 @@ def test_bench_dial_prints_one_json_object(smaller, capsys):
 
 
 def test_bench_recordings_prints_one_json_object(smaller, capsys):
-    smaller(N_TRACKS=20, N_FRAMES=200)
+    smaller(N_TRACKS=20, N_FRAMES=200, N_JUNCTIONS=1, N_CARS=4)
     assert main(["bench", "recordings", "--repeats", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     for layout in ("commonroad", "ind", "interaction", "ngsim"):
         assert found[f"{layout}_states_per_s"] > 0
+    assert found["conflicts_per_import"] > 0 and found["conflicts"] == 3
     assert found["bytes_per_state_8000"] < 1.2 * found["bytes_per_state_4000"]
 
 
