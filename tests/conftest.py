@@ -1,3 +1,4 @@
+import gc
 import os
 import re
 import signal
@@ -6,9 +7,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# XLA's older emitter of fused loops compiles in a third of the time. Read when XLA starts, so it
-# must be set before; processes that tests start inherit it.
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# XLA's older emitter of fused loops compiles in a third of the time, and a program that is not
+# split for threads of the compiler in three quarters. Read when XLA starts, so they must be set
+# before; processes that tests start inherit them.
+os.environ["XLA_FLAGS"] = (
+    f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+    " --xla_cpu_parallel_codegen_split_count=1"
+)
 
 import jax
 import jaxtyping
@@ -20,6 +25,8 @@ from socialiq.evaluation.parts import available_cores
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
 
+# What is imported and collected stays: no collection of garbage looks at it (`gc.freeze` below).
+gc.disable()
 settings.register_profile("patient", PATIENT)
 settings.load_profile("patient")
 
@@ -48,6 +55,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("extras")
         if item.get_closest_marker("two_cores") and available_cores() < 2:
             item.add_marker(pytest.mark.skip("needs two cores"))
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def skipped(config: pytest.Config) -> list[tuple[str, str]]:

@@ -20,18 +20,24 @@ from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
+from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
-from socialiq.theory.response import first_flip
+from socialiq.theory.response import QSolver, first_flip
 from socialiq.theory.semi_gradient import equilibrium
 from socialiq.types import Row
 from socialiq_lab.gridworld_runs import evaluate, train_runs
 from socialiq_lab.study import StageCallback
 from socialiq_lab.tables import column, groups, matching, mean
-from studies.theory.small_strength import SOLVERS
 
 ANGLE = 0.0
 TARGETS = ("instantaneous", "to_go", "advantage")
 """Targets of the networks' prior; the advantage is that of the pooled policy."""
+
+SOLVERS: dict[str, QSolver] = {
+    "online": lambda problem, start: minimise(problem, start).q,
+    "target": semi_gradient.fixed_point,
+}
+"""Q at the limit of training, by `next_value`."""
 
 
 def rows_problem(ground: Ground, kind: str) -> Problem:

@@ -15,8 +15,7 @@ from socialiq.demonstrations import files
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from studies.recorded_junction_practice.planted import rules
-from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world
+from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world, rules
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 pytestmark = [

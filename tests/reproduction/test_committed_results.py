@@ -35,8 +35,8 @@ from studies.classic_control import study as control
 from studies.compare_priors import study as priors
 from studies.intersection_offline import study as offline
 from studies.intersection_world import study as intersection_world
-from studies.theory import small_strength as lines
 from studies.theory import statements
+from studies.theory import study as lines
 
 FULL_COMPILER = True
 

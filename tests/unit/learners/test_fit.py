@@ -80,7 +80,7 @@ def train(
     **callbacks: Any,
 ) -> tuple[Runs, History]:
     around = Callbacks(**callbacks)
-    return fit.fit(Follower(), hyperparameters, total, chunk, fingerprint, around)
+    return fit.fit(Follower(), hyperparameters, total, chunk, fingerprint, around)[:2]
 
 
 def interrupt_after(done: int) -> Callable[[Report], None]:
@@ -261,6 +261,14 @@ def test_a_broken_run_stays_broken_after_a_resume(assert_same, tmp_path: Path) -
     assert_same_history(history, whole_history)
 
 
+def test_a_run_that_is_resumed_at_its_end_still_names_what_broke(tmp_path: Path) -> None:
+    runs, history = train(toys(1.0, 5.0, breaks_at=(13,)))
+    fit.save_checkpoint(tmp_path / "state", "toy", runs, history)
+    callbacks = Callbacks(checkpoint=tmp_path / "state", resume=True)
+    *_, lines = fit.fit(Follower(), toys(1.0, 5.0), TOTAL, 10, "toy", callbacks)
+    assert lines == ("run 0 stopped at update 13: square not finite; lower learning_rate",)
+
+
 def test_before_chunk_is_told_the_updates_done_and_changes_the_runs() -> None:
     told = []
 
@@ -268,7 +276,7 @@ def test_before_chunk_is_told_the_updates_done_and_changes_the_runs() -> None:
         told.append(done)
         return runs._replace(state=jax.tree.map(jnp.zeros_like, runs.state))
 
-    runs, _ = fit.fit(Follower(), toys(1.0), 40, 10, "toy", Callbacks(), reset)
+    runs, *_ = fit.fit(Follower(), toys(1.0), 40, 10, "toy", Callbacks(), reset)
     assert told == [0, 10, 20, 30]
     np.testing.assert_allclose(runs.state["x"], 1 - 0.8**10, atol=0.01)
 

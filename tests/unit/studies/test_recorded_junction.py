@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from studies.recorded_junction_practice.planted import Rule, blocked
-from studies.recorded_junction_practice.work import Config
+from studies.recorded_junction_practice.work import Config, Rule, blocked
 
 LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from socialiq.theory.objective import shaped
-from studies.theory import small_strength, statements, training
+from studies.theory import statements, training
+from studies.theory import study as small_strength
 
 
 @pytest.fixture(scope="module")

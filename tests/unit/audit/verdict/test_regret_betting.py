@@ -50,6 +50,26 @@ def test_the_bound_by_betting_decides(lagging):
     assert usual.decision is guarded.decision is Decision.PASS
 
 
+@pytest.mark.parametrize("largest_loss", [None, 20.0])
+@pytest.mark.parametrize("angle", [0.0, 60.0])
+def test_decisive_regrets_have_the_bounds_that_decide(outcomes, evidence, largest_loss, angle):
+    """Of two references with exact expectations the better one at the angle is compared alone."""
+    own = np.random.default_rng(0).normal(size=(3, EPISODES, 2)).clip(-3.0, 3.0)
+    references = (
+        outcomes("a", own[1] + [0.3, 0.0], expected=RewardPair(1.0, 0.0)),
+        outcomes("b", own[2] + [0.0, 0.3], expected=RewardPair(0.0, 1.0)),
+    )
+    found = evidence(outcomes("policy", own[0]), *references)
+    whole, decisive = (
+        regret_test(Regrets(found, 0, 300, largest_loss, decisive=quick), angle, 0.5)
+        for quick in (False, True)
+    )
+    compared = [one for one in whole.references if one.compared]
+    assert list(decisive.references) == compared and len(compared) == 1
+    names = ("decision", "low", "high", "regret", "best", "seen_loss", "broken")
+    assert [getattr(decisive, n) for n in names] == [getattr(whole, n) for n in names]
+
+
 @pytest.mark.parametrize(
     ("lag", "largest_loss", "decision"),
     [

@@ -51,10 +51,11 @@ def fit(
     fingerprint: str,
     callbacks: Callbacks,
     before_chunk: BeforeChunk | None = None,
-) -> tuple[Runs, History]:
-    """Train all runs of a learner for `total` updates; return the final runs and the history.
+) -> tuple[Runs, History, tuple[str, ...]]:
+    """Train all runs of a learner for `total` updates; return runs, history and failures.
 
-    Hyperparameters are arrays with a leading axis of runs. A checkpoint of another fingerprint is
+    Hyperparameters are arrays with a leading axis of runs. A failure is one line for each run that
+    stopped: which, when, which term, and what to lower. A checkpoint of another fingerprint is
     refused. `before_chunk` adds experience from outside JAX; it must depend on its arguments alone,
     or a resumed run would differ.
 
@@ -69,7 +70,7 @@ def fit(
         if callbacks.checkpoint is None:
             raise UserError("nothing to resume from: name the run's folder")
         runs, history = load_checkpoint(callbacks.checkpoint, fingerprint, runs)
-    names = term_names(learner, hyperparameters, runs)
+    failures: tuple[str, ...] | None = None
     done = history.updates[-1] if history.updates else 0
     clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
     with stop_requests() as stop:
@@ -79,11 +80,11 @@ def fit(
             steps = min(chunk, total - done)
             runs, terms = _advance(learner, hyperparameters, runs, steps)
             done += steps
-            record = dict(zip(names, np.asarray(terms).T, strict=True))
+            record = {name: np.asarray(terms[name]) for name in _in_order(terms)}
+            failures = failure_lines(runs, tuple(record), callbacks.run_names, hyperparameters)
             monitored = callbacks.monitor(runs.state) if callbacks.monitor else {}
             history.add(done, record | monitored)
             if callbacks.on_report:
-                failures = failure_lines(runs, names, callbacks.run_names, hyperparameters)
                 callbacks.on_report(clock.report(done, record, monitored, failures))
             if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
                 save_checkpoint(callbacks.checkpoint, fingerprint, runs, history)
@@ -91,7 +92,11 @@ def fit(
                 after = f"stopped after {done} of {total} updates"
                 saved = ": go on with --resume" if callbacks.checkpoint else "; nothing was saved"
                 raise Stopped(after + saved)
-    return runs, history
+    if failures is None:  # nothing was left to do
+        update = jax.vmap(learner.update)
+        _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
+        failures = failure_lines(runs, _in_order(terms), callbacks.run_names, hyperparameters)
+    return runs, history, failures
 
 
 def release_programs(most: int | None = None) -> None:
@@ -109,17 +114,10 @@ def release_programs(most: int | None = None) -> None:
         return
 
 
-def term_names(learner: Any, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
-    """Return the names of a learner's terms, in the order of `Runs.failed_term`."""
-    update = jax.vmap(learner.update)
-    _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
-    return _in_order(terms)
-
-
 def failure_lines(
     runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...], hyperparameters: Any
 ) -> tuple[str, ...]:
-    """One line for each run that stopped: which, when, which term, and what to lower."""
+    """Return one line for each run that stopped; `names` are in the order of `failed_term`."""
     causes, lower = (*names, "parameters"), "learning_rate"
     weights = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
     if weights:
@@ -155,7 +153,9 @@ def _start_all(learner: Any, hyperparameters: Any) -> Runs:
     return jax.vmap(start)(hyperparameters)
 
 
-def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tuple[Runs, Array]:
+def _advance(
+    learner: Any, hyperparameters: Any, runs: Runs, steps: int
+) -> tuple[Runs, dict[str, Array]]:
     """Train all runs for one chunk; return them and the means of their terms, NaN for broken runs.
 
     The second program is compiled when a run breaks. Until then the runs as they were before the
@@ -168,7 +168,8 @@ def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tupl
         checked = _chunk(learner, hyperparameters, runs, steps, _checked)
         after, terms = _choose_runs(breaks, checked, (after, terms))
     if stopped.any():
-        unchanged = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
+        broken = {name: jnp.full_like(means, jnp.nan) for name, means in terms.items()}
+        unchanged = runs._replace(updates=after.updates), broken
         after, terms = _choose_runs(stopped, unchanged, (after, terms))
     return after, terms
 
@@ -182,24 +183,31 @@ def _chunk(
 
 def _unchecked(
     learner: Any, hyperparameters: Any, run: Runs, *, steps: int
-) -> tuple[Runs, Array, Array]:
+) -> tuple[Runs, dict[str, Array], Array]:
     """Train one run for one chunk; return the mean of each term, and whether all is finite."""
+    names: list[str] = []
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
+        names[:] = _in_order(terms)
         after = run._replace(state=state, carry=carry, updates=run.updates + 1)
         return after, _values(terms)
 
     run, values = jax.lax.scan(body, run, None, length=steps)
     means = values.mean(axis=0)
-    return run, means, jnp.isfinite(means).all() & _all_finite(run.state)
+    is_finite = jnp.isfinite(means).all() & _all_finite(run.state)
+    return run, dict(zip(names, means, strict=True)), is_finite
 
 
-def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tuple[Runs, Array]:
+def _checked(
+    learner: Any, hyperparameters: Any, run: Runs, *, steps: int
+) -> tuple[Runs, dict[str, Array]]:
     """As `_unchecked`, but keep the last finite state; means are NaN once the run has broken."""
+    names: list[str] = []
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
+        names[:] = _in_order(terms)
         values = _values(terms)
         finite = jnp.append(jnp.isfinite(values), _all_finite(state))
         sound = run.failed_at < 0
@@ -214,7 +222,7 @@ def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tu
         return after, jnp.where(sound, values, jnp.nan)
 
     run, values = jax.lax.scan(body, run, None, length=steps)
-    return run, values.mean(axis=0)
+    return run, dict(zip(names, values.mean(axis=0), strict=True))
 
 
 def _values(terms: dict[str, Array]) -> Array:

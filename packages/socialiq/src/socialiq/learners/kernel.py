@@ -271,7 +271,7 @@ class Learner(eqx.Module):
         if self.functions():
             _check_own(self, arrays[0])
         settings = (self.name, self.static, *hyperparameters, chunk, world, self.functions())
-        runs, history = fit.fit(
+        runs, history, failures = fit.fit(
             self,
             arrays,
             self.static.updates,
@@ -280,8 +280,6 @@ class Learner(eqx.Module):
             dataclasses.replace(callbacks, run_names=names),
             before_chunk,
         )
-        terms = fit.term_names(self, arrays, runs)
-        failures = fit.failure_lines(runs, terms, names, arrays)
         if self.functions() and not failures:
             _check_angles(hyperparameters, runs.state.network)
         remainder = self.retained(runs.carry)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -43,7 +44,8 @@ class Regrets:
 
     References with exact expectations are the complete set of optima (`drive.exact_optima`): the
     best one at an angle is then known, not selected by the data, and it alone is compared. A
-    largest loss is that of an episode at the declared angle.
+    largest loss is that of an episode at the declared angle. `decisive` regrets bound nothing but
+    what `regret_test` decides by: of other drivers an audit reports only the decision.
     """
 
     def __init__(
@@ -52,13 +54,20 @@ class Regrets:
         seed: int,
         resamples: int = 2000,
         largest_loss: float | None = None,
+        decisive: bool = False,
     ) -> None:
         self.largest_loss = largest_loss
+        self.decisive = decisive
         self.evidence = evidence
         self._gains = evidence.gains()
-        self.moments = bootstrap.Moments.of(self._gains, seed, resamples)
+        self._seed, self._resamples = seed, resamples
         drivers = (evidence.policy, *evidence.references)
         self._totals = np.concatenate([driver.totals for driver in drivers])
+
+    @cached_property
+    def moments(self) -> bootstrap.Moments:
+        """Moments of the gains, with their resamples."""
+        return bootstrap.Moments.of(self._gains, self._seed, self._resamples)
 
     def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
         """Return which references are compared at an angle."""
@@ -73,19 +82,21 @@ class Regrets:
 
     def means(self, angle: float) -> Float[np.ndarray, " reference"]:
         """Return the estimated regret towards each reference at an angle in degrees."""
-        return np.asarray(score(exact_weights(angle), RewardPair(*self.moments.mean.T)))
+        return np.asarray(score(exact_weights(angle), RewardPair(*self._gains.mean(axis=1).T)))
 
     def losses(self, angle: float) -> Float[np.ndarray, "reference episode"]:
         """Return R(α) of each reference less the policy's in each episode."""
         gains = np.moveaxis(self._gains, 2, 0)
         return np.asarray(score(exact_weights(angle), RewardPair(*gains)))
 
-    def highs(self, angle: float, error: float) -> Float[np.ndarray, " reference"]:
-        """Return an upper bound of the regret towards each reference.
+    def highs(
+        self, angle: float, error: float, rows: Int64[np.ndarray, " row"] | None = None
+    ) -> np.ndarray:
+        """Return an upper bound of the regret towards each reference, or some `rows` of them.
 
         The largest of the compared ones bounds ρ without a correction (`upper_bounds`).
         """
-        return self._at(angle, np.arange(len(self._gains))).highs(error)
+        return self._at(angle, np.arange(len(self._gains)) if rows is None else rows).highs(error)
 
     def low(self, angle: float, error: float) -> float:
         """Return a lower bound of ρ."""
@@ -291,24 +302,32 @@ def regret_test(
 
     With a declared largest loss the bounds by betting decide, and nothing else needs to be
     assumed. An episode that lost more shows that the declaration is false: that fails. The angle is
-    the declared one in degrees, the margin in reward per episode; errors are one-sided.
+    the declared one in degrees, the margin in reward per episode; errors are one-sided. Of decisive
+    regrets the references that are not compared, the bounds that do not decide (NaN) and `needed`
+    (None) are left out.
     """
     compared, largest_loss = regrets.compared(angle), regrets.largest_loss
-    usual = LossBounds(regrets.low(angle, fail_error), regrets.highs(angle, pass_error))
-    means, losses = regrets.means(angle), regrets.losses(angle)
+    means, losses, decisive = regrets.means(angle), regrets.losses(angle), regrets.decisive
+    rows = np.flatnonzero(compared) if decisive else np.arange(len(compared))
+    usual = LossBounds(np.nan, np.full(len(rows), np.nan))
+    if largest_loss is None or not decisive:
+        usual = LossBounds(regrets.low(angle, fail_error), regrets.highs(angle, pass_error, rows))
     best = int(np.where(compared, means, -np.inf).argmax())
     estimate = float(means[best])
     error = pass_error if estimate <= margin else fail_error
-    if largest_loss is None:
-        used, needed = usual, regrets.needed(angle, best, margin - estimate, error)
-    else:
-        used = loss_bounds(losses, compared, margin, largest_loss, pass_error, fail_error)
-        needed = needed_with(losses, compared, margin, largest_loss, error)
-    high = float(used.highs[compared].max())
+    used, needed = usual, None
+    if largest_loss is not None:
+        errors = pass_error, fail_error
+        used = loss_bounds(losses[rows], compared[rows], margin, largest_loss, *errors)
+        needed = None if decisive else needed_with(losses, compared, margin, largest_loss, error)
+    elif not decisive:
+        needed = regrets.needed(angle, best, margin - estimate, error)
+    high = float(used.highs[compared[rows]].max())
     most = np.where(compared, losses.max(axis=1), -np.inf)
     broken = largest_loss is not None and exceeds(float(most.max()), largest_loss)
     names = [reference.name for reference in regrets.evidence.references]
-    columns = (means.tolist(), used.highs.tolist(), compared.tolist())
+    columns = (means[rows].tolist(), used.highs.tolist(), compared[rows].tolist())
+    references = map(AgainstReference, (names[row] for row in rows), *columns)
     decision = Decision.FAIL if used.low > margin else Decision.INCONCLUSIVE
     decision = Decision.PASS if high <= margin else decision
     return RegretTest(
@@ -322,12 +341,12 @@ def regret_test(
         fail_error=fail_error,
         bound="bootstrap" if largest_loss is None else "betting",
         bootstrap_low=usual.low,
-        bootstrap_high=float(usual.highs[compared].max()),
+        bootstrap_high=float(usual.highs[compared[rows]].max()),
         largest_loss=largest_loss,
         seen_loss=float(most.max()),
         seen_against=names[int(most.argmax())],
         best=names[best],
-        references=tuple(map(AgainstReference, names, *columns)),
+        references=tuple(references),
         episodes=regrets.evidence.episodes,
         needed=needed,
     )

@@ -16,7 +16,7 @@ import numpy as np
 from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.regret import Decision, Regrets
 from socialiq.audit.verdict.verdict import decide, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
@@ -243,7 +243,9 @@ def discriminate(
         )
         if references:
             swapped = replace(evidence, policy=driver, references=references, trivial=())
-            decision = decide(profile, swapped, seed, count, level).decision
+            limit = profile.margin.largest_loss
+            regrets = Regrets(swapped, seed, count, limit, decisive=True)
+            decision = decide(profile, swapped, seed, count, level, regrets).decision
             decided.append(OtherDriver(driver.name, trivial, decision))
     passing = [driver for driver in decided if driver.decision is Decision.PASS]
     without_regard = {driver.decision for driver in decided if driver.trivial}
