@@ -5,7 +5,6 @@ one trajectory. Its experts are not public; these are hand-written, of several t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,69 +33,40 @@ PAIRS = (
 KEYS = ("task", "protocol", "trajectories")  # columns that name a source of demonstrations
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results."""
-
-    seeds: tuple[int, ...] = (10, 11, 12)  # training seeds; 100 to 102 were used in development
-    tasks: tuple[str, ...] = tuple(TASKS)  # names of `TASKS`; LunarLander needs the extra box2d
-    protocols: tuple[str, ...] = PROTOCOLS
-    """Rows kept of a trajectory of CartPole; of the other tasks always one of each block."""
-    trajectories: tuple[int, ...] = (1, 5)
-    """Trajectories of a set of demonstrations of CartPole, one row of each block."""
-    protocol_trajectories: tuple[int, ...] = (1, 5)  # the same with the other protocols
-    other_trajectories: tuple[int, ...] = (1, 5)  # trajectories of a set of the other environments
-    methods: tuple[str, ...] = tuple(METHODS)  # names of `METHODS`
-    published: tuple[str, ...] = tuple(PUBLISHED)
-    """Names of `PUBLISHED`: on CartPole, one thinned trajectory."""
-    variants: tuple[str, ...] = tuple(VARIANTS)
-    """Names of `VARIANTS`, ablations: on CartPole, one trajectory, one row of each block."""
-    sets: int = 12  # sets of demonstrations of CartPole, each of trajectories of its own
-    other_sets: int = 6
-    """Sets of the other environments, and first ones of CartPole's for the ablations."""
-    episodes: int = 20  # evaluation episodes of each policy
-    updates: int = 0  # gradient steps of each learner; 0 for those of its settings
-    data_seed: int = 7_000
-    """Seed of the first trajectory; 50,000,000 and later ones were used in development."""
-    evaluation_seed: int = 9_000  # seed of the evaluation's first states
-    shrinkages: tuple[float, ...] = (1e-4, 1e-2)  # penalties of the linear fits
-
-    def __post_init__(self) -> None:
-        """Refuse unknown names and empty sizes."""
-        check_counts(self, ("sets", "other_sets", "episodes"))
-        counts = (*self.trajectories, *self.protocol_trajectories, *self.other_trajectories)
-        if min((*counts, 1)) < 1:
-            raise UserError("trajectories must be at least 1")
-        choices = {"tasks": TASKS, "protocols": PROTOCOLS, "methods": METHODS}
-        check_names(self, **choices, published=PUBLISHED, variants=VARIANTS)
-
-    def sources(self, task: str) -> list[Source]:
-        """Return the sources of demonstrations of a task."""
-        seeds = self.episodes, self.evaluation_seed
-        if TASKS[task].env != "CartPole-v1":
-            kinds = [("rows", count, self.other_sets) for count in self.other_trajectories]
-        elif task != "CartPole":
-            kinds = [("rows", 1, self.sets)]
-        else:
-            counts = dict.fromkeys(self.protocols, self.protocol_trajectories)
-            counts |= {"rows": self.trajectories}
-            kinds = [
-                (protocol, count, self.sets)
-                for protocol in self.protocols
-                for count in counts[protocol]
-            ]
-        return [Source(task, *kind, self.data_seed, *seeds) for kind in kinds]
+def sources_of(config: Any, task: str) -> list[Source]:
+    """Return the sources of demonstrations of a task."""
+    seeds = config.episodes, config.evaluation_seed
+    if TASKS[task].env != "CartPole-v1":
+        kinds = [("rows", count, config.other_sets) for count in config.other_trajectories]
+    elif task != "CartPole":
+        kinds = [("rows", 1, config.sets)]
+    else:
+        counts = dict.fromkeys(config.protocols, config.protocol_trajectories)
+        counts |= {"rows": config.trajectories}
+        kinds = [
+            (protocol, count, config.sets)
+            for protocol in config.protocols
+            for count in counts[protocol]
+        ]
+    return [Source(task, *kind, config.data_seed, *seeds) for kind in kinds]
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return `plan`, once every task's library is known to be there."""
+    planned = plan(config)
     for task in config.tasks:
         make_env(TASKS[task]).close()
-    return plan(config)
+    return planned
 
 
-def plan(config: Config) -> list[Job]:
+def plan(config: Any) -> list[Job]:
     """Return every job; none reads another."""
+    check_counts(config, ("sets", "other_sets", "episodes"))
+    counts = (*config.trajectories, *config.protocol_trajectories, *config.other_trajectories)
+    if min((*counts, 1)) < 1:
+        raise UserError("trajectories must be at least 1")
+    choices = {"tasks": TASKS, "protocols": PROTOCOLS, "methods": METHODS}
+    check_names(config, **choices, published=PUBLISHED, variants=VARIANTS)
 
     def training(source: Source, method: str, name: str) -> Job:
         run = runs.Training(source, method, config.seeds, config.updates)
@@ -105,7 +75,7 @@ def plan(config: Config) -> list[Job]:
 
     planned: list[Job] = []
     for task in config.tasks:
-        for source in config.sources(task):
+        for source in sources_of(config, task):
             name = "-".join(map(as_file_name, source.label().values()))
             inspection = runs.Inspection(source, config.shrinkages)
             planned.append(Job(f"data/{name}", runs.inspect, inspection))
@@ -119,7 +89,7 @@ def plan(config: Config) -> list[Job]:
     return planned
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders alone."""
     rows: dict[str, list[Row]] = {"data": [], "runs": [], "variants": []}
     for job in context.jobs:

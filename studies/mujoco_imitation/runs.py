@@ -19,6 +19,7 @@ from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.continuous.train import train
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn import actor_policy, q_network
+from socialiq.settings import changed
 from socialiq.storage import read_json, write_json
 from socialiq.types import Policy
 from socialiq.worlds.environment import action_size, sizes
@@ -51,17 +52,11 @@ class Task:
     forces: range = range(0)  # features that are contact forces
 
 
-def _wide(updates: int) -> ExpertSettings:
-    return ExpertSettings(updates, (128, 128), 256, 3e-4, "linear")
-
-
-TASKS = {
-    "Hopper": Task("Hopper-v5", ExpertSettings(300_000), 60_000, 3546.4),
-    "HalfCheetah": Task("HalfCheetah-v5", ExpertSettings(300_000), 60_000, 5076.6),
-    "Walker2d": Task("Walker2d-v5", _wide(600_000), 100_000, 5134.0),
-    "Ant": Task("Ant-v5", _wide(1_000_000), 100_000, 4362.9, forces=range(27, 105)),
-}
-"""Tasks by name in the tables."""
+_DECLARED = declaration("mujoco-imitation")
+TASKS: dict[str, Task] = {}  # tasks by name in the tables
+for _name, _row in _DECLARED["task"].items():
+    _expert = changed(ExpertSettings(0), _row["expert"])
+    TASKS[_name] = Task(**_row | {"expert": _expert, "forces": range(*_row.get("forces", (0,)))})
 
 
 def make_env(task: Task) -> gymnasium.Env[Any, Any]:
@@ -123,7 +118,6 @@ _BASES = {
     "offline": Method(_OFFLINE, _NUMBERS),
     "cloning": Method(_CLONING, bc.CloningHyperparameters(learning_rate=1e-3)),
 }
-_DECLARED = declaration("mujoco-imitation")
 METHODS: dict[str, Method] = declared_recipes(_DECLARED["method"], _BASES)
 """Methods by name in the tables."""
 

@@ -100,13 +100,23 @@ WAITING = ("communicate", "join", "recv", "wait", "HTTPConnection")
 COMMANDS = ("tests/fuzz/__main__.py",)  # it runs for the minutes that it is given
 
 
+def dotted(function: ast.expr) -> str:
+    """Return the name of a function, or that of a module and its function; else the last name."""
+    if isinstance(function, ast.Name):
+        return function.id
+    if not isinstance(function, ast.Attribute):
+        return ""
+    module = function.value
+    return f"{module.id if isinstance(module, ast.Name) else '_'}.{function.attr}"
+
+
 def reads_a_clock(node: ast.AST, names: set[str]) -> bool:
     """Whether an expression calls a clock or has one of the names."""
     for item in ast.walk(node):
         if isinstance(item, ast.Name) and item.id in names:
             return True
         if isinstance(item, ast.Call):
-            name = ast.unparse(item.func).removesuffix("_ns")
+            name = dotted(item.func).removesuffix("_ns")
             if name in CLOCKS[:-1] or name in (f"time.{clock}" for clock in CLOCKS):
                 return True
     return False
@@ -121,11 +131,15 @@ def limits_of_time(tree: ast.AST) -> list[int]:
             pairs = [(target, item.value) for target in item.targets]
             if isinstance(item.targets[0], ast.Tuple) and isinstance(item.value, ast.Tuple):
                 pairs = [*zip(item.targets[0].elts, item.value.elts, strict=True)]
-            names |= {ast.unparse(target) for target, value in pairs if reads_a_clock(value, names)}
+            names |= {
+                target.id
+                for target, value in pairs
+                if isinstance(target, ast.Name) and reads_a_clock(value, names)
+            }
     for item in ast.walk(tree):
         if isinstance(item, ast.Compare) and reads_a_clock(item, names):
             lines.append(item.lineno)
-        if isinstance(item, ast.Call) and ast.unparse(item.func).split(".")[-1] in WAITING:
+        if isinstance(item, ast.Call) and dotted(item.func).split(".")[-1] in WAITING:
             words = {word.arg: word.value for word in item.keywords}
             limits = (*item.args[:1], words.get("timeout"))
             values = [limit.value for limit in limits if isinstance(limit, ast.Constant)]

@@ -6,14 +6,14 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import packaged_results, read_json
 from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run, save
-from studies.mujoco_imitation import plan
-from studies.mujoco_imitation.plan import Config
+from studies.mujoco_imitation import study as plan
 from studies.mujoco_imitation.runs import METHODS, TASKS, returns
 from studies.mujoco_imitation.study import compute_tables
 
 pytest.importorskip("mujoco")
 
 STUDY = find("mujoco-imitation")
+Config = STUDY.Config
 
 TINY = {
     "tasks": ("Hopper",),
@@ -32,7 +32,7 @@ TINY = {
 }
 
 
-def played(config: Config, work) -> dict:
+def played(config, work) -> dict:
     """Do the jobs of a plan in this process, and compute the tables."""
     jobs = plan.jobs(config)
     for job in jobs:

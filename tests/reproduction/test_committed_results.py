@@ -364,7 +364,7 @@ def test_the_sets_of_classic_control_are_the_committed_ones(tmp_path):
     """Two sets of each protocol: what is kept, its spread, and the linear fit that identifies."""
     committed = store.load(packaged_results() / "classic-control")
     one = (1,)
-    wanted = control.Config(
+    wanted = find("classic-control").Config(
         tasks=("CartPole",), trajectories=one, protocol_trajectories=one, sets=2
     )
     jobs = [job for job in control.plan(wanted) if job.stage == "data"]
@@ -388,7 +388,9 @@ def test_the_sets_of_classic_control_are_the_committed_ones(tmp_path):
 def test_five_trajectories_are_enough_for_both_learners(tmp_path):
     """Of five trajectories every committed policy balances: two sets, one seed, made again."""
     committed = store.load(packaged_results() / "classic-control").summary["CartPole"]["rows"]["5"]
-    wanted = control.Config(tasks=("CartPole",), trajectories=(5,), sets=2, seeds=(10,), episodes=5)
+    wanted = find("classic-control").Config(
+        tasks=("CartPole",), trajectories=(5,), sets=2, seeds=(10,), episodes=5
+    )
     for job in control.plan(wanted):
         if job.name in ("runs/CartPole-rows-5/iq_learn", "runs/CartPole-rows-5/cloning"):
             job.work(job.config, tmp_path, {}, lambda _share: None)

@@ -8,10 +8,11 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
+from socialiq_lab.registry import find
 from socialiq_lab.study import Context
-from studies.mujoco_imitation.plan import FOLDER, Config
-from studies.mujoco_imitation.study import compute_tables
+from studies.mujoco_imitation.study import FOLDER, compute_tables
 
+Config = find("mujoco-imitation").Config
 FOLDER_OF_STUDY = packaged_results() / "mujoco-imitation"
 
 

@@ -1,7 +1,8 @@
 """Studies that a STUDY.toml declares, in its order: settings, trainings, tables, figures, views.
 
-`[config]` holds the settings and their defaults. Elsewhere "$name" is the value of a setting,
-"$name.0" its first item, "{name}" its text, and "@field" in a label the field of a run.
+`[config]` holds the settings and their defaults; "$method" there stands for the names of all tables
+`[method.NAME]`. Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" its
+text, and "@field" in a label the field of a run.
 `[defaults]` holds what every `[[train]]` shares. docs/add-a-study.md explains the grammar.
 
 What has no grammar is a function in `study.py` beside the declaration, named with "python": a
@@ -98,6 +99,8 @@ def config_class(name: str, content: Mapping[str, Any]) -> type[Any]:
         raise UserError(f"{name}: STUDY.toml has no table config: give the settings' defaults")
     fields = []
     for key, value in content["config"].items():
+        if isinstance(value, str) and value.startswith("$"):
+            value = list(content.get(value[1:], ()))
         if isinstance(value, list):
             if not value or len({type(item) for item in value}) > 1:
                 raise UserError(f"{name}: {key} must be a list of equal types, and not empty")

@@ -11,12 +11,13 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json
 from socialiq.types import Ending
-from socialiq_lab.registry import declaration
+from socialiq_lab.registry import declaration, find
 from studies.classic_control import runs, study
 from studies.classic_control.runs import METHODS, RECIPES, VARIANTS
-from studies.classic_control.study import Config, plan
+from studies.classic_control.study import jobs, plan, sources_of
 from studies.classic_control.tasks import STEPS, TASKS, CartPole, Episode, returns
 
+Config = find("classic-control").Config
 CARTPOLE = TASKS["CartPole"]
 WITHOUT_EXTRA = [name for name in TASKS if name != "LunarLander"]
 
@@ -116,7 +117,7 @@ def test_every_variant_changes_its_method_and_nothing_is_unknown() -> None:
     for name, changes in declared.items():
         assert RECIPES[name] != METHODS[changes["of"]]
     with pytest.raises(UserError, match="protocol"):
-        Config(protocols=("every",))
+        jobs(Config(protocols=("every",)))
 
 
 def test_cloning_has_what_the_offline_preset_has() -> None:
@@ -179,7 +180,7 @@ def test_methods_are_compared_over_sets() -> None:
 def test_sources_of_a_task() -> None:
     config = Config(trajectories=(1, 5), protocol_trajectories=(5,), other_trajectories=(3,))
     kinds = {
-        task: [(one.protocol, one.trajectories, one.sets) for one in config.sources(task)]
+        task: [(one.protocol, one.trajectories, one.sets) for one in sources_of(config, task)]
         for task in TASKS
     }
     assert kinds["CartPole"] == [

@@ -6,11 +6,13 @@ import json
 import pytest
 
 from socialiq.errors import UserError
+from socialiq_lab.registry import find
 from socialiq_lab.study import Context
-from studies.mujoco_imitation import plan, study
-from studies.mujoco_imitation.plan import Config
+from studies.mujoco_imitation import study
+from studies.mujoco_imitation import study as plan
 from studies.mujoco_imitation.runs import METHODS, RECIPES, TASKS, VARIANTS, Imitation, settled
 
+Config = find("mujoco-imitation").Config
 CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
 LONGER = "online, standardised, 300,000 updates"
 WITHOUT_FORCES = "online, standardised, temperature 0.3, 300,000 updates, no contact forces"
@@ -218,4 +220,4 @@ def test_a_variant_changes_what_it_names_alone() -> None:
 )
 def test_bad_settings_are_refused(change, line) -> None:
     with pytest.raises(UserError, match=line):
-        Config(**change)
+        plan.jobs(Config(**change))
