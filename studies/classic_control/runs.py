@@ -17,7 +17,7 @@ from socialiq.learners.iq_learn import config as presets
 from socialiq.storage import write_json
 from socialiq.types import Row
 from socialiq_lab.comparison import Recipe, declared_recipes
-from socialiq_lab.jobs import ProgressCallback
+from socialiq_lab.jobs import ProgressCallback, callbacks_of
 from socialiq_lab.registry import declaration
 from studies.classic_control.tasks import TASKS, CartPole, Task, make_env, returns
 
@@ -150,7 +150,7 @@ def train_and_score(
     """Train; write the mean return of each policy and of each set's ensemble."""
     source, method = run.source, RECIPES[run.method]
     sets = source.thinned(source.whole_trajectories(), method.mirrored)
-    callbacks = Callbacks(on_report=lambda report: progress(report.done / report.total))
+    callbacks = callbacks_of(progress)
     trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, callbacks)
     rows: list[Row] = []
 

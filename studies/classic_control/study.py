@@ -15,6 +15,7 @@ from socialiq.storage import read_json
 from socialiq.types import Row
 from socialiq_lab.comparison import as_file_name, check_names
 from socialiq_lab.jobs import Job
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups, matching, nested, paired_row, with_holm
 from studies.classic_control import runs
@@ -23,11 +24,7 @@ from studies.classic_control.tasks import TASKS, make_env
 
 SOLVED = 475.0  # mean return at which Gymnasium calls CartPole-v1 solved
 
-PAIRS = (
-    ("iq_learn", "cloning"),
-    ("iq_learn, mirrored", "cloning, mirrored"),
-    ("iq_learn online", "cloning"),
-)
+PAIRS = declaration("classic-control")["pairs"]
 """Methods that are compared, with the same demonstrations."""
 
 KEYS = ("task", "protocol", "trajectories")  # columns that name a source of demonstrations

@@ -19,6 +19,7 @@ from socialiq_lab.intersection import thesis_values
 from socialiq_lab.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq_lab.intersection.driving import episodes_at, load_episodes
 from socialiq_lab.jobs import Job
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import groups, matching, nested, numeric_means, paired_row, with_holm
 from studies.intersection import plan
@@ -88,20 +89,10 @@ class Comparison(NamedTuple):
     metric: str  # column of the policies' table
 
 
-_EXPOSED = ("at_fault_per_entry", "at_fault_per_conflict")
-_ENDED = ("collision", "arrival", "stopped")
 COMPARISONS = tuple(
-    Comparison(place, first, second, metric)
-    for place, first, second, metrics in (
-        ("6.3, 7.2", "egoistic", "expert egoistic", thesis_values.METRICS),
-        ("6.3, 7.2", "prosocial", "expert prosocial", thesis_values.METRICS),
-        ("6.3", "altruistic", "expert altruistic", ("collision",)),
-        ("7.1", "prosocial", "egoistic", _ENDED),
-        ("7.1", "altruistic", "prosocial", _ENDED),
-        ("7.2", "prosocial", "expert prosocial", _EXPOSED),
-        ("7.2", "egoistic", "expert egoistic", _EXPOSED),
-    )
-    for metric in metrics
+    Comparison(entry["place"], entry["first"], entry["second"], metric)
+    for entry in declaration("intersection")["comparison"]
+    for metric in entry["metrics"]
 )
 
 
@@ -172,10 +163,8 @@ def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
         settings[f"{preset}_{setting}"] = configs[names["egoistic"][0]]
         for target, folders in names.items():
             policies[f"{preset}_{setting}_{target}"] = _mean([greedy[name] for name in folders])
-    spreads, connected = (
-        ("ours", "over_training", "over_evaluation", "low", "high"),
-        tables["connected"],
-    )
+    spreads = ("ours", "over_training", "over_evaluation", "low", "high")
+    connected = tables["connected"]
     experts = plan.columns(config)["experts", "flat"]
     return {
         "table_6_2": nested(printed, "group", "policy", "metric", keep=spreads),

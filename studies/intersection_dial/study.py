@@ -21,19 +21,14 @@ from socialiq.learners import policy_iteration
 from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
 from socialiq.learners.settings import check_counts
 from socialiq.results_folder import load
+from socialiq.settings import changed
 from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq_lab.intersection import demonstration_sets as sets
 from socialiq_lab.intersection import driving, training
-from socialiq_lab.intersection.rows import (
-    backward_steps,
-    curves,
-    points_of,
-    times,
-    value_at,
-    valued,
-)
+from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.jobs import Job
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
 
@@ -50,18 +45,7 @@ DIAL_NUMBERS = DialHyperparameters(
 )
 """Rates of the set experts; an intersection has no clock, hence their discount."""
 
-_HIDDEN_TIME = {"redraw_times": 0, "timeout_reward": 0.0, "discount": 0.99}
-_STARVED = {"high_share": None, "driven_share": 0.0}
-
-ABLATIONS: dict[str, dict[str, Any]] = {
-    SHORT: {},
-    "hidden_time": _HIDDEN_TIME,
-    "starved_angles": _STARVED,
-    "both_causes": {**_HIDDEN_TIME, **_STARVED},
-    "scores": {"heads": "score"},
-    "soft_backup": {"heads": "score", "backup": "soft"},
-    "slow_rates": {"learning_rate": 5e-4, "polyak": 0.01},
-}
+ABLATIONS: dict[str, dict[str, Any]] = declaration("intersection-dial")["ablation"]
 """Dials of `ablation_updates`, and what of the recipe each changes; the first changes nothing."""
 
 FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, ITERATED, PLANNED, FORESIGHT, *ABLATIONS)
@@ -146,10 +130,7 @@ class Config:
         of_structure, of_numbers = {"updates": self.ablation_updates}, {}
         for name, value in ABLATIONS[family].items():
             (of_structure if hasattr(self.recipe, name) else of_numbers)[name] = value
-        return (
-            dataclasses.replace(self.recipe, **of_structure),
-            dataclasses.replace(self.recipe_numbers, **of_numbers),
-        )
+        return changed(self.recipe, of_structure), changed(self.recipe_numbers, of_numbers)
 
 
 def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
@@ -210,8 +191,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
     policies = [row for row in driven if row["family"] != FORESIGHT]
     known: list[Row] = []
     for angle in config.key_angles if known_rows else ():
-        best = max(known_rows, key=lambda row: value_at(row, angle))
-        known.append({"angle": angle, "value": value_at(best, angle), **best})
+        best = max(known_rows, key=lambda row: intersection.value_at(row, angle))
+        known.append({"angle": angle, "value": intersection.value_at(best, angle), **best})
     families = _families(config, policies)
     works = (training.train_dial, training.train_dial_by_iteration)
     trained = [job for job in context.jobs if job.work in works]
@@ -221,8 +202,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "differences": _differences(config, families),
         "known": known,
         "foresight": matching(driven, family=FORESIGHT),
-        "curves": curves(trained, work, ("updates", "loss", "total")),
-        "times": times(trained, work),
+        "curves": intersection.curves(trained, work, ("updates", "loss", "total")),
+        "times": intersection.times(trained, work),
     }
     files = {
         f"{family}.safetensors": (work / folder_of(family, config.seeds[0]) / driving.DIAL)
@@ -259,14 +240,15 @@ def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row
         for angle in angles:
             folder = work / "evaluation" / folder_of(family, seed, angle)
             label = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
-            rows.append(valued(label, driving.episodes_at(folder, "dial", angle), angle))
+            file = driving.episodes_at(folder, "dial", angle)
+            rows.append(intersection.valued(label, file, angle))
     by_family = groups([row for row in rows if row["family"] != FORESIGHT], "family")
     for (angle,), asked in groups(rows, "asked").items():
         best = {
-            family: max(value_at(row, angle) for row in group)
+            family: max(intersection.value_at(row, angle) for row in group)
             for (family,), group in by_family.items()
         }
-        before = max((value_at(row, angle) for row in known_rows), default=0.0)
+        before = max((intersection.value_at(row, angle) for row in known_rows), default=0.0)
         for row in asked:
             row["regret"] = max(best.values()) - row["value"]
             if known_rows:
@@ -296,16 +278,16 @@ def known_policies() -> list[Row]:
 
 def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
     """Return hypervolume, regrets at the key angles and monotony of each family and seed."""
-    corner = points_of(policies).min(axis=0)
+    corner = intersection.points_of(policies).min(axis=0)
     compared: list[Row] = []
     for family, seed in itertools.product(config.families, config.seeds):
         rows = sorted(matching(policies, family=family, seed=seed), key=lambda row: row["asked"])
         if not rows:
             continue
         key = [row for row in rows if row["asked"] in config.key_angles]
-        regrets = [row["regret"] for row in key]
+        regrets, points = [row["regret"] for row in key], intersection.points_of(key)
         compared.append(
-            {"family": family, "seed": seed, "hypervolume": hypervolume(points_of(key), corner)}
+            {"family": family, "seed": seed, "hypervolume": hypervolume(points, corner)}
             | {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
             | {f"regret_{row['asked']:g}": row["regret"] for row in key}
             | {
@@ -313,7 +295,7 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
                 for name in ("known_regret", "others_regret")
                 if name in key[0]
             }
-            | {"angles": len(rows), **backward_steps(rows)}
+            | {"angles": len(rows), **intersection.backward_steps(rows)}
             | {"most_arrivals": max(row["arrival"] for row in rows)}
         )
     return compared

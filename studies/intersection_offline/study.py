@@ -21,6 +21,7 @@ from socialiq.learners import settings
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
+from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq_lab.intersection import demonstration_sets as sets
@@ -28,21 +29,11 @@ from socialiq_lab.intersection.driving import Driving, episodes_at, evaluation
 from socialiq_lab.intersection.rows import times, valued
 from socialiq_lab.intersection.training import MixtureRuns, run_file, train_runs
 from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import groups, matching, paired_row, spread, with_holm
 
-METHODS = (
-    "clone weighted by R(α)",
-    "IQ-Learn, dueling",
-    "IQ-Learn, dueling, reweighted",
-    "clone weighted by advantage",
-    "IQ-Learn",
-    "clone of the mode",
-    "clone of all",
-    "IQ-Learn online, dueling",
-    "IQ-Learn online",
-    "IQ-Learn online, shifted χ²",
-)
+METHODS: dict[str, Any] = declaration("intersection-offline")["method"]
 """Methods beside the dial, with a run for each angle; the last three act in the world."""
 
 OWN = "offline dial"
@@ -60,7 +51,7 @@ class Config:
 
     seeds: tuple[int, ...] = (65, 66, 67, 68, 69)  # each with a mixture of its own
     angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())  # of the dial, degrees
-    methods: tuple[str, ...] = METHODS  # each trained for each of `method_angles`
+    methods: tuple[str, ...] = tuple(METHODS)  # each trained for each of `method_angles`
     method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)  # those of the demonstrators
     structure: OfflineDialConfig = field(default_factory=OfflineDialConfig)  # networks of all, too
     numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
@@ -79,7 +70,7 @@ class Config:
         if not set(self.method_angles) <= set(self.angles):
             raise UserError("every method angle must be among the angles of the dial")
         for method in self.methods:
-            one_of("method", method, METHODS)
+            one_of("method", method, tuple(METHODS))
         settings.check_counts(self, COUNTS)
 
     def program(self, seed: int) -> tuple[int, ...]:
@@ -90,35 +81,24 @@ class Config:
 
 def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
     """Return the runs of the dial or of a method; a clone of all is one for every angle."""
-    network = {"hidden": config.structure.hidden, "view": config.structure.view}
-    structure, numbers = config.structure, config.numbers
-    angles = () if method == OWN else config.method_angles
-    if method.startswith("clone"):
-        structure = bc.CloningConfig(
-            weighted="weighted" in method,
-            weighted_by="advantage_fitted" if method.endswith("advantage") else "trajectory",
-            batch_size=config.structure.batch_size,
-            updates=config.updates,
-            **network,
-        )
-        numbers = bc.CloningHyperparameters(learning_rate=config.learning_rate)
-        angles = angles[:1] if method == "clone of all" else angles
-    elif method != OWN:
-        preset = "shifted" if method.endswith("shifted χ²") else "calibrated"
-        structure, numbers = presets.PRESETS[f"intersection-{preset}"]
-        structure = structure if "online" in method else presets.offline(structure)
-        form = "dueling" if "dueling" in method else "plain"
-        structure = dataclasses.replace(structure, form=form, updates=config.updates, **network)
-        if method.endswith("reweighted"):  # Eq B.2, by the weights of the clone
-            structure = dataclasses.replace(
-                structure, prior="reweighting", target_kind="trajectory"
-            )
+    declared: dict[str, Any] = METHODS.get(method, {})
+    structure, numbers, angles = config.structure, config.numbers, config.method_angles
+    network = {"hidden": structure.hidden, "view": structure.view, "updates": config.updates}
+    if method == OWN:
+        angles = ()
+    elif "preset" in declared:
+        structure, numbers = presets.PRESETS[declared["preset"]]
+        structure = structure if declared.get("acts") else presets.offline(structure)
+        structure = dataclasses.replace(structure, **network)
         numbers = dataclasses.replace(numbers, learning_rate=config.learning_rate)
+    else:
+        structure = bc.CloningConfig(batch_size=structure.batch_size, **network)
+        numbers = bc.CloningHyperparameters(learning_rate=config.learning_rate)
     return MixtureRuns(
-        structure=structure,
+        structure=changed(structure, declared.get("static", {})),
         numbers=numbers,
         seeds=seeds,
-        angles=angles,
+        angles=angles[:1] if method == "clone of all" else angles,
         size=config.size,
         nearest=method == "clone of the mode",
     )

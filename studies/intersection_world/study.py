@@ -15,31 +15,13 @@ from socialiq.worlds.highway import render, sheet
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import BackEnd, Intersection
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import nested, options_name
 
 BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
-POPULATIONS = ("highway_env", "thesis")
-DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
-REWARD_DRIVERS = ("go", "wait", "random", "stop_line", "gap_3s")
-VARIANTS: tuple[dict[str, Any], ...] = (
-    {},
-    {"zone": "last_8_m"},
-    {"zone": "beyond_8_m"},
-    {"zone": "travelled_8_m"},
-    {"counted": "cross"},
-    {"counted": "approaching"},
-    {"disruption": "literal"},
-    {"crash": "add"},
-    {"neighbour_collision_weight": 0.0},
-    {"progress_unit": 9.0},
-    {"progress_unit": 30.0},
-    {"progress_unit": 100.0},
-    {"connected_lanes": True},
-    {"canonical": True},
-    {"population": "thesis"},
-)
-"""Options of each interpretation of the reward."""
+_DRIVEN = declaration("intersection-world")["driven"]
+DRIVERS, REWARD_DRIVERS = _DRIVEN["drivers"], _DRIVEN["reward_drivers"]
 EPISODE_SEED = 3  # seed of the drawn episode
 
 
@@ -54,8 +36,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
         for name, options, driver in tracked(list(cells), context.on_stage, stage, "drivers"):
             yield name, driver, drive(options, driver, seeds, *how)
 
-    populations = ((name, {"population": name}, d) for name in POPULATIONS for d in DRIVERS)
-    variants = ((options_name(variant), variant, d) for variant in VARIANTS for d in REWARD_DRIVERS)
+    names, changes = _DRIVEN["populations"], _DRIVEN["readings"]
+    populations = ((name, {"population": name}, d) for name in names for d in DRIVERS)
+    variants = ((options_name(change), change, d) for change in changes for d in REWARD_DRIVERS)
     fewer = min(config.reading_episodes, config.episodes)
     outcomes = [
         {"population": name, "driver": driver} | outcome_row(episodes)

@@ -25,7 +25,7 @@ from socialiq.types import Policy
 from socialiq.worlds.environment import action_size, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
-from socialiq_lab.jobs import ProgressCallback
+from socialiq_lab.jobs import ProgressCallback, callbacks_of
 from socialiq_lab.registry import declaration
 
 
@@ -177,7 +177,7 @@ def train_expert(
         static,
         runs,
         sizes=(sizes(env)[0], action_size(env)),
-        callbacks=_resumable(checkpoint, progress, judge),
+        callbacks=callbacks_of(progress, checkpoint, judge),
         chunk=static.updates_per_round,
         before_chunk=acting_in(lambda: make_env(task), static, runs, static.updates_per_round),
     )
@@ -188,15 +188,6 @@ def train_expert(
     described |= described.pop("settings")
     entries = {"recipe": described, "returns": episode_returns.tolist()}
     write_json(folder / RECORD, read_json(folder / RECORD) | entries)
-
-
-def _resumable(checkpoint: Path, progress: ProgressCallback, monitor: Any = None) -> Callbacks:
-    return Callbacks(
-        on_report=lambda report: progress(report.done / report.total),
-        monitor=monitor,
-        checkpoint=checkpoint,
-        resume=checkpoint.is_file(),
-    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -222,7 +213,7 @@ def imitate(
         for path in inputs.values()
     ]
     checkpoint = folder / "training.safetensors"
-    policies = learn(task, method, datasets, run.seeds, _resumable(checkpoint, progress))
+    policies = learn(task, method, datasets, run.seeds, callbacks_of(progress, checkpoint))
     for number, (seed, policy) in enumerate(zip(run.seeds, policies, strict=True)):
         if method.absorbing:  # the mark of absorbing states, the last feature, is 0
             first, *later = policy.weights

@@ -21,17 +21,13 @@ from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
 from socialiq.worlds.enumerate import expert_policy
 from socialiq_lab.gridworld_runs import sequence, train_runs
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, StageCallback
 from socialiq_lab.tables import groups
 
 CHUNK = 1000  # updates between two evaluations of the greedy sequences
 
-THESIS = {
-    "baseline": "WWWWGGGG",
-    "egoistic": "GGGG",
-    "prosocial": "WGGGG",
-    "altruistic": "WWWWGGGG",
-}
+THESIS: dict[str, str] = declaration("poc")["thesis"]
 """Sequences that the thesis prints."""
 
 KEYS = ("target_kind", "next_value", "policy")

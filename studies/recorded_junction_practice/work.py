@@ -28,7 +28,7 @@ from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.gym import JunctionBatch
@@ -173,7 +173,7 @@ def train(
 
     def callbacks(practised: int, stage: str) -> Callbacks:
         before = practised * len(STAGES) + STAGES.index(stage)
-        return Callbacks(lambda report: on_progress((before + report.done / report.total) / count))
+        return callbacks_of(on_progress, done=before / count, share=1.0 / count)
 
     result = train_with_practice(world, static, numbers, data, config.practice, callbacks)
     rounds: list[Row] = []  # what each run met in each round, all angles together

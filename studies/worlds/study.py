@@ -19,38 +19,21 @@ from socialiq.worlds.enumerate import Table, Variant, expert_policy
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.gridworld_runs import sequence
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import options_name
 
-CROSSING5_VARIANTS: tuple[dict[str, str], ...] = (
-    {},
-    {"arrival": "override"},
-    {"social_cost": "always"},
-    {"ends_on": "both_arrived"},
-)
-CROSSING7_VARIANTS: tuple[dict[str, str], ...] = (
-    {},
-    {"second_slot_refills": "same_step"},
-    {"second_slot_at_start": "random"},
-    {"second_slot_at_start": "random", "second_slot_refills": "same_step"},
-    {"first_slot": "once"},
-    {"first_slot": "once", "second_slot_refills": "same_step"},
-    {"conflict": "end_cell"},
-    {"braking": "one_level"},
-    {"arrival": "added"},
-    {"full_stop": "flat"},
-    {"yield_zone": "with_conflict"},
-    {"slow_yield": "full"},
-)
+VARIANTS = declaration("worlds")["variants"]
+"""Changed options of each named reading of a world."""
 
 
 def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
     """Enumerate and solve every named variant of both worlds."""
     table = tabulate(make_grid("crossing7"))
     tables = {
-        "crossing5_readings": [_crossing5_row(options) for options in CROSSING5_VARIANTS],
+        "crossing5_readings": [_crossing5_row(options) for options in VARIANTS["crossing5"]],
         "crossing5_ties": _tie_rows(),
-        "crossing7_readings": [_crossing7_row(options) for options in CROSSING7_VARIANTS],
+        "crossing7_readings": [_crossing7_row(options) for options in VARIANTS["crossing7"]],
         "crossing7_front": _front_rows(table),
         "crossing7_separability": _separability(table, config.episodes, config.seeds[0]),
     }

@@ -19,7 +19,6 @@ from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.types import Ending, RewardPair
 
-FULL_COMPILER = True
 TABULAR = IQLearnConfig(
     online=False,
     value_term="value_expert",

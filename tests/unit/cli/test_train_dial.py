@@ -10,8 +10,6 @@ from socialiq.learners.dial.config import QUICK, RUNS
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 
-FULL_COMPILER = True
-
 
 @pytest.fixture(scope="module")
 def clocked(tmp_path_factory):

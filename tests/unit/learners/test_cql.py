@@ -84,8 +84,9 @@ def test_the_target_network_moves_by_polyak_and_values_what_follows(data) -> Non
     learner = ConservativeQ.of(SMALL, [data])
     run = stack([dataclasses.replace(RUNS[0], polyak=0.25, learning_rate=0.01)])[0]
     state, carry = learner.initialise(run)
+    update = jax.jit(lambda *of_run: learner.update(*of_run))
     for _ in range(2):
-        after, carry, _ = learner.update(run, state, carry)
+        after, carry, _ = update(run, state, carry)
         for old, new, target in zip(
             *map(jax.tree.leaves, (state.target_network, after.network, after.target_network)),
             strict=True,

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from socialiq.evaluation.exact import (
     READOUTS,
     Ground,
-    Metrics,
     Readout,
     action_table,
     evaluate_exactly,
@@ -33,7 +32,7 @@ from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
 from socialiq_lab.comparison_runs import Arena
 from socialiq_lab.jobs import Job
-from socialiq_lab.tables import column, groups, matching, mean, spread
+from socialiq_lab.tables import column, groups, matching, mean, metrics_of, spread
 
 ROWS = "rows.csv"
 """File of a job: a row for each policy and angle."""
@@ -180,7 +179,7 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
     """
     pooled: list[Row] = []
     for values, group in groups(rows, *keys).items():
-        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
+        metrics = mean_of([metrics_of(row) for row in group])
         row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)} | metrics._asdict()
         for name in ("value", "regret"):
             ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")

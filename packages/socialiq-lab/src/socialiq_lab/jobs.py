@@ -22,7 +22,7 @@ from typing import Any
 import filelock
 
 from socialiq import UserError
-from socialiq.learners.callbacks import Report, Stopped, stop_requests
+from socialiq.learners.callbacks import Callbacks, Report, Stopped, stop_requests
 from socialiq.storage import read_json, write_json
 
 RECORD = "job.json"
@@ -36,6 +36,22 @@ ProgressCallback = Callable[[float], None]
 
 Work = Callable[[Any, Path, Mapping[str, Path], ProgressCallback], None]
 """Fills a folder: given the job's configuration, its folder, and the folders of its inputs."""
+
+
+def callbacks_of(
+    progress: ProgressCallback,
+    checkpoint: Path | None = None,
+    monitor: Any = None,
+    done: float = 0.0,
+    share: float = 1.0,
+) -> Callbacks:
+    """Return the callbacks of a training: a share of its job, which resumes from a checkpoint."""
+
+    def on_report(report: Report) -> None:
+        progress(done + share * report.done / report.total)
+
+    resume = checkpoint is not None and checkpoint.is_file()
+    return Callbacks(on_report, monitor, checkpoint, resume)
 
 
 @dataclass(frozen=True)

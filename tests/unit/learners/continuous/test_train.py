@@ -102,10 +102,13 @@ def test_a_dial_without_demonstrations_is_soft_actor_critic_at_all_angles(line) 
 def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_same) -> None:
     learner = learner_of(IQ, drives, line)
 
-    def step(**numbers):
-        one = stack([dataclasses.replace(IQ_NUMBERS, **numbers)])[0]
+    @jax.jit
+    def first_step(one):
         state, carry = learner.initialise(one)
         return state.network, learner.update(one, state, carry)[0].network
+
+    def step(**numbers):
+        return first_step(stack([dataclasses.replace(IQ_NUMBERS, **numbers)])[0])
 
     before, whole = step()
     _, slow = step(actor_rate=0.25)

@@ -14,7 +14,6 @@ from socialiq.learners.dial.rows import draw_directions
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Ending, RewardPair
 
-FULL_COMPILER = True
 STATIC = OfflineDialConfig(
     view="flat", hidden=(32,), one_hot=((0, 3),), batch_size=64, updates=400, high_share=None
 )

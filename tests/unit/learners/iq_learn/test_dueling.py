@@ -34,7 +34,9 @@ def test_offline_it_is_cloning_and_half_the_square_of_the_reward(data) -> None:
     run = stack([NUMBERS])[0]
     state, carry = learner.initialise(run)
     batches, _ = learner.draw(run, state, carry)
-    loss, terms = learner.loss(state.network, state.target_network, batches, run)
+    loss, terms = jax.jit(lambda *of_run: learner.loss(*of_run))(
+        state.network, state.target_network, batches, run
+    )
     rows = batches.expert
     log_policy = jax.nn.log_softmax(jax.vmap(state.network.logits)(rows.observation))
     likelihood = -jnp.mean(jnp.take_along_axis(log_policy, rows.action[:, None], axis=1))
@@ -59,8 +61,14 @@ def test_its_policy_is_cloned_with_weights_linear_in_the_advantage(data) -> None
     value = jax.vmap(network.value)(rows.observation)[:, 0]
     error = NUMBERS.discount * follows - value - tau * log_policy(network.logits)
     weight = 1.0 + 2.0 / (4.0 * NUMBERS.chi2_alpha) * error
-    expected = jax.grad(lambda one: -tau * jnp.mean(weight * log_policy(one)))(network.logits)
-    whole = jax.grad(lambda one: learner.loss(one, state.target_network, batches, run)[0])(network)
+
+    def cloned(logits):
+        return -tau * jnp.mean(weight * log_policy(logits))
+
+    def loss(one):
+        return learner.loss(one, state.target_network, batches, run)[0]
+
+    expected, whole = jax.jit(jax.grad(cloned))(network.logits), jax.jit(jax.grad(loss))(network)
     for one, other in zip(jax.tree.leaves(whole.logits), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
 

@@ -17,7 +17,6 @@ import numpy as np
 from socialiq import QPolicy, UserError
 from socialiq.evaluation import road_training as road
 from socialiq.evaluation.road_training import Checks
-from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import dqn, policy_iteration
 from socialiq.learners.callbacks import Callbacks
@@ -35,9 +34,10 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq_lab.comparison import nearest_mode, of_modes
 from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq_lab.intersection.driving import BEST, DIAL, LAST
-from socialiq_lab.jobs import ProgressCallback
+from socialiq_lab.jobs import ProgressCallback, callbacks_of
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVE = "curve.csv"
@@ -61,12 +61,7 @@ def fit(
         monitor: Measures for the learning curve of the first run; none is written without it.
     """
     checkpoint = folder / CHECKPOINT
-    callbacks = Callbacks(
-        lambda report: on_progress(report.done / report.total),
-        monitor,
-        checkpoint,
-        checkpoint.is_file(),
-    )
+    callbacks = callbacks_of(on_progress, checkpoint, monitor)
     trained = train(callbacks=callbacks, chunk=road.CHUNK)
     _save(trained, folder, files)
     if monitor is not None:
@@ -300,23 +295,22 @@ def train_runs(
     (recordings,) = inputs.values()
     data = [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds]
     structure, cells = config.structure, list(itertools.product(config.seeds, config.angles))
-    callbacks = Callbacks(lambda report: on_progress(report.done / report.total))
+    callbacks = callbacks_of(on_progress)
     if isinstance(structure, dial.OfflineDialConfig):
         numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
 
         def of_stage(stage: str) -> Callbacks:
-            before = offline.STAGES.index(stage)
-            return Callbacks(
-                lambda report: on_progress(
-                    (before + report.done / report.total) / len(offline.STAGES)
-                )
-            )
+            share = 1.0 / len(offline.STAGES)
+            done = share * offline.STAGES.index(stage)
+            return callbacks_of(on_progress, done=done, share=share)
 
         dials = offline.train(structure, numbers, data, of_stage)["dial"]
         _save(dials, folder, [run_file(seed) for seed in config.seeds])
         return
     if config.nearest:
-        data = [_of_the_nearest(data[config.seeds.index(seed)], angle) for seed, angle in cells]
+        modes = [(nearest_mode(angle),) for _, angle in cells]
+        of_cells = [data[config.seeds.index(seed)] for seed, _ in cells]
+        data = [of_modes(*mixture) for mixture in zip(of_cells, modes, strict=True)]
     runs = [
         dataclasses.replace(
             config.numbers,
@@ -336,10 +330,3 @@ def train_runs(
     if trained.failures:
         raise UserError(trained.failures[0])
     _save(trained, folder, [run_file(seed, angle) for seed, angle in cells])
-
-
-def _of_the_nearest(data: Any, angle: float) -> Any:
-    """Return the episodes of the demonstrator whose angle is nearest."""
-    nearest = min(MODES, key=lambda mode: abs(MODES[mode] - angle))
-    number = data.mode_names.index(nearest)
-    return data.select(np.flatnonzero(np.asarray(data.episode_modes) == number))

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from socialiq import QPolicy, UserError, acting_in, train
+from socialiq import UserError, acting_in, train
 from socialiq.demonstrations import files
 from socialiq.evaluation.exact import READOUTS, Ground, Metrics
-from socialiq.learners import callbacks, extensions
+from socialiq.learners import extensions
 from socialiq.results_folder import Results
 from socialiq.storage import read_json, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import environment, registry
 from socialiq_lab.gridworld_runs import evaluate
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 
 CHUNK = 500
 ROWS = "rows.json"
@@ -83,11 +83,7 @@ def train_runs(
         config.hyperparameters,
         [data],
         ground.table.world if ground and not learner else None,
-        callbacks.Callbacks(
-            on_report=lambda report: on_progress(report.done / report.total),
-            checkpoint=checkpoint,
-            resume=checkpoint.is_file(),
-        ),
+        callbacks_of(on_progress, checkpoint),
         CHUNK,
         collector,
         learner=learner,
@@ -101,20 +97,15 @@ def train_runs(
         for term in trained.history.values:  # of the objective, over the last chunk
             value = float(trained.history.array(term)[-1, run])
             row[term] = value if math.isfinite(value) else np.nan
-        exact = _exact(ground, policy, getattr(numbers, "angle", None)) if ground else [NOT_EXACT]
-        rows += [row | metrics for metrics in exact]
+        angle = getattr(numbers, "angle", None)
+        for readout in READOUTS if ground else ():
+            metrics = evaluate(ground, policy, readout)
+            regret = "" if angle is None else ground.optimum.regret(metrics, angle)
+            rows.append(row | {"readout": readout} | metrics._asdict() | {"regret": regret})
+        if not ground:
+            rows.append(row | NOT_EXACT)
     write_json(folder / ROWS, rounded(rows))
     checkpoint.unlink(missing_ok=True)
-
-
-def _exact(ground: Ground, policy: QPolicy, angle: float | None) -> list[Row]:
-    """Return the exact metrics of a policy, and its regret at its angle, for each readout."""
-    rows = []
-    for readout in READOUTS:
-        metrics = evaluate(ground, policy, readout)
-        regret = "" if angle is None else ground.optimum.regret(metrics, angle)
-        rows.append({"readout": readout} | metrics._asdict() | {"regret": regret})
-    return rows
 
 
 def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> Results:

@@ -34,6 +34,11 @@ from studies.compare_methods.baselines.offline import (
 from studies.compare_methods.baselines.shared import Episodes
 
 
+def drawn(learner, run):
+    """The first batch of a run, and the next carry."""
+    return jax.jit(lambda run: learner.draw(run, *learner.initialise(run)))(run)
+
+
 def test_pairs_are_of_one_set_and_ranked_by_their_scores(bandit) -> None:
     """Two sets of one-step episodes, whose rows know their episode by r_social."""
     sets = [bandit([0] * 3, [0.0] * 3, [0.0, 1.0, 2.0]), bandit([1] * 2, [0.0] * 2, [3.0, 4.0])]
@@ -52,7 +57,7 @@ def test_graded_rows_and_pairs_have_the_levels_of_their_episodes(bandit) -> None
     data = bandit([0] * 6, [0.0] * 6, [5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
     learner = SPRINQL.of(SPRINQLConfig(batch_size=50, levels=3, pairs=20), [data])
     run = stack([SPRINQLHyperparameters(90.0)])[0]
-    (rows, level, pairs), _ = learner.draw(run, *learner.initialise(run))
+    (rows, level, pairs), _ = drawn(learner, run)
     np.testing.assert_array_equal(level, (5 - np.asarray(rows.target.social)) // 2)
     levels = (5 - np.asarray(pairs.rows.target.social)[..., 0]) // 2
     np.testing.assert_array_equal(pairs.better, levels[1] - levels[0])
@@ -64,7 +69,7 @@ def test_an_outcome_is_scaled_by_the_run_s_own_set(bandit) -> None:
     learner = OutcomeConditioned.of(DWBCConfig(batch_size=20), sets)
     for dataset, action_outcomes in ((0, {0: (-1, -1), 1: (1, 1)}), (1, {0: (0, 0)})):
         run = stack([OutcomeHyperparameters(dataset=dataset)])[0]
-        (rows, outcome), _ = learner.draw(run, *learner.initialise(run))
+        (rows, outcome), _ = drawn(learner, run)
         pairs = {
             int(action): (round(float(env)), round(float(social)))
             for action, env, social in zip(rows.action, *outcome, strict=True)
@@ -87,7 +92,7 @@ def test_the_clone_s_rows_have_the_weights_of_the_discriminator(constant, rows_o
     run = stack([DWBCHyperparameters(expert_weight=7.5, positive_share=0.5)])[0]
     batch = rows_of([1], [0.0]), rows_of([0], [0.0])
     network = networks_of(bias, constant)
-    _, terms = learner.loss(network, network, batch, run)
+    _, terms = jax.jit(lambda *of_run: learner.loss(*of_run))(network, network, batch, run)
     chance = min(1 / (1 + np.exp(-bias)), CLIPPED[1])
     zero, one = -np.log1p(np.e), 1 - np.log1p(np.e)
     expected = -(7.5 - 0.5 / (chance * (1 - chance))) * one - zero / (1 - chance)
@@ -103,7 +108,7 @@ def test_neither_part_learns_from_the_other_s_loss(constant, rows_of) -> None:
         def loss(given):
             return learner.loss(given, network, batch, run)[1][term]
 
-        gradient = jax.grad(loss)(network)
+        gradient = jax.jit(jax.grad(loss))(network)
         return DWBCNetworks(
             *(max(float(jnp.abs(leaf).max()) for leaf in jax.tree.leaves(one)) for one in gradient)
         )
