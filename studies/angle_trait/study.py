@@ -263,11 +263,20 @@ def directions(models: Models) -> list[Direction]:
 
 
 def population_row(models: Models, angle: Float[np.ndarray, " driver"], seed: int) -> Row:
-    """Return how angles are recovered, and what they predict beyond each rival.
+    """Return how angles are recovered, and what they predict beyond each rival."""
+    tests = contrasts(models, seed % 2**31)
+    return {
+        "decisions": len(models.sample.table),
+        **recovery(models, angle[models.sample.identity]),
+        **{f"over {test['angle_over']}": test["gain_nats"] for test in tests},
+        "p_holm": tests[0]["p_holm"],
+        "found": float(tests[0]["found"]),
+        "beats_every_rival": float(all(entry["found"] for entry in tests)),
+    }
 
-    The correlation is 0 if there is none.
-    """
-    tests, angle = contrasts(models, seed % 2**31), angle[models.sample.identity]
+
+def recovery(models: Models, angle: Float[np.ndarray, " driver"]) -> Row:
+    """Return how the inferred angles compare with the planted ones; 0 for no correlation."""
     posteriors = directions(models)
     means = np.array([entry.angle for entry in posteriors])
     grid = models.angle.population.trait.value
@@ -279,7 +288,6 @@ def population_row(models: Models, angle: Float[np.ndarray, " driver"], seed: in
     varied = np.ptp(angle) > 0 and np.ptp(means) > 0
     low, middle, high = models.angle.population.quantiles("spread", (0.025, 0.5, 0.975))
     return {
-        "decisions": len(models.sample.table),
         "correlation": float(np.corrcoef(angle, means)[0, 1]) if varied else 0.0,
         "mean_inferred": float(means.mean()),
         "error": float(np.abs(means - angle).mean()),
@@ -287,8 +295,4 @@ def population_row(models: Models, angle: Float[np.ndarray, " driver"], seed: in
         "spread": middle,
         "spread_low": low,
         "spread_high": high,
-        **{f"over {test['angle_over']}": test["gain_nats"] for test in tests},
-        "p_holm": tests[0]["p_holm"],
-        "found": float(tests[0]["found"]),
-        "beats_every_rival": float(all(entry["found"] for entry in tests)),
     }

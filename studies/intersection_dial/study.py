@@ -6,7 +6,7 @@ its ablations in what `ABLATIONS` names. All drive the intersection study's epis
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -211,21 +211,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         if family in config.families
     }
     contents = {name: path.read_bytes() for name, path in files.items()}
-
-    def means(rows: list[Row]) -> Row:  # over seeds
-        columns = {name: value for name, value in numeric_means(rows).items() if name != "seed"}
-        return columns | {"seeds": len({row["seed"] for row in rows})}
-
-    summary: dict[str, Any] = {"families": {}, "differences": {}}
-    summary["policies"] = {family: {} for family in config.families}
-    for (family,), rows in groups(families, "family").items():
-        summary["families"][family] = means(rows)
-    for (family, angle), rows in groups(policies, "family", "asked").items():
-        summary["policies"][family][f"{angle:g}"] = means(rows)
-    for row in tables["differences"]:
-        pair = summary["differences"].setdefault(f"{row['first']} - {row['second']}", {})
-        pair[row["measure"]] = row
-    return Findings(tables, summary, contents)
+    return Findings(tables, _summary(config, tables), contents)
 
 
 def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row]:
@@ -313,3 +299,24 @@ def _differences(config: Config, families: Sequence[Row]) -> list[Row]:
             differences = paired_differences(first_rows, second_rows, *measures, label="measure")
             rows += [{"first": first, "second": second, **row} for row in differences]
     return rows
+
+
+def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
+    """Return means over seeds of each family, and of each policy by family and angle."""
+
+    def means(rows: list[Row]) -> Row:
+        columns = {name: value for name, value in numeric_means(rows).items() if name != "seed"}
+        return columns | {"seeds": len({row["seed"] for row in rows})}
+
+    policies: dict[str, Any] = {family: {} for family in config.families}
+    for (family, angle), rows in groups(tables["policies"], "family", "asked").items():
+        policies[family][f"{angle:g}"] = means(rows)
+    differences: dict[str, Any] = {}
+    for row in tables["differences"]:
+        differences.setdefault(f"{row['first']} - {row['second']}", {})[row["measure"]] = row
+    families = groups(tables["families"], "family").items()
+    return {
+        "families": {family: means(rows) for (family,), rows in families},
+        "policies": policies,
+        "differences": differences,
+    }

@@ -5,6 +5,7 @@ alone the policies of seven angles are evaluated. The truth is exact: only the e
 """
 
 import itertools
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,9 +65,6 @@ class Scene(NamedTuple):
         return of
 
 
-_KEYS = ("world", "explored", "estimator")
-
-
 def compute_tables(config: Any, context: Context) -> Findings:
     """Evaluate every policy from every set of episodes, and exactly."""
     sets = list(itertools.product(config.worlds, config.explored, config.seeds))
@@ -83,33 +81,48 @@ def compute_tables(config: Any, context: Context) -> Findings:
             truth = exact.evaluate_exactly(scene.part, policy).value(angle)
             evaluation = evaluator.evaluate(scene.chances(policy))
             label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
-            for name, estimate, supported in (  # empty cells where there is no value or interval
-                ("fitted Q", evaluation.fitted, evaluation.fitted_supported),
-                ("importance, step by step", evaluation.weighted, evaluation.weighted_supported),
-                ("importance, whole episodes", evaluation.whole, evaluation.weighted_supported),
-            ):
-                value, low, high = estimate.value(angle)
-                row = label | {"estimator": name, "exact": truth}
-                row |= {"value": value if np.isfinite(value) else ""}
-                row |= {"low": low if np.isfinite(low) else ""}
-                row |= {"high": high if np.isfinite(high) else ""}
-                row |= {"covers": int(low - 1e-9 <= truth <= high + 1e-9)}
-                row |= {"supported": int(supported), "effective": evaluation.effective}
-                rows.append(row | {"left": evaluation.left})
-    pooled: list[Row] = []  # coverage and error of estimates called supported, and of the others
-    for values, group in groups(rows, *_KEYS).items():
-        row = dict(zip(_KEYS, values, strict=True)) | {"estimates": len(group)}
-        row["supported"] = mean(group, "supported")
-        for name, is_supported in (("supported", 1), ("others", 0)):
-            estimates = [r for r in matching(group, supported=is_supported) if r["value"] != ""]
-            errors = [abs(entry["value"] - entry["exact"]) for entry in estimates]
-            widths = [entry["high"] - entry["low"] for entry in estimates if entry["high"] != ""]
-            row |= {
-                f"covers_{name}": mean(estimates, "covers") if estimates else "",
-                f"error_{name}": float(np.mean(errors)) if errors else "",
-                f"largest_error_{name}": max(errors) if errors else "",
-                f"width_{name}": float(np.mean(widths)) if widths else "",
-            }
-        pooled.append(row)
+            rows += _estimates(label, evaluation, truth)
+    pooled = [_pooled(values, group) for values, group in groups(rows, *_KEYS).items()]
     tables = {"estimates": rows, "pooled": pooled}
     return Findings(tables, {"pooled": nested(pooled, *_KEYS)})
+
+
+def _estimates(label: Row, evaluation: off_policy.OffPolicy, truth: float) -> Iterator[Row]:
+    """Yield the row of each estimator: value and interval, empty where there is none."""
+    for name, estimate, supported in (
+        ("fitted Q", evaluation.fitted, evaluation.fitted_supported),
+        ("importance, step by step", evaluation.weighted, evaluation.weighted_supported),
+        ("importance, whole episodes", evaluation.whole, evaluation.weighted_supported),
+    ):
+        value, low, high = estimate.value(label["angle"])
+        yield label | {
+            "estimator": name,
+            "exact": truth,
+            "value": value if np.isfinite(value) else "",
+            "low": low if np.isfinite(low) else "",
+            "high": high if np.isfinite(high) else "",
+            "covers": int(low - 1e-9 <= truth <= high + 1e-9),
+            "supported": int(supported),
+            "effective": evaluation.effective,
+            "left": evaluation.left,
+        }
+
+
+_KEYS = ("world", "explored", "estimator")
+
+
+def _pooled(values: Sequence[Any], group: Sequence[Row]) -> Row:
+    """Coverage and error of the estimates that are called supported, and of the others."""
+    row: Row = dict(zip(_KEYS, values, strict=True)) | {"estimates": len(group)}
+    row["supported"] = mean(group, "supported")
+    for name, is_supported in (("supported", 1), ("others", 0)):
+        estimates = [one for one in matching(group, supported=is_supported) if one["value"] != ""]
+        errors = [abs(one["value"] - one["exact"]) for one in estimates]
+        widths = [one["high"] - one["low"] for one in estimates if one["high"] != ""]
+        row |= {
+            f"covers_{name}": mean(estimates, "covers") if estimates else "",
+            f"error_{name}": float(np.mean(errors)) if errors else "",
+            f"largest_error_{name}": max(errors) if errors else "",
+            f"width_{name}": float(np.mean(widths)) if widths else "",
+        }
+    return row

@@ -42,16 +42,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
             angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
         clones = [outcomes[f"clone {seed}"] for seed in config.seeds]
         drivers.append(_row(CLONE + mixture, clones))
-        summary[mixture] = {}
-        first, last = (list(dials.values())[end] for end in (0, -1))
-        for column, side in enumerate(_SIDES):  # from the first angle to the last, by episode
-            new, old = ([run.totals[:, column] for run in runs] for runs in (last, first))
-            change = paired_difference(np.mean(new, axis=0), np.mean(old, axis=0))
-            changes = [float(a.mean() - b.mean()) for a, b in zip(new, old, strict=True)]
-            label = {"mixture": mixture, "reward": side, "difference": change.mean}
-            ends = {"low": change.low, "high": change.high, "p": change.p}
-            turns.append(label | ends | {"least": min(changes), "largest": max(changes)})
-            summary[mixture][side] = change.mean
+        turned = _turns(mixture, dials)
+        turns += turned
+        summary[mixture] = {row["reward"]: row["difference"] for row in turned}
         if config.checked:
             values.append(
                 {"mixture": mixture}
@@ -91,3 +84,17 @@ def _row(name: str, runs: Sequence[Outcomes]) -> Row:
         "closed_line": [run.ending == Ending.OTHER for run in runs],
     }
     return row | {name: float(np.mean(result)) for name, result in shares.items()}
+
+
+def _turns(mixture: str, dials: dict[float, list[Outcomes]]) -> list[Row]:
+    """Return the change of both rewards from the first angle to the last, paired by episode."""
+    first, last = (list(dials.values())[end] for end in (0, -1))
+    rows: list[Row] = []
+    for column, side in enumerate(_SIDES):
+        new, old = ([run.totals[:, column] for run in runs] for runs in (last, first))
+        change = paired_difference(np.mean(new, axis=0), np.mean(old, axis=0))
+        changes = [float(a.mean() - b.mean()) for a, b in zip(new, old, strict=True)]
+        label = {"mixture": mixture, "reward": side, "difference": change.mean}
+        ends = {"low": change.low, "high": change.high, "p": change.p}
+        rows.append(label | ends | {"least": min(changes), "largest": max(changes)})
+    return rows

@@ -49,7 +49,7 @@ def test_a_run_has_settled_from_where_it_stays_near(near, update):
 def test_changed_options_name_a_variant():
     assert options_name({}) == "default"
     assert options_name({"zone": "last_8_m", "crash": "add"}) == "zone=last_8_m, crash=add"
-    names = [options_name(variant) for variant in world.VARIANTS]
+    names = [options_name(variant) for variant in world._DRIVEN["readings"]]
     assert len(set(names)) == len(names) and names[0] == "default"
 
 

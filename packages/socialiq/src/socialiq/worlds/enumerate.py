@@ -152,6 +152,7 @@ class GridBatch:
         self._time = np.zeros(size, np.int64)
         self._fate = np.zeros((size, table.world.horizon + 1))
         self._waiting = np.ones(size, bool)
+        self._last_seeds, self._last_fate = np.zeros(0, np.int64), np.zeros((0, 1))
 
     @property
     def observation(self) -> Int64[np.ndarray, " row"]:
@@ -175,9 +176,13 @@ class GridBatch:
         else:
             if seeds is None:
                 raise UserError("every reset of a gridworld needs its seeds")
-            for row, seed in zip(chosen, np.asarray(seeds).tolist(), strict=True):
+            seeds = np.asarray(seeds)
+            if not np.array_equal(seeds, self._last_seeds):  # else as for the driver before
                 # Uniform numbers decide the first state and each outcome of an episode.
-                self._fate[row] = np.random.default_rng([_CHANCE, seed]).random(self._fate.shape[1])
+                streams = [np.random.default_rng([_CHANCE, seed]) for seed in seeds.tolist()]
+                self._last_fate = np.array([rng.random(self._fate.shape[1]) for rng in streams])
+                self._last_seeds = seeds.copy()
+            self._fate[chosen] = self._last_fate
             chances = np.broadcast_to(initial, (len(chosen), len(initial)))
             self.state[chosen] = _drawn(chances, self._fate[chosen, 0])
         self._time[chosen], self._waiting[chosen] = 0, False
