@@ -23,17 +23,7 @@ from socialiq_lab.intersection.training import ExpertRun, LearnerRun, train_expe
 from socialiq_lab.jobs import Job
 
 PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
-"""Parts of the study.
-
-- main: an expert trio, its demonstrations, the thesis' preset and the calibrated one with five
-  training seeds, every policy and driver evaluated: Tables 6.1, 6.2, A.1, A.2, Figs 6.5, A.1.
-- strengths: lambda raised until the angle stops moving.
-- targets: kinds of target, temperatures, values of ending.
-- data: how much demonstration is needed, and which mixture.
-- timeouts: experts that bootstrap through the end of time.
-- views: changes between the flat network and one that reads a set of vehicles, one by one.
-"""
-
+"""Parts of the study, which STUDY.toml describes."""
 
 TARGETS = ("baseline", *MODES)
 PRESETS = {
@@ -64,9 +54,7 @@ def jobs(config: Any) -> list[Job]:
         if isinstance(value, tuple) and not value:
             raise UserError(f"{name} must name at least one")
     trainings = list(_main(config))
-    for name, ablation in _ABLATIONS.items():
-        if name in config.parts:
-            trainings += ablation(config)
+    trainings += _ablations(config)
     planned, episodes = list(trainings), config.episodes
     for job in trainings:
         if job.work is train_expert:
@@ -138,56 +126,43 @@ def _main(config: Any) -> Iterator[Job]:
             yield _learner(config, name, structure, numbers, target, seed, cost)
 
 
-def _timeouts(config: Any) -> Iterator[Job]:
-    """Train the experts that can gain by waiting, now bootstrapping through timeouts."""
-    for mode, angle in list(MODES.items())[1:]:
-        structure = dqn.DQNConfig(steps=config.expert_steps // 2, through_timeouts=True)
-        numbers = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
-        name = f"timeouts/through/{mode}/{config.expert_seed}"
-        yield _expert(name, structure, numbers, cost=450.0)
-
-
-def _views(config: Any) -> Iterator[Job]:
-    """Train egoists of each view, whose exploration and step size fall further."""
-    numbers = dqn.DQNHyperparameters(exploration=0.02, final_learning_rate=1.5e-5)
-    for view in VIEWS:
-        structure = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
-        for seed in config.ablation_seeds:
-            seeded = dataclasses.replace(numbers, seed=seed)
-            yield _expert(f"views/{view}/{seed}", structure, seeded, cost=120.0)
-
-
-def _strengths(config: Any) -> Iterator[Job]:
-    structure, numbers = _ablated(config.updates)
-    for strength, target in itertools.product(STRENGTHS, MODES):
-        changed = dataclasses.replace(numbers, strength=strength)
-        for seed in config.ablation_seeds:
+def _ablations(config: Any) -> Iterator[Job]:
+    """Vary the experts, and one setting or the data of the calibrated preset."""
+    whole, numbers = PRESETS["calibrated"]
+    structure = dataclasses.replace(whole, updates=config.ablation_updates)
+    seeds = config.ablation_seeds
+    if "timeouts" in config.parts:  # the experts that can gain by waiting
+        for mode, angle in list(MODES.items())[1:]:
+            static = dqn.DQNConfig(steps=config.expert_steps // 2, through_timeouts=True)
+            run = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
+            yield _expert(f"timeouts/through/{mode}/{config.expert_seed}", static, run, cost=450.0)
+    if "views" in config.parts:  # egoists, whose exploration and step size fall further
+        run = dqn.DQNHyperparameters(exploration=0.02, final_learning_rate=1.5e-5)
+        for view, seed in itertools.product(VIEWS, seeds):
+            static = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
+            seeded = dataclasses.replace(run, seed=seed)
+            yield _expert(f"views/{view}/{seed}", static, seeded, cost=120.0)
+    if "strengths" in config.parts:
+        static = dataclasses.replace(whole, updates=config.updates)
+        for strength, target, seed in itertools.product(STRENGTHS, MODES, seeds):
+            run = dataclasses.replace(numbers, strength=strength)
             name = f"strengths/{strength:g}/{target}/{seed}"
-            yield _learner(config, name, structure, changed, target, seed, 75.0)
-
-
-def _targets(config: Any) -> Iterator[Job]:
-    structure, numbers = _ablated(config.ablation_updates)
-    seed = config.ablation_seeds[0]
+            yield _learner(config, name, static, run, target, seed, 75.0)
     cells = itertools.product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS)
-    for kind, temperature, ending, target in cells:
+    for kind, temperature, ending, target in cells if "targets" in config.parts else ():
         if target == "baseline" and kind != next(iter(TARGET_KINDS)):
             continue  # without a prior the kind of target means nothing
         endings = iq.Endings(arrival=ending, collision=ending, timeout=ending)
-        changed = dataclasses.replace(structure, target_kind=kind, endings=endings)
-        cooled = dataclasses.replace(numbers, temperature=temperature)
-        name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seed}"
-        yield _learner(config, name, changed, cooled, target, seed, 40.0)
-
-
-def _data(config: Any) -> Iterator[Job]:
-    structure, numbers = _ablated(config.ablation_updates)
-    cells = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
-    for (mixture, size), target in itertools.product(cells, TARGETS):
-        for seed in config.ablation_seeds:
-            changed = dataclasses.replace(config, mixture=mixture, size=size)
-            name = f"data/{mixture}/{size}/{target}/{seed}"
-            yield _learner(changed, name, structure, numbers, target, seed, 40.0)
+        static = dataclasses.replace(structure, target_kind=kind, endings=endings)
+        run = dataclasses.replace(numbers, temperature=temperature)
+        name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seeds[0]}"
+        yield _learner(config, name, static, run, target, seeds[0], 40.0)
+    sizes = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
+    cells = itertools.product(sizes, TARGETS, seeds) if "data" in config.parts else ()
+    for (mixture, size), target, seed in cells:
+        changed = dataclasses.replace(config, mixture=mixture, size=size)
+        name = f"data/{mixture}/{size}/{target}/{seed}"
+        yield _learner(changed, name, structure, numbers, target, seed, 40.0)
 
 
 def _expert(
@@ -218,19 +193,3 @@ def members(config: Any) -> dict[str, str]:
     experts, learners = columns(config)["experts", "flat"], columns(config)[SHIPPED]
     policies = {name.replace(" ", "_"): folders[0] for name, folders in experts.items()}
     return policies | {target: folders[0] for target, folders in learners.items()}
-
-
-def _ablated(updates: int) -> tuple[iq.IQLearnConfig, iq.IQLearnHyperparameters]:
-    """Return the calibrated preset, which the ablations vary."""
-    structure, numbers = PRESETS["calibrated"]
-    return dataclasses.replace(structure, updates=updates), numbers
-
-
-_ABLATIONS = {
-    "timeouts": _timeouts,
-    "views": _views,
-    "strengths": _strengths,
-    "targets": _targets,
-    "data": _data,
-}
-"""Jobs of each part beside main."""

@@ -102,9 +102,7 @@ class Config:
     discrete_options: Options = field(default_factory=lambda: Options(destination="straight"))
     """The same scenario with discrete actions."""
     pool_episodes: int = 1_000  # recorded of each expert
-    mixture: str = (
-        sets.MIXTURE
-    )  # of the three experts' demonstrations, as in the intersection study
+    mixture: str = sets.MIXTURE  # of the experts' demonstrations, as in the intersection study
     size: int = 5_000  # transitions of each expert in a mixture
     environments: int = 24  # episodes side by side in training, of each run
     episodes: int = 1_000  # evaluation episodes of each policy, common to all

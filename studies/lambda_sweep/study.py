@@ -11,14 +11,13 @@ from socialiq_lab.declared import State
 from socialiq_lab.tables import column, groups, matching
 
 KEYS = ("target_kind", "strength", "readout")
-TARGET_ANGLE = 0.0
 WITHIN = 20.0
 """Largest distance in degrees from the optimum's angle of a run that has adapted (Fig D.1)."""
 
 
 def optimum_angle(state: State) -> float:
     """Return the angle in degrees of the optimum at the target angle 0."""
-    best = state.ground.optimum.attainable.optimum(TARGET_ANGLE).point
+    best = state.ground.optimum.attainable.optimum(0.0).point
     return angle_of(best.env, best.social)
 
 
