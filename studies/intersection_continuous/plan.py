@@ -199,16 +199,10 @@ def train_runs(
     ]
     world = Intersection(config.options)
     if isinstance(structure, dial.DialConfig):
-        program = partial(
-            dial_training.train,
-            structure,
-            numbers,
-            data,
-            sizes=road.sizes_of(config.options, True),
-            before_chunk=road.dial_collector(
-                structure, numbers, world, config.environments, actors.STEPS_PER_UPDATE
-            ),
-        )
+        count, steps = config.environments, actors.STEPS_PER_UPDATE
+        collect = road.dial_collector(structure, numbers, world, count, steps)
+        learn = partial(dial_training.train, sizes=road.sizes_of(config.options, True))
+        program = partial(learn, structure, numbers, data, before_chunk=collect)
     elif isinstance(structure, bc.CloningConfig):
         program = partial(bc.GaussianCloning.train_on, structure, numbers, data)
     elif isinstance(structure, actors.TD3BCConfig):
@@ -217,13 +211,8 @@ def train_runs(
         clock = structure.times > 0
         env = learning_env(world, len(numbers) * config.environments, clock)
         rounds = -(-road.CHUNK * structure.env_steps_per_update // config.environments)
-        program = partial(
-            train,
-            structure,
-            numbers,
-            data,
-            sizes=(world.n_features + clock, config.options.width),
-            before_chunk=VectorCollector(env, rounds, numbers, actors_together(structure, numbers)),
-        )
+        collect = VectorCollector(env, rounds, numbers, actors_together(structure, numbers))
+        sizes = world.n_features + clock, config.options.width
+        program = partial(train, structure, numbers, data, sizes=sizes, before_chunk=collect)
     files = [run_file(getattr(run, "angle", 0.0), run.seed) for run in numbers]
     fit(program, folder, on_progress, files)

@@ -132,10 +132,7 @@ def _families(dials: Sequence[Row]) -> list[Row]:
     return [
         {"kind": kind, "seed": seed}
         | {f"value_{row['asked']:g}": row["value"] for row in rows}
-        | {
-            f"mean_{name}": float(np.mean([row[name] for row in rows]))
-            for name in ("value", "regret")
-        }
+        | {f"mean_{n}": float(np.mean([r[n] for r in rows])) for n in ("value", "regret")}
         | {"hypervolume": hypervolume(intersection.points_of(rows), corner)}
         | intersection.backward_steps(rows)
         for (kind, seed), rows in groups(dials, "kind", "seed").items()
