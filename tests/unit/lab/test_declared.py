@@ -84,6 +84,13 @@ def test_settings_without_a_plain_type_are_refused(value):
         config_class("a-study", tomllib.loads(f"[config]\nsetting = {value}"))
 
 
+def test_a_setting_may_list_the_names_of_declared_tables():
+    content = tomllib.loads('config.methods = "$method"\n[method.b]\n[method."a, longer"]')
+    assert config_class("a-study", content)().methods == ("b", "a, longer")
+    with pytest.raises(UserError, match="methods must be a list of equal types, and not empty"):
+        config_class("a-study", {"config": {"methods": "$method"}})
+
+
 def test_a_declaration_without_settings_is_refused():
     with pytest.raises(UserError, match="has no table config"):
         declared_study("a-study", {"title": "A study"})

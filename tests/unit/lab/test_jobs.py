@@ -6,8 +6,17 @@ from dataclasses import dataclass, replace
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.callbacks import Report
 from socialiq_lab import jobs as jobs_module
-from socialiq_lab.jobs import Job, Progress, claimed, do, fingerprints, open_jobs
+from socialiq_lab.jobs import (
+    Job,
+    Progress,
+    callbacks_of,
+    claimed,
+    do,
+    fingerprints,
+    open_jobs,
+)
 
 
 @dataclass(frozen=True)
@@ -211,3 +220,13 @@ def test_nobody_need_watch():
     progress.begin("a")
     progress.update("a", 1.0)
     assert stages == [A.stage]
+
+
+def test_a_training_is_a_share_of_its_job_and_resumes_from_the_file_that_is_there(tmp_path):
+    shares, file = [], tmp_path / "checkpoint"
+    callbacks = callbacks_of(shares.append, file, done=0.5, share=0.25)
+    for done in (0, 20, 40):
+        callbacks.on_report(Report(done, 40, 1.0, 0.0, {}, {}, ()))
+    assert shares == [0.5, 0.625, 0.75] and not callbacks.resume
+    file.touch()
+    assert callbacks_of(shares.append, file).resume and not callbacks_of(shares.append).resume
