@@ -38,7 +38,7 @@ def sources_of(config: Any, task: str) -> list[Source]:
     elif task != "CartPole":
         kinds = [("rows", 1, config.sets)]
     else:
-        counts = dict.fromkeys(config.protocols, config.protocol_trajectories)
+        counts: dict[str, Any] = dict.fromkeys(config.protocols, config.protocol_trajectories)
         counts |= {"rows": config.trajectories}
         kinds = [
             (protocol, count, config.sets)

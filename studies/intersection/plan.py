@@ -157,9 +157,9 @@ def _ablations(config: Any) -> Iterator[Job]:
         run = dataclasses.replace(numbers, temperature=temperature)
         name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seeds[0]}"
         yield _learner(config, name, static, run, target, seeds[0], 40.0)
-    sizes = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
-    cells = itertools.product(sizes, TARGETS, seeds) if "data" in config.parts else ()
-    for (mixture, size), target, seed in cells:
+    pairs = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
+    data = itertools.product(pairs, TARGETS, seeds) if "data" in config.parts else ()
+    for (mixture, size), target, seed in data:
         changed = dataclasses.replace(config, mixture=mixture, size=size)
         name = f"data/{mixture}/{size}/{target}/{seed}"
         yield _learner(changed, name, structure, numbers, target, seed, 40.0)

@@ -192,18 +192,18 @@ def compute_tables(config: Any, context: Context) -> Findings:
         for name, method in METHODS.items():
             if method.clone:
                 tests += _paired(label, matching(rows, **label), name, method.clone)
-    cells = []
+    pooled = []
     for task, method, count in cells(config):
         if method in METHODS:
             label = {"task": task, "trajectories": count, "method": method}
             cell = matching(rows, **label)
             online = count == 1 and METHODS[method].online
             published = {"published": TASKS[task].published if online else ""}
-            cells.append(label | {"runs": len(cell)} | _pooled(cell) | published)
+            pooled.append(label | {"runs": len(cell)} | _pooled(cell) | published)
     ablated = matching(rows, task=ABLATED[0], trajectories=ABLATED[1])
     varied = any(row["method"] in VARIANTS for row in ablated)
     tables = {
-        "cells": cells,
+        "cells": pooled,
         "experts": experts,
         "runs": rows,
         "differences": with_holm(tests),

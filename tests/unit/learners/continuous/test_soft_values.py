@@ -16,7 +16,7 @@ def actor():
 
 @pytest.fixture(scope="module")
 def drawn(actor):
-    return actor_critic.draw_actions(actor, SEEN, jax.random.key(1), 4)
+    return actor_critic.draw_actions(actor, jnp.asarray(SEEN), jax.random.key(1), 4)
 
 
 def test_of_a_boltzmann_policy_every_draw_has_the_soft_value(drawn) -> None:
@@ -30,8 +30,8 @@ def test_of_a_boltzmann_policy_every_draw_has_the_soft_value(drawn) -> None:
 def test_the_soft_value_of_any_other_policy_is_smaller(actor) -> None:
     """It is τ log Z less τ times a Kullback-Leibler divergence."""
     other = Actor.initialise(jax.random.key(5), 3, (8,), 2)
-    many = actor_critic.draw_actions(actor, SEEN, jax.random.key(2), 4000)
-    mean, log_std = jax.vmap(other)(SEEN)
+    many = actor_critic.draw_actions(actor, jnp.asarray(SEEN), jax.random.key(2), 4000)
+    mean, log_std = jax.vmap(other)(jnp.asarray(SEEN))
     from socialiq.nn.actor import log_density
 
     rows = jax.vmap(jax.vmap(log_density), in_axes=(0, None, None))

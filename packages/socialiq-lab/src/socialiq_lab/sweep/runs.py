@@ -98,12 +98,13 @@ def train_runs(
             value = float(trained.history.array(term)[-1, run])
             row[term] = value if math.isfinite(value) else np.nan
         angle = getattr(numbers, "angle", None)
-        for readout in READOUTS if ground else ():
+        if ground is None:
+            rows.append(row | NOT_EXACT)
+            continue
+        for readout in READOUTS:
             metrics = evaluate(ground, policy, readout)
             regret = "" if angle is None else ground.optimum.regret(metrics, angle)
             rows.append(row | {"readout": readout} | metrics._asdict() | {"regret": regret})
-        if not ground:
-            rows.append(row | NOT_EXACT)
     write_json(folder / ROWS, rounded(rows))
     checkpoint.unlink(missing_ok=True)
 
