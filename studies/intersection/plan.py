@@ -144,7 +144,8 @@ def _ablations(config: Any) -> Iterator[Job]:
             yield _expert(f"views/{view}/{seed}", static, seeded, cost=120.0)
     if "strengths" in config.parts:
         static = dataclasses.replace(whole, updates=config.updates)
-        for strength, target, seed in itertools.product(STRENGTHS, MODES, seeds):
+        axes: Any = itertools.product(STRENGTHS, MODES, seeds)
+        for strength, target, seed in axes:
             run = dataclasses.replace(numbers, strength=strength)
             name = f"strengths/{strength:g}/{target}/{seed}"
             yield _learner(config, name, static, run, target, seed, 75.0)
