@@ -62,14 +62,8 @@ def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Clien
 
 
 def _started(kind: Callable[..., Made], *arguments: Any, **options: Any) -> Made:
-    """Make a client or a cluster; try twice.
-
-    Dask asserts that its event loop runs within 10 s, which a busy machine can miss.
-
-    Raises:
-        UserError: If it was missed twice.
-    """
-    for _ in range(2):
+    """Make a client or a cluster; try twice."""
+    for _ in range(2):  # Dask asserts that its event loop runs in 10 s, which a busy machine misses
         with suppress(AssertionError):
             return kind(*arguments, **options)
     raise UserError("Dask's event loop did not start: the machine is too busy; try again later")

@@ -13,14 +13,8 @@ from jaxtyping import Float
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.exact import (
-    READOUTS,
-    Ground,
-    Readout,
-    action_table,
-    evaluate_exactly,
-    mean_of,
-)
+from socialiq.evaluation import exact
+from socialiq.evaluation.exact import READOUTS, Ground
 from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners import collect
 from socialiq.learners.iq_learn import config as presets
@@ -99,7 +93,7 @@ def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> l
 
 
 def chances(
-    ground: Ground, policy: Any, angle: float, readout: Readout
+    ground: Ground, policy: Any, angle: float, readout: exact.Readout
 ) -> Float[np.ndarray, "state action"]:
     """Return action probabilities at an angle in degrees.
 
@@ -110,7 +104,7 @@ def chances(
         greedy = np.eye(table.shape[1])[table.argmax(axis=1)]
         return greedy if readout == "greedy" else table
     turned = policy.at(angle) if hasattr(policy, "at") else policy
-    return action_table(turned, ground.part, readout)
+    return exact.action_table(turned, ground.part, readout)
 
 
 def rows_of(
@@ -122,7 +116,7 @@ def rows_of(
     """
     rows: list[Row] = []
     for angle, readout in itertools.product(angles, method.readouts):
-        metrics = evaluate_exactly(ground.part, chances(ground, policy, angle, readout))
+        metrics = exact.evaluate_exactly(ground.part, chances(ground, policy, angle, readout))
         labels = {"target_angle": angle, "readout": readout, "seed": seed}
         regret = ground.optimum.regret(metrics, angle)
         values = {"value": metrics.value(angle), "regret": regret}
@@ -139,7 +133,7 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
     reachable = ground.table.mdp.reachable()
 
     def regret(of: float, at: float) -> float:
-        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, of)[reachable])
+        metrics = exact.evaluate_exactly(ground.part, expert_policy(ground.table, of)[reachable])
         return ground.optimum.regret(metrics, at)
 
     return [
@@ -179,7 +173,7 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
     """
     pooled: list[Row] = []
     for values, group in groups(rows, *keys).items():
-        metrics = mean_of([metrics_of(row) for row in group])
+        metrics = exact.mean_of([metrics_of(row) for row in group])
         row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)} | metrics._asdict()
         for name in ("value", "regret"):
             ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")
@@ -219,7 +213,10 @@ def quantity(results: Results, world: str) -> str:
 
 
 def angle_figure(
-    results: Results, world: str, labels: Mapping[str, str], readouts: Sequence[str] = READOUTS
+    results: Results,
+    world: str,
+    labels: Mapping[str, str],
+    readouts: Sequence[str] = READOUTS,
 ) -> Figure:
     """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
 

@@ -210,12 +210,7 @@ def claimed(work: Path) -> Iterator[None]:
 
 @contextmanager
 def _locked(path: Path, name: str) -> Iterator[None]:
-    """Wait until no other process does a job, in this command or in another.
-
-    Raises:
-        Stopped: If the wait is asked to stop.
-        UserError: If the file can't be written.
-    """
+    """Wait until no other process does a job, in this command or in another."""
     lock = filelock.FileLock(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -116,11 +116,7 @@ class Reproduce(Printing):
 
 
 def _check(config: Any) -> None:
-    """Refuse seeds, counts and names that make no run, before hours are spent on one.
-
-    Raises:
-        UserError: If there are any.
-    """
+    """Refuse seeds, counts and names that make no run, before hours are spent on one."""
     from socialiq.cli.words import check_options
     from socialiq.learners.settings import check_seeds
     from socialiq.social.returns import TARGET_KINDS

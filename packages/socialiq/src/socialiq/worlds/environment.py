@@ -16,15 +16,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
 from socialiq.types import ACTION_BOUNDS
-from socialiq.worlds import NAMED, RECORDED_JUNCTION, SCENE_IDS, WORLD_FILE, register
-from socialiq.worlds.wrapper import (
-    RewardPairWrapper,
-    UnitActions,
-    called,
-    check_spaces,
-    flat,
-    flat_space,
-)
+from socialiq.worlds import NAMED, RECORDED_JUNCTION, SCENE_IDS, WORLD_FILE, register, wrapper
 
 _ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
 NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
@@ -70,10 +62,10 @@ def make_environment(
     env = _made(name, dict(options or {}), allow_code)
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
-    check_spaces(env, continuous)
+    wrapper.check_spaces(env, continuous)
     guarded: gymnasium.Env[Any, Any] = _Guarded(env, one_line(name))
-    guarded = RewardPairWrapper(guarded) if needs_pair else guarded
-    return UnitActions(guarded) if isinstance(env.action_space, spaces.Box) else guarded
+    guarded = wrapper.RewardPairWrapper(guarded) if needs_pair else guarded
+    return wrapper.UnitActions(guarded) if isinstance(env.action_space, spaces.Box) else guarded
 
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
@@ -91,7 +83,7 @@ def action_size(env: gymnasium.Env[Any, Any]) -> int:
 
 def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
     """Return the bounds of a made environment's actions, in its own units, as JSON; or nothing."""
-    if not isinstance(env, UnitActions):
+    if not isinstance(env, wrapper.UnitActions):
         return {}
     ends = {"low": env.bounds.low, "high": env.bounds.high}
     return {ACTION_BOUNDS: {name: end.astype(np.float64).tolist() for name, end in ends.items()}}
@@ -123,10 +115,10 @@ def environment_maker(
     return make
 
 
-def paired(env: gymnasium.Env[Any, Any]) -> RewardPairWrapper | None:
+def paired(env: gymnasium.Env[Any, Any]) -> wrapper.RewardPairWrapper | None:
     """Return the `RewardPairWrapper` with a reward function around an environment, or None."""
     while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, RewardPairWrapper) and env.pair is not None:
+        if isinstance(env, wrapper.RewardPairWrapper) and env.pair is not None:
             return env
         env = env.env
     return None
@@ -172,22 +164,22 @@ class _Guarded(gymnasium.Wrapper, RecordConstructorArgs):
     def __init__(self, env: gymnasium.Env[Any, Any], name: str) -> None:
         RecordConstructorArgs.__init__(self, name=name)
         gymnasium.Wrapper.__init__(self, env)
-        self.observation_space = flat_space(env.observation_space)
+        self.observation_space = wrapper.flat_space(env.observation_space)
         self._name = name
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
-        observation, info = called(self._name, self.env.reset, seed=seed, options=options)
+        observation, info = wrapper.called(self._name, self.env.reset, seed=seed, options=options)
         return self._flat(observation), info
 
     def step(self, action: Any) -> Any:
         """Take one step."""
-        after, *results = called(self._name, self.env.step, action)
+        after, *results = wrapper.called(self._name, self.env.step, action)
         return (self._flat(after), *results)
 
     def _flat(self, observation: Any) -> np.ndarray:
         try:
-            observed = flat(observation)
+            observed = wrapper.flat(observation)
         except (TypeError, ValueError) as error:
             raise UserError(
                 f"{self._name} gave an observation that is no array of numbers: correct it"
