@@ -382,13 +382,11 @@ def test_programs_are_released_before_the_memory_maps_run_out():
     def maps() -> int:
         return Path("/proc/self/maps").read_bytes().count(b"\n")
 
-    def compile_one(size: int) -> None:
-        jax.jit(lambda x: jnp.sin(x) @ x)(jnp.ones((size, size))).block_until_ready()
-
+    compiled = jax.jit(lambda x: jnp.sin(x) @ x)
     for size in (3, 5, 7):
-        compile_one(size)
+        compiled(jnp.ones((size, size))).block_until_ready()
     before = maps()
-    fit.release_programs(most=before)
-    assert maps() >= before
-    fit.release_programs(most=before - 1)
-    assert maps() < before
+    fit.release_programs(most=before + 1000)
+    assert compiled._cache_size() == 3
+    fit.release_programs(most=0)
+    assert compiled._cache_size() == 0 and maps() < before

@@ -112,17 +112,17 @@ def observe(road, traffic, row, base, count, observation):
 
 
 @kernel
-def overlap(road, vehicle, along, other, other_along, slack):
+def overlap(road, vehicle, along, second, second_along, slack):
     """Whether two vehicles overlap, and how fast each comes nearer to the other's middle, times m.
 
     They are smaller by `slack`, m, than recorded.
     """
     x, y, angle = place_of(road.line_first, road.line, vehicle, along)
-    ox, oy, turned = place_of(road.line_first, road.line, other, other_along)
+    ox, oy, turned = place_of(road.line_first, road.line, second, second_along)
     length = max(road.length[vehicle] - slack, 0.1) / 2
     width = max(road.width[vehicle] - slack, 0.1) / 2
-    half = max(road.length[other] - slack, 0.1) / 2
-    side = max(road.width[other] - slack, 0.1) / 2
+    half = max(road.length[second] - slack, 0.1) / 2
+    side = max(road.width[second] - slack, 0.1) / 2
     dx, dy = ox - x, oy - y
     if dx * dx + dy * dy >= (length + width + half + side) ** 2:
         return False, 0.0, 0.0
