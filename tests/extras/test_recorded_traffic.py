@@ -146,7 +146,7 @@ def test_from_recordings_to_a_policy(recorded, tmp_path, capsys):
     learn += ["--value-term", "value_expert", "--set", "timeout=bootstrap"]
     learn += ["--set", "target_kind=instantaneous"]
     assert main(["train", "iq-learn", str(table), *learn, "--out", str(tmp_path / "run")]) == 0
-    assert (tmp_path / "run" / "policy_0.safetensors").exists()
+    assert (tmp_path / "run" / "policy_angle45.safetensors").exists()
     assert main(["data", "demonstrations", *recorded, "--out", str(table)]) == 2
 
 

@@ -204,7 +204,7 @@ def test_train_writes_a_policy_for_every_angle_and_seed(run):
         (90, 1),
         (90, 2),
     ]
-    policy = QPolicy.load(run / "policy_3.safetensors")
+    policy = QPolicy.load(run / "policy_angle90_seed2.safetensors")
     assert policy.provenance["numbers"]["angle"] == 90.0
     assert not (run / "checkpoint.safetensors").exists()
 
@@ -217,7 +217,7 @@ def test_train_records_every_chunk_and_lane_as_csv(run):
 
 
 def test_evaluate_is_exact_and_agrees_with_rollouts(run, capsys):
-    policy = str(run / "policy_0.safetensors")
+    policy = str(run / "policy_angle0_seed1.safetensors")
     exact = json_of(capsys, "evaluate", policy, "--world", "crossing7")
     rolled = json_of(capsys, "evaluate", policy, "--world", "crossing7", "--episodes", "2000")
     assert rolled["angle_low"] <= exact["angle"] <= rolled["angle_high"]
@@ -225,7 +225,7 @@ def test_evaluate_is_exact_and_agrees_with_rollouts(run, capsys):
 
 
 def test_evaluate_pools_policies_by_their_mean_totals(run, capsys):
-    files = [str(run / f"policy_{index}.safetensors") for index in (0, 1)]
+    files = [str(run / f"policy_angle0_seed{seed}.safetensors") for seed in (1, 2)]
     found = json_of(capsys, "evaluate", *files)
     each = [json_of(capsys, "evaluate", file) for file in files]
     assert found["policies"] == each
@@ -237,7 +237,7 @@ def test_evaluate_pools_policies_by_their_mean_totals(run, capsys):
 
 
 def test_evaluate_pools_no_angle_of_policies_of_different_angles(run, capsys):
-    files = [str(run / f"policy_{index}.safetensors") for index in (0, 2)]
+    files = [str(run / f"policy_angle{angle}_seed1.safetensors") for angle in (0, 90)]
     pooled = json_of(capsys, "evaluate", *files)["pooled"]
     assert "angle" not in pooled
     assert pooled["angle_not_pooled"] == "the policies were trained for 0, 90 degrees"
@@ -248,7 +248,7 @@ def test_evaluate_pools_no_angle_of_policies_of_different_angles(run, capsys):
 
 
 def test_evaluate_soft_differs_from_greedy(run, capsys):
-    policy = str(run / "policy_0.safetensors")
+    policy = str(run / "policy_angle0_seed1.safetensors")
     greedy = json_of(capsys, "evaluate", policy)
     soft = json_of(capsys, "evaluate", policy, "--soft")
     assert soft["r_env"] != greedy["r_env"]
@@ -266,7 +266,7 @@ def test_offline_training_needs_no_world(demonstrations, tmp_path):
         str(out),
     ]
     assert main([*arguments, *TINY]) == 0
-    assert (out / "policy_0.safetensors").is_file()
+    assert (out / "policy_angle0.safetensors").is_file()
 
 
 def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
@@ -306,7 +306,7 @@ def test_a_broken_lane_is_named_and_the_status_is_1(demonstrations, tmp_path, ca
     ]
     assert main([*arguments, "--set", "learning_rate=1e30", *TINY]) == 1
     assert "not finite" in capsys.readouterr().err
-    weights = QPolicy.load(out / "policy_0.safetensors").weights
+    weights = QPolicy.load(out / "policy_angle0.safetensors").weights
     assert all(np.isfinite(weight).all() for weight in weights)
 
 

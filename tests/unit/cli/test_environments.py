@@ -147,7 +147,7 @@ def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     offline = ["--value-term", "value_expert", "--out", "offline"]
     assert main(["train", "iq-learn", "data", *tiny, *offline]) == 0
     capsys.readouterr()
-    assert main(["evaluate", "run/policy_0.safetensors", *world, "--episodes", "2"]) == 0
+    assert main(["evaluate", "run/policy_angle0.safetensors", *world, "--episodes", "2"]) == 0
     capsys.readouterr()
     goes = ["evaluate", "python:a_cli_road.py:goes", *world, "--episodes", "3", "--json"]
     assert main(goes) == 0

@@ -66,7 +66,7 @@ def test_a_policy_is_the_one_that_train_makes(done, sweep, tmp_path):
     words = ["train", "iq-learn", str(sweep.with_name("mixed.safetensors")), "--world", "crossing5"]
     words += ["--angle", "45", "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
-    for ours, theirs in (("00002", "policy_0"), ("00003", "policy_1")):
+    for ours, theirs in (("00002", "policy_angle45_seed0"), ("00003", "policy_angle45_seed1")):
         made = (done / "policies" / f"{ours}.safetensors").read_bytes()
         assert made == (tmp_path / "run" / f"{theirs}.safetensors").read_bytes()
 
@@ -94,7 +94,8 @@ def test_another_learner_is_trained_as_train_does_and_evaluated_exactly(sweep, t
     words = ["train", *words, str(data), "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
     words += ["--allow-code"] if ":" in learner else []
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
-    for ours, theirs in (("00000", "policy_0"), ("00001", "policy_1")):
+    start = "policy_angle0_seed" if learner == "cql" else "policy_"
+    for ours, theirs in (("00000", f"{start}0"), ("00001", f"{start}1")):
         made = (tmp_path / "run" / f"{theirs}.safetensors").read_bytes()
         assert found.files[f"policies/{ours}.safetensors"] == made
 

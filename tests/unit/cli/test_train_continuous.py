@@ -129,7 +129,7 @@ def test_standardised_policies_take_observations_as_they_are(more, data, tmp_pat
         main(["train", "iq-learn", str(data), *words, "--set", "random_steps=0", "--out", str(out)])
         == 0
     )
-    policy = ActorPolicy.load(out / "policy_0.safetensors")
+    policy = ActorPolicy.load(out / "policy_angle0.safetensors")
     record, seen = policy.provenance["standardised"], files.load(data, continuous=True).observation
     assert record["mean"] == pytest.approx(seen.mean(axis=0), abs=1e-6)
     assert record["deviation"] == pytest.approx(seen.std(axis=0) + 1e-3, rel=1e-5)

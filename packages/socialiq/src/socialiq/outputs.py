@@ -13,22 +13,35 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import filelock
 
 from socialiq.errors import UserError
 
-OTHER_FORMATS = (".csv", ".npz", ".parquet", ".hdf5", ".json", ".zip", ".onnx", ".pth", ".toml")
-"""Endings of files of other formats than safetensors."""
+FORMATS = frozenset(
+    ".csv .gif .h5 .hdf5 .html .jpeg .jpg .json .md .mp4 .npy .npz .onnx .parquet .pdf .pkl .png .pt "
+    ".pth .safetensors .svg .toml .tsv .txt .xlsx .xml .yaml .zip".split()
+)
+"""Endings that name a format, so that no file or folder of another content has one."""
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
-def refuse_existing(path: Path, other_than: Sequence[str] = ()) -> None:
-    """Refuse an output file that exists, be it a link to nothing, before any work is done."""
-    if path.suffix.lower() in other_than:
-        raise UserError(f"{path} would not be a {path.suffix} file: name it .safetensors")
+def check_ending(path: Path, *written: str) -> None:
+    """Refuse an output whose name says another format than those it can have; none: a folder."""
+    ending = path.suffix.lower()
+    if ending in FORMATS and ending not in written:
+        mend = f"name it {written[0]}" if written else "it is a folder; name it without"
+        raise UserError(f"{path} would not be a {path.suffix} file: {mend}")
+
+
+def refuse_existing(path: Path, *written: str) -> None:
+    """Refuse an output file that exists, be it a link to nothing, before any work is done.
+
+    Its name may have one of these endings, by default .safetensors, or one of no known format.
+    """
+    check_ending(path, *(written or (".safetensors",)))
     if os.path.lexists(path):
         raise UserError(f"{path} exists already: name a new file, or remove it first")
 
@@ -89,6 +102,7 @@ def move_file(temporary: Path, path: Path, replace: bool) -> None:
 
 def new_folder(path: Path) -> Path:
     """Make a new output folder; an empty one is accepted, any other refused."""
+    check_ending(path)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise UserError(f"{path} exists already: name a new folder, or remove it first")
     try:
@@ -114,6 +128,7 @@ def all_or_none(folder: Path) -> Iterator[None]:
 
 def part_beside(folder: Path) -> Path:
     """Make an empty folder for the later content of `folder` (see `swap_folder`)."""
+    check_ending(folder)
     try:
         return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     except OSError as error:

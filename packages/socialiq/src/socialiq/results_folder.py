@@ -123,7 +123,7 @@ def from_csv(path: Path) -> list[Row]:
 
 
 def _cell(text: str) -> Any:
-    for kind in (int, float):
+    for kind in (int, float) if text.isascii() else ():
         try:
             return kind(text)
         except ValueError:

@@ -131,6 +131,8 @@ def _typed(value: Any, kind: Any, name: str) -> Any:
         return str(value).lower() == "true"
     if kind in (int, float) and not isinstance(value, bool):
         try:
+            if isinstance(value, str) and not value.isascii():
+                raise ValueError  # Python reads digits of other scripts.
             return kind(value.replace("_", "") if isinstance(value, str) else value)
         except (ValueError, TypeError):
             word = "an integer" if kind is int else "a number"

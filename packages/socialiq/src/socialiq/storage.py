@@ -23,7 +23,7 @@ import safetensors
 import safetensors.numpy
 
 from socialiq.errors import UserError
-from socialiq.outputs import move_file
+from socialiq.outputs import check_ending, move_file
 from socialiq.reading import check_file, open_file, read_bytes
 
 _HEADER = "socialiq"
@@ -115,6 +115,7 @@ def save_arrays(
     Returns:
         SHA-256 of the content.
     """
+    check_ending(path, ".safetensors")
     contiguous, full = _as_read(kind, version, arrays, header)
     sha256 = content_hash(contiguous, full)
     metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}

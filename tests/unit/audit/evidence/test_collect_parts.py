@@ -79,7 +79,7 @@ def small_network(tmp_path_factory):
         "8",
     ]
     assert main([*words, "--out", str(folder / "run")]) == 0
-    return folder / "run" / "policy_0.safetensors"
+    return folder / "run" / "policy_angle0.safetensors"
 
 
 @pytest.mark.slow

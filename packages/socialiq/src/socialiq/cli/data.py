@@ -19,7 +19,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation import rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.foreign import one_line
-from socialiq.outputs import OTHER_FORMATS, refuse_existing
+from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
 from socialiq.social.angle import check_angle
 from socialiq.worlds import CONTINUOUS, registry
@@ -86,7 +86,7 @@ class Collect(Printing):
         for name, options in _OF_MIXTURE.items():
             if name != self.mixture:
                 refuse_unused(self, options, f"--mixture {name}")
-        refuse_existing(self.out, OTHER_FORMATS)
+        refuse_existing(self.out)
         mixed = self.mix()
         sha256 = files.save(self.out, mixed, replace=False)
         return show_counts(self, sha256, mixed)
@@ -185,7 +185,7 @@ class _Reader(Printing):
     def run(self) -> int:
         """Read, check, write, print the counts."""
         bounds = arrays.Bounds.of(self.action_low, self.action_high)
-        refuse_existing(self.out, OTHER_FORMATS)
+        refuse_existing(self.out)
         table = self.read(bounds=bounds, social=self.social, flatten=self.flatten)
         sha256 = files.save(self.out, table, replace=False)
         return show_counts(self, sha256, table)
@@ -231,8 +231,7 @@ class ToArrays(Printing):
 
     def run(self) -> int:
         """Read, write, print the counts."""
-        step_files.format_of(self.out)
-        refuse_existing(self.out)
+        refuse_existing(self.out, step_files.format_of(self.out))
         table = files.load(self.file, continuous=True)
         step_files.write_steps(self.out, table, replace=False)
         return show_counts(self, files.sha256_of(table), table)

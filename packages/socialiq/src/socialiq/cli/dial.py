@@ -18,7 +18,7 @@ from socialiq.evaluation.exact import Metrics, Optimum, Readout
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.outputs import OTHER_FORMATS, refuse_existing
+from socialiq.outputs import refuse_existing
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
 from socialiq.storage import kind_of
@@ -64,7 +64,7 @@ class Dial(Printing):
     def run(self) -> int:
         """Query, evaluate, print."""
         if self.calibrated:
-            refuse_existing(self.calibrated, OTHER_FORMATS)
+            refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
         one_of("world", self.world, (*registry.WORLDS, *CONTINUOUS, *SCENES))

@@ -51,7 +51,7 @@ class Evaluate(Printing):
     At the intersection a rule-based driver (go, wait, idm, gap_3s, ...) or a policy of the atlas
     (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
 
-    Example: socialiq evaluate run/policy_0.safetensors --world crossing7 --angle 45
+    Example: socialiq evaluate run/policy_angle45.safetensors --world crossing7 --angle 45
     """
 
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]

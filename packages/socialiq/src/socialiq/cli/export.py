@@ -25,7 +25,13 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.situation import ContextPolicy
 
 Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
-FORMATS = ("onnx", "torch", "card", "bom")
+FORMATS = {
+    "onnx": (".onnx",),
+    "torch": (".safetensors",),
+    "card": (".md", ".txt"),
+    "bom": (".json",),
+}
+"""Endings of a file's name, by its format."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +58,10 @@ class Export(Printing):
 
     def run(self) -> int:
         """Read the policy, write the file and print what was written."""
-        one_of("format", self.format, FORMATS)
+        one_of("format", self.format, tuple(FORMATS))
         if self.evaluation and self.format not in ("card", "bom"):
             raise UserError("an evaluation goes into a card: add --format card, or bom")
-        refuse_existing(self.out)
+        refuse_existing(self.out, *FORMATS[self.format])
         policy, training = self.read()
         if self.format not in ("onnx", "torch"):
             content = self.described(policy, training)

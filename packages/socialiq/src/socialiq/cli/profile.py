@@ -13,6 +13,7 @@ import tyro
 from socialiq.audit.profile import profile, reader, template
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
+from socialiq.outputs import check_ending
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
 from socialiq.worlds.registry import NAMES, make
@@ -58,6 +59,7 @@ class New:
 
     def run(self) -> int:
         """Write the file and print its declaration."""
+        check_ending(self.out, ".toml")
         if os.path.lexists(self.out) and not self.replace:
             raise UserError(f"{self.out} exists already: name another --out, or add --replace")
         date = datetime.datetime.now(datetime.UTC).date()

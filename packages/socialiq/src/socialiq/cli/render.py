@@ -123,7 +123,7 @@ class Page:
         from socialiq.page.data import own_dial
         from socialiq.page.write import FILE, write_page
 
-        refuse_existing(self.out / FILE)
+        refuse_existing(self.out / FILE, ".html")
         dial = None
         if self.dial:
             refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())

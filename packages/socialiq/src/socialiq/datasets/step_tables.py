@@ -173,8 +173,8 @@ _FLAGS = {"true": 1, "false": 0, "1": 1, "0": 0}
 
 
 def _plain(cell: str) -> str:
-    """Return a cell without spaces; Python alone reads 1_000 as a number."""
-    if "_" in cell:
+    """Return a cell without spaces; Python alone reads 1_000, or digits of other scripts."""
+    if "_" in cell or not cell.isascii():
         raise ValueError
     return cell.strip()
 

@@ -183,11 +183,15 @@ class RunFolder:
         self, trained: Trained, change: Callable[[Any], Any] | None = None
     ) -> list[Row]:
         """Write the policy of each run, changed if need be; return the files' names and hashes."""
-        names = [f"{self.kind}_{run}.safetensors" for run in range(len(trained.hyperparameters))]
-        policies = [trained.policy(run) for run in range(len(names))]
+        labels = [label(numbers) for numbers in trained.hyperparameters]
+        words = list(map(str, range(len(labels))))
+        if self.kind == "policy" and not trained.learner.no_angle():
+            words = names_of(labels)
+        policies = [trained.policy(run) for run in range(len(labels))]
+        files = [f"{self.kind}_{word}.safetensors" for word in words]
         return [
-            {"file": name, "sha256": (change(policy) if change else policy).save(self.out / name)}
-            for name, policy in zip(names, policies, strict=True)
+            {"file": file, "sha256": (change(policy) if change else policy).save(self.out / file)}
+            for file, policy in zip(files, policies, strict=True)
         ]
 
     def finish_policies(
@@ -266,6 +270,17 @@ class RunFolder:
 def label(hyperparameters: Any) -> Row:
     """Return what a run differs in from the others of its grid."""
     return {name: getattr(hyperparameters, name) for name in GRID if hasattr(hyperparameters, name)}
+
+
+def names_of(labels: Sequence[Row]) -> list[str]:
+    """Return the name of each run: its angle, and what else tells the runs apart."""
+    telling = [
+        name for name in labels[0] if name == "angle" or len({row[name] for row in labels}) > 1
+    ]
+    return [
+        "_".join(f"{name}{str(row[name]).removesuffix('.0')}" for name in telling) or "0"
+        for row in labels
+    ]
 
 
 def described_file(path: Path) -> Row:
