@@ -68,7 +68,7 @@ def test_a_full_disk_leaves_no_half_of_a_training(checkpoint, monkeypatch):
         (out / "policy_0.safetensors").write_bytes(b"1")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(RunFolder, "_finish_policies", full)
+    monkeypatch.setattr(RunFolder, "save_policies", full)
     with pytest.raises(OSError, match="No space"):
         run.finish_policies(trained, {})
     left = sorted(path.name for path in out.iterdir()) if out.exists() else []

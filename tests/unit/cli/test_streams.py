@@ -123,7 +123,14 @@ def failed_audit(tmp_path_factory):
     assert (
         main(["train", "iq-learn", data, "--world", "crossing5", "--out", run_folder, *tiny]) == 0
     )
-    return ["audit", f"{run_folder}/policy_angle90.safetensors", "--profile", profile, "--episodes", "60"]
+    return [
+        "audit",
+        f"{run_folder}/policy_angle90.safetensors",
+        "--profile",
+        profile,
+        "--episodes",
+        "60",
+    ]
 
 
 @pytest.mark.slow  # the same without an audit is above

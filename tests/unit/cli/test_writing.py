@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,9 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.fuzz.calls import BASES, DATA, LONG, OUT, POLICY, PROFILE, TRAINING
+from tests.fuzz.samples import SWEEP, _trajectories
 from tests.patience import HANG, wait_until
 
+from socialiq.cli.commands import COMMANDS, options_of
 from socialiq.cli.main import ctrl_c_until_heard, main
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 
 XML = Path(__file__).parents[3] / "examples" / "recordings" / "ZAM_Crossing-1_1_T-1.xml"
@@ -38,45 +43,85 @@ def samples(tmp_path_factory):
     weights = tuple(np.zeros(shape, np.float32) for shape in shapes)
     biases = tuple(np.zeros(shape[0], np.float32) for shape in shapes)
     QPolicy(weights, biases, "relu", 1.0).save(folder / "policy.safetensors")
+    wide = np.zeros((3, 6), np.float32), np.array([[1, 0, 0], [0, 1, 0]], np.float32)
+    wide[0][0, -2], wide[0][1, -1] = 1.0, 1.0  # (cos α, sin α)
+    turned = QPolicy(wide, biases, "relu", 1.0)
+    DialPolicy(turned, 0.0, 90.0).save(folder / "dial.safetensors")
     new = ["profile", "new", "--world", "crossing5", "--angle", "0"]
     assert main([*new, "--out", str(folder / "profile.toml")]) == 0
     data = str(folder / "steps.safetensors")
     assert main(["collect", "crossing5", "--episodes", "1", "--out", data]) == 0
+    assert main(["data", "to-arrays", data, "--out", str(folder / "steps.npz")]) == 0
+    _trajectories(folder / "rollouts.npz")
+    (folder / "sweep.toml").write_text(SWEEP)
+    shutil.copy(XML, folder / "recording.xml")
     assert main(["data", "import", "commonroad", str(XML), "--out", str(folder / "in")]) == 0
     (imported,) = (folder / "in").glob("*.safetensors")
     imported.rename(folder / "recording.safetensors")
     return folder
 
 
-NEEDS_DATA = pytest.mark.slow  # the gate has the extra `maps`
-
-CALLS = [
-    "collect crossing5 --episodes 1 --out OUT",
-    "data to-arrays {ok}/steps.safetensors --out OUT.npz",
-    "data to-arrays {ok}/steps.safetensors --out OUT.csv",
-    "data import commonroad {xml} --out OUT",
-    pytest.param("data demonstrations {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
-    pytest.param("data census {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
-    pytest.param("data conflicts {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
-    pytest.param("data world {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
-    "export {ok}/policy.safetensors --format torch --out OUT",
-    "export {ok}/policy.safetensors --format card --out OUT",
-    "render crossing5 --out OUT.png",
-    "profile new --world crossing5 --angle 0 --out OUT",
-    "audit {ok}/policy.safetensors --profile {ok}/profile.toml --episodes 20 --no-log --out OUT",
-    "audit {ok}/policy.safetensors --profile {ok}/profile.toml --episodes 20 --out OUT",
-    "audit nonce --out OUT",
-    pytest.param("reproduce worlds --set episodes=2 --out OUT", marks=pytest.mark.slow),
+AUDIT = ["--profile", PROFILE, "--episodes", "20", "--out", OUT]
+WRITING = {name: words for name, words in BASES.items() if OUT in " ".join(words)} | {
+    "dial": [*BASES["dial"], "--calibrated", OUT],
+    "page": ["--out", OUT],
+    "audit": [POLICY, *AUDIT],
+}
+CALLS = [[*name.split(), *words] for name, words in WRITING.items()]
+"""A call of each command that writes."""
+MORE = [
+    f"data to-arrays {DATA} --out {OUT}.csv",
+    f"export {POLICY} --format torch --out {OUT}",
+    f"export {POLICY} --format card --out {OUT}",
+    f"export {POLICY} --format bom --out {OUT}",
+    f"audit {POLICY} {' '.join(AUDIT)} --no-log",
 ]
+LATE = (*TRAINING, *LONG, "data predict", "data power", "data conflicts", "data census")
+"""Commands that work for seconds before they write."""
+LACKING = ("train improve-dial", "train td3-bc", "train own", "train practised-dial")
+LACKING += ("data from-minari",)
+"""Commands of which the tests lack a sample."""
+
+
+def quick_or_slow(words):
+    late = " ".join(words[:2]).startswith(LATE) or words[1] in ("world", "demonstrations")
+    marks = [pytest.mark.slow] if late else []
+    return pytest.param(words, id=" ".join(words[:2]), marks=marks)
+
+
+def at(words, ok, out, place=OUT):
+    replaced = (
+        [place if word.startswith(OUT) else word for word in words] if place != OUT else words
+    )
+    return [word.replace("{ok}", str(ok)).replace("{out}", str(out)) for word in replaced]
+
+
+def test_every_command_that_writes_is_called():
+    called = {" ".join(words[:length]) for words in CALLS for length in (1, 2)}
+    for name in COMMANDS:
+        assert name in called or not {"out", "calibrated"} & set(options_of(name) or ()), name
+
+
+@pytest.mark.parametrize("words", CALLS, ids=lambda words: " ".join(words[:2]))
+def test_a_name_of_another_format_is_refused_before_the_work(words, capsys, tmp_path, ok):
+    assert main(at(words, ok, tmp_path, f"{tmp_path}/new.xlsx")) == 2
+    line = capsys.readouterr().err
+    assert ".xlsx" in line or " ".join(words[:2]) in LACKING, line
+    assert line.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("call", CALLS, ids=lambda call: call[:20])
-def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, tmp_path, ok, call):
-    place = str(tmp_path / "out")
-    words = [word.format(ok=ok, xml=XML).replace("OUT", place) for word in call.split()]
+@pytest.mark.parametrize(
+    "words",
+    [
+        quick_or_slow(words)
+        for words in (*CALLS, *map(str.split, MORE))
+        if " ".join(words[:2]) not in LACKING
+    ],
+)
+def test_a_full_disk_is_one_line_and_leaves_nothing(words, capsys, tmp_path, ok):
     with full_disk():
-        status = main(words)
+        status = main(at(words, ok, tmp_path))
     said = capsys.readouterr()
     assert status == 2 and said.out == "" and "File too large" in said.err
     lines = [line for line in said.err.splitlines() if line.startswith("socialiq: ")]

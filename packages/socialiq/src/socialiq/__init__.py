@@ -15,19 +15,28 @@ if TYPE_CHECKING:
     from socialiq.audit.conduct import audit_policy
     from socialiq.audit.profile.profile import Margin
     from socialiq.audit.profile.template import declare
+    from socialiq.datasets.arrays import of_steps as from_arrays
+    from socialiq.datasets.step_files import read_steps as read_arrays
     from socialiq.demonstrations.dataset import Demonstrations
     from socialiq.demonstrations.files import load as load_demonstrations
     from socialiq.demonstrations.files import save as save_demonstrations
     from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
     from socialiq.errors import UserError
+    from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
     from socialiq.evaluation.rollout import rollout_env
     from socialiq.evaluation.rollout import trajectory_datasets as expert_datasets
     from socialiq.learners.acting import acting_in
+    from socialiq.learners.callbacks import Callbacks
+    from socialiq.learners.dial.config import DialConfig, DialHyperparameters
+    from socialiq.learners.dial.train import train as train_dial
     from socialiq.learners.iq_learn.config import IQLearnConfig as StaticConfig
     from socialiq.learners.iq_learn.config import IQLearnHyperparameters as Hyperparameters
     from socialiq.learners.iq_learn.train import train
+    from socialiq.learners.kernel import Learner
     from socialiq.mdp.front import attainable_set
+    from socialiq.nn.dial_policy import DialPolicy
     from socialiq.nn.q_policy import QPolicy
+    from socialiq.policies.export import to_onnx
     from socialiq.policies.load import load_policy
     from socialiq.social.angle import estimate_angle, score, weights
     from socialiq.types import Ending, RewardPair
@@ -36,43 +45,27 @@ if TYPE_CHECKING:
     from socialiq.worlds.registry import make
     from socialiq.worlds.wrapper import RewardPairWrapper, Transition
 
-__all__ = [
-    "Demonstrations",
-    "Ending",
-    "Hyperparameters",
-    "Margin",
-    "QPolicy",
-    "RewardPair",
-    "RewardPairWrapper",
-    "StaticConfig",
-    "Transition",
-    "UserError",
-    "acting_in",
-    "attainable_set",
-    "audit_policy",
-    "declare",
-    "equal_trajectories",
-    "equal_transitions",
-    "estimate_angle",
-    "expert_datasets",
-    "load_demonstrations",
-    "load_policy",
-    "make",
-    "make_environment",
-    "rollout_env",
-    "save_demonstrations",
-    "score",
-    "tabulate",
-    "train",
-    "weights",
-]
+__all__ = ["Ending", "RewardPair", "UserError", "estimate_angle", "score", "weights"]
+__all__ += ["RewardPairWrapper", "Transition", "attainable_set", "make", "make_environment"]
+__all__ += ["Optimum", "action_table", "evaluate_exactly", "rollout_env", "tabulate"]
+__all__ += ["Demonstrations", "equal_trajectories", "equal_transitions", "expert_datasets"]
+__all__ += ["from_arrays", "load_demonstrations", "read_arrays", "save_demonstrations"]
+__all__ += ["Callbacks", "Hyperparameters", "Learner", "StaticConfig", "acting_in", "train"]
+__all__ += ["DialConfig", "DialHyperparameters", "DialPolicy", "train_dial"]
+__all__ += ["Margin", "QPolicy", "audit_policy", "declare", "load_policy", "to_onnx"]
 
 # The same as above for the interpreter; a test holds the two against each other.
 _PLACES = {
+    "Callbacks": "learners.callbacks",
     "Demonstrations": "demonstrations.dataset",
+    "DialConfig": "learners.dial.config",
+    "DialHyperparameters": "learners.dial.config",
+    "DialPolicy": "nn.dial_policy",
     "Ending": "types",
-    "Margin": "audit.profile.profile",
     "Hyperparameters": "learners.iq_learn.config:IQLearnHyperparameters",
+    "Learner": "learners.kernel",
+    "Margin": "audit.profile.profile",
+    "Optimum": "evaluation.exact",
     "QPolicy": "nn.q_policy",
     "RewardPair": "types",
     "RewardPairWrapper": "worlds.wrapper",
@@ -80,22 +73,28 @@ _PLACES = {
     "Transition": "worlds.wrapper",
     "UserError": "errors",
     "acting_in": "learners.acting",
+    "action_table": "evaluation.exact",
     "attainable_set": "mdp.front",
     "audit_policy": "audit.conduct",
     "declare": "audit.profile.template",
     "equal_trajectories": "demonstrations.mixture",
     "equal_transitions": "demonstrations.mixture",
     "estimate_angle": "social.angle",
+    "evaluate_exactly": "evaluation.exact",
     "expert_datasets": "evaluation.rollout:trajectory_datasets",
+    "from_arrays": "datasets.arrays:of_steps",
     "load_demonstrations": "demonstrations.files:load",
     "load_policy": "policies.load",
     "make": "worlds.registry",
     "make_environment": "worlds.environment",
+    "read_arrays": "datasets.step_files:read_steps",
     "rollout_env": "evaluation.rollout",
     "save_demonstrations": "demonstrations.files:save",
     "score": "social.angle",
     "tabulate": "worlds.enumerate",
+    "to_onnx": "policies.export",
     "train": "learners.iq_learn.train",
+    "train_dial": "learners.dial.train:train",
     "weights": "social.angle",
 }
 

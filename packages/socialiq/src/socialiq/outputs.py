@@ -20,10 +20,9 @@ import filelock
 
 from socialiq.errors import UserError
 
-FORMATS = frozenset(
-    ".csv .gif .h5 .hdf5 .html .jpeg .jpg .json .md .mp4 .npy .npz .onnx .parquet .pdf .pkl .png .pt "
-    ".pth .safetensors .svg .toml .tsv .txt .xlsx .xml .yaml .zip".split()
-)
+FORMATS = (".csv", ".gif", ".h5", ".hdf5", ".html", ".jpeg", ".jpg", ".json", ".md", ".mp4", ".npy")
+FORMATS += (".npz", ".onnx", ".parquet", ".pdf", ".pkl", ".png", ".pt", ".pth", ".safetensors")
+FORMATS += (".svg", ".toml", ".tsv", ".txt", ".xlsx", ".xml", ".yaml", ".zip")
 """Endings that name a format, so that no file or folder of another content has one."""
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 

@@ -24,7 +24,7 @@ import safetensors.numpy
 
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending, move_file
-from socialiq.reading import check_file, open_file, read_bytes
+from socialiq.reading import check_file, open_file, path_of, read_bytes
 
 _HEADER = "socialiq"
 _MOST_JSON = 256 << 20
@@ -95,7 +95,7 @@ def content_hash(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) ->
 
 
 def save_arrays(
-    path: Path,
+    path: str | Path,
     kind: str,
     version: int,
     arrays: Mapping[str, np.ndarray],
@@ -115,7 +115,7 @@ def save_arrays(
     Returns:
         SHA-256 of the content.
     """
-    check_ending(path, ".safetensors")
+    check_ending(path := path_of(path), ".safetensors")
     contiguous, full = _as_read(kind, version, arrays, header)
     sha256 = content_hash(contiguous, full)
     metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}
@@ -159,7 +159,7 @@ def kind_of(path: Path) -> str:
 
 
 def load_arrays(
-    path: Path, kind: str, version: int | Sequence[int]
+    path: str | Path, kind: str, version: int | Sequence[int]
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read a file of `save_arrays` and check all its bytes.
 
@@ -171,7 +171,7 @@ def load_arrays(
     Returns:
         The named arrays, and the header with `kind`, `version` and `sha256` in it.
     """
-    path = shipped(path)
+    path = shipped(path_of(path))
     check_file(path)
     try:
         with safetensors.safe_open(path, framework="numpy") as file:

@@ -111,7 +111,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
         ({"online": False, "demonstrations": False}, "nothing to learn from"),
         ({"demonstrations": False, "scored": "demonstrations"}, "choose 'all'"),
         ({"updates": 0}, "updates must be at least 1"),
-        ({"hidden": (0,)}, "hidden widths"),
+        ({"hidden": (0,)}, "hidden must be widths"),
         ({"view": "round"}, "unknown view"),
     ],
 )

@@ -25,6 +25,7 @@ from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
 from socialiq.policies.isolation import IsolationMode
+from socialiq.reading import path_of
 
 Stage = Callable[[str], Callable[[Report], None]]
 """Begins to show the progress of something."""
@@ -175,14 +176,14 @@ def _audited(
 
 def audit_policy(
     policy: str | Path,
-    profile: Path,
-    out: Path,
+    profile: str | Path,
+    out: str | Path,
     episodes: int = 1000,
     seed: int | None = None,
     references: Sequence[str | Path] = (),
     allow_code: bool = False,
     replace: bool = False,
-    log: Path | None = None,
+    log: str | Path | None = None,
     no_log: bool = False,
     isolation: IsolationMode = "auto",
     files: Sequence[str | Path] = (),
@@ -212,10 +213,11 @@ def audit_policy(
     Raises:
         UserError: If the request is invalid, or the policy fails on the way.
     """
+    out, log = path_of(out), log and path_of(log)
     check_target(out, replace)
     request = Request(
         str(policy),
-        profile,
+        path_of(profile),
         episodes,
         seed,
         tuple(map(str, references)),

@@ -18,6 +18,7 @@ from socialiq.audit.request import Request, Trust
 from socialiq.cli.output import Display, Printing, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
+from socialiq.outputs import check_ending
 from socialiq.policies.isolation import IsolationMode
 from socialiq.policies.process import limits_of
 
@@ -189,6 +190,7 @@ class WriteNonce:
 
     def run(self) -> int:
         """Write the nonce, print its SHA-256."""
+        check_ending(self.out, ".json")
         sys.stdout.write(f"{seeds.write_nonce(self.out).sha256}\n")
         return 0
 

@@ -10,7 +10,13 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import gridworld_of, refuse_misfit, road_named
+from socialiq.cli.drivers import (
+    complain_if_it_stands,
+    gridworld_of,
+    observed,
+    refuse_misfit,
+    road_named,
+)
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
@@ -97,6 +103,7 @@ class Dial(Printing):
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
         states = gridworld_of(self.world, dial).reachable_part()
+        complain_if_it_stands(str(self.policy), dial, states.observations())
         evaluated, best = sweep(dial, states, self.readout), Optimum(states)
         regrets = evaluated.regrets(best.attainable)
         names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
@@ -131,6 +138,7 @@ class Dial(Printing):
         check_seed(self.seed)
         world = road_named(self.world)
         refuse_misfit(str(self.policy), dial, world)
+        complain_if_it_stands(str(self.policy), dial, observed(world, dial))
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = world.batch(min(max(self.episodes, 1), 512))

@@ -5,12 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+import numpy as np
+
 from socialiq.audit.request import rule_of
+from socialiq.cli.output import complain
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.dial import stands
+from socialiq.evaluation.rollout import record, rollout_env
 from socialiq.nn.actor_policy import ActorDial
-from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.policies.interface import Interface, Loaded, read_content
 from socialiq.policies.load import load_policy
+from socialiq.storage import kind_of
 from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
@@ -70,6 +77,35 @@ def refuse_misfit(
             f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
             f"{world.name} has {world.n_features} and {world.n_actions} (a clock adds a feature): "
             "name another policy"
+        )
+
+
+def dial_of(name: str) -> Dial[Any] | None:
+    """Return the dial of a file, of discrete or continuous actions; None if it holds none."""
+    kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial)}
+    kind = kinds.get(kind_of(Path(name)))
+    return kind and kind.load(Path(name))
+
+
+def observed(world: Any, dial: Dial[Any]) -> np.ndarray:
+    """Return observations for `complain_if_it_stands`: of all states of a table, or of episodes.
+
+    A dial that takes the same actions of its own episodes at every angle drives the same ones.
+    """
+    if isinstance(world, Table):
+        return world.observations()
+    if isinstance(world, gymnasium.Env):
+        return rollout_env(world, dial.at(dial.low), 1, 0).transitions.observation
+    rows = record(world.batch(16), dial.at(dial.low), range(16), "dial").transitions
+    return (rows if rows.n_features == dial.n_features else rows.with_clock()).observation
+
+
+def complain_if_it_stands(name: str, dial: Dial[Any], observations: np.ndarray) -> None:
+    """Say in one line on standard error if no angle of a dial changes an action."""
+    if stands(dial, observations):
+        complain(
+            f"{name} takes the same actions at every angle from {dial.low:g} to {dial.high:g} "
+            "degrees: train it with more --updates, or on demonstrations that differ more"
         )
 
 

@@ -13,7 +13,14 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import driver_of, gridworld_of, intersection_named
+from socialiq.cli.drivers import (
+    complain_if_it_stands,
+    dial_of,
+    driver_of,
+    gridworld_of,
+    intersection_named,
+    observed,
+)
 from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
@@ -155,6 +162,8 @@ class Evaluate(Printing):
                 with Display() as display:
                     report = display.stage("episodes")
                     episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
+            if (dial := dial_of(name)) is not None:
+                complain_if_it_stands(name, dial, observed(world, dial))
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
@@ -172,6 +181,8 @@ class Evaluate(Printing):
             with driver_of(name, plain, self.angle, self.allow_code) as loaded:
                 table = gridworld_of(self.world, loaded.record.interface)
                 states = table.reachable_part()
+                if (dial := dial_of(name)) is not None:
+                    complain_if_it_stands(name, dial, states.observations())
                 driven = table if self.episodes else states
                 chances = exact.action_table(loaded.policy, driven, readout)
             target = target_of(loaded.record)
@@ -200,17 +211,19 @@ class Evaluate(Printing):
         """
         settings = (self.world, policy, self.angle or 0.0, self.allow_code, self.soft)
         if not self.processes:
-            rollout, record = _play_in_environment(*settings, np.array(self._seeds))
-            return self.sampled(rollout), target_of(record)
-        if self.soft:
+            played = [_play_in_environment(*settings, np.array(self._seeds))]
+        elif self.soft:
             raise parts.draws_in_order(policy)
-        blocks = parts.blocks_of(self._seeds, self.processes)
-        play = functools.partial(_play_in_environment, *settings)
-        with Display() as display:
-            played = parts.in_parts(play, blocks, self.processes, display.stage("episodes"))
+        else:
+            blocks = parts.blocks_of(self._seeds, self.processes)
+            play = functools.partial(_play_in_environment, *settings)
+            with Display() as display:
+                played = parts.in_parts(play, blocks, self.processes, display.stage("episodes"))
         rollouts = [rollout for rollout, _ in played]
         table = concatenate([rollout.transitions for rollout in rollouts])
         table = replace(table, source=rollouts[0].transitions.source)
+        if (dial := dial_of(policy)) is not None:
+            complain_if_it_stands(policy, dial, table.observation)
         speed = np.concatenate([rollout.speed for rollout in rollouts])
         collided = sum(rollout.neighbours_collided for rollout in rollouts)
         return self.sampled(Rollout(table, speed, collided)), target_of(played[0][1])

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.cli.drivers import complain_if_it_stands, dial_of
 from socialiq.cli.output import print_json, print_table, say
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
 from socialiq.evaluation.off_policy import Chances, Estimate, Evaluator, Logged
-from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import ValuePolicy
 from socialiq.policies.load import load_policy
-from socialiq.storage import kind_of
 from socialiq.types import Policy, Row
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
@@ -57,16 +56,15 @@ def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
 def _rows(evaluator: Evaluator, spec: str, command: Any) -> list[Row]:
     """Return both estimates at each angle; a policy of one angle is evaluated once."""
     data, code = evaluator.logged.data, command.allow_code
-    turned = kind_of(Path(spec)) == "dial"
-    angles = ANGLES
-    if turned:
-        dial = DialPolicy.load(Path(spec))
+    dial, angles = dial_of(spec), ANGLES
+    if dial is not None:
+        complain_if_it_stands(spec, dial, data.observation)
         angles = tuple(angle for angle in ANGLES if dial.low <= angle <= dial.high)
         if not angles:
             raise UserError(f"{spec} has none of {ANGLES}: `socialiq turn` it to one angle first")
     rows, estimate = [], None
     for angle in angles:
-        if estimate is None or turned:
+        if estimate is None or dial is not None:
             loaded = load_policy(
                 spec, data.n_features, data.n_actions, angle=angle, allow_code=code
             )

@@ -21,7 +21,7 @@ from socialiq.datasets.hdf5 import d4rl_of, read_d4rl
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.reading import open_file, sha256_of_file
+from socialiq.reading import open_file, path_of, sha256_of_file
 from socialiq.storage import write_atomically
 
 FORMATS = (".npz", ".csv", ".parquet", ".hdf5")
@@ -36,7 +36,7 @@ HEADER = "socialiq"
 
 
 def read_steps(
-    path: Path,
+    path: str | Path,
     *,
     n_actions: int = 0,
     bounds: Bounds | None = None,
@@ -59,6 +59,7 @@ def read_steps(
         UserError: If the file is missing or damaged, or a column is missing, unknown or wrong; the
             line names it.
     """
+    path = path_of(path)
     arrays, header = _read(path)
     written = _header(path, header)
     if written:
@@ -82,12 +83,13 @@ def read_steps(
     return table
 
 
-def write_steps(path: Path, table: Demonstrations, replace: bool = True) -> None:
+def write_steps(path: str | Path, table: Demonstrations, replace: bool = True) -> None:
     """Write every column of a table, so that `read_steps` gives it back to the bit.
 
     A CSV file has no place for the names of the modes, the number of actions and the source; the
     other formats keep them.
     """
+    path = path_of(path)
     kind = format_of(path)
     header = json.dumps({**files.header_of(table), "sha256": files.sha256_of(table)}).encode()
     if kind == ".csv":

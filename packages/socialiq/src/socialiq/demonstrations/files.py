@@ -8,7 +8,6 @@ from typing import Any
 from socialiq import storage
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.reading import path_of
 
 KIND = "demonstrations"
 SCHEMA_VERSION = 1
@@ -23,9 +22,7 @@ def save(path: str | Path, demonstrations: Demonstrations, replace: bool = True)
         The SHA-256 of the content, the same for every table of the same content.
     """
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
-    return storage.save_arrays(
-        path_of(path), KIND, _version(demonstrations), arrays, header, replace
-    )
+    return storage.save_arrays(path, KIND, _version(demonstrations), arrays, header, replace)
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:
@@ -52,7 +49,6 @@ def load(path: str | Path, continuous: bool = False) -> Demonstrations:
 
     Tables with continuous actions are read if `continuous`; an error names the file.
     """
-    path = path_of(path)
     arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, CONTINUOUS_VERSION))
     if header["version"] == CONTINUOUS_VERSION and not continuous:
         raise UserError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int64
@@ -16,7 +17,7 @@ from socialiq.evaluation.episodes import metrics_of, road_episodes
 from socialiq.evaluation.exact import Metrics, Readout
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.actor_policy import ActorDial
-from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.social.angle import AngleEstimate, estimate_angle, exact_weights
 from socialiq.social.dial import Setting, setting
 from socialiq.types import RewardPair
@@ -65,6 +66,15 @@ def sweep(
         for angle in chosen
     ]
     return Sweep(chosen, tuple(metrics))
+
+
+def stands(dial: Dial[Any], observations: Float[np.ndarray, "row feature"]) -> bool:
+    """Whether a dial of several angles takes the same action of each observation at all of them."""
+    angles = np.linspace(dial.high, dial.low, 19).tolist()
+    first = dial.at(dial.low).predict(observations)[0]
+    return dial.low < dial.high and all(
+        np.array_equal(first, dial.at(angle).predict(observations)[0]) for angle in angles
+    )
 
 
 def calibrated(dial: DialPolicy, sweep: Sweep) -> DialPolicy:

@@ -161,16 +161,14 @@ def action_table(
     The readout "greedy" takes the best action, "soft" the distribution of a `SoftPolicy`.
     """
     one_of("readout", readout, READOUTS)
-    times = np.arange(table.world.horizon if table.world.clock else 1)
-    time, state = np.divmod(np.arange(len(times) * table.mdp.n_states), table.mdp.n_states)
-    observation = table.observe(state, time)
+    observation = table.observations()
     if readout == "soft":
         if not isinstance(policy, SoftPolicy):
             raise UserError("this policy gives no probabilities: leave --soft out")
         chances = policy.probabilities(observation)
     else:
         chances = np.eye(table.world.n_actions)[policy.predict(observation)[0]]
-    by_time = chances.reshape(len(times), table.mdp.n_states, table.world.n_actions)
+    by_time = chances.reshape(-1, table.mdp.n_states, table.world.n_actions)
     return by_time if table.world.clock else by_time[0]
 
 

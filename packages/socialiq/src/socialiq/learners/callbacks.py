@@ -59,7 +59,7 @@ class Callbacks:
 
     on_report: Callable[[Report], None] | None = None
     monitor: Callable[[Any], dict[str, np.ndarray]] | None = None
-    checkpoint: Path | None = None
+    checkpoint: str | Path | None = None
     resume: bool = False
     run_names: tuple[str, ...] = ()
 

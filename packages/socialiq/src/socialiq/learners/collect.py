@@ -110,7 +110,9 @@ class VectorCollector(BaseCollector):
     ) -> None:
         count = len(hyperparameters)
         if env.num_envs % count:
-            raise UserError(f"{env.num_envs} environments can't be divided among {count} runs")
+            raise UserError(
+                f"`num_envs` {env.num_envs} can't be divided among {count} runs: give a multiple"
+            )
         super().__init__([run.seed for run in hyperparameters])
         self._env, self._rounds, self._together = env, rounds, behaviour
 

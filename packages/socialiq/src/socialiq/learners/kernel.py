@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import inspect
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -55,10 +55,15 @@ class Trained:
 
     learner: Learner
     hyperparameters: tuple[Any, ...]
-    state: TrainState = field(repr=False)
-    retained: Any = field(repr=False)
-    history: History = field(repr=False)
+    state: TrainState
+    retained: Any
+    history: History
     failures: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Return the outcome in a line, without weights."""
+        size = f"{len(self.hyperparameters)} runs of {self.static.updates} updates"
+        return f"Trained({self.learner.name}: {size}, failures={self.failures})"
 
     @property
     def static(self) -> Any:

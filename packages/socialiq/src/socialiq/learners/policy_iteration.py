@@ -340,7 +340,7 @@ def train(
         shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, fresh)]
         if shapes[0] != shapes[1] or network.activation != static.activation:
             raise UserError(
-                "the first policy has another network: give its view, hidden widths and activation"
+                "the policy in `start` has another network: give its view, hidden and activation"
             )
         learner = DialIteration(static, sizes, start=network, start_sha256=start.turned.sha256)
     collector = LabelCollector(learner, hyperparameters, labellers)

@@ -27,16 +27,21 @@ Rule = Callable[[str, Any], None]
 """Given a field's name and value, raises `UserError` if the value is out of range."""
 
 
+def _option(name: str) -> str:
+    """Return the option of a command that changes a setting."""
+    return f"--{name}" if name in ("angle", "seed", "strength") else f"--set {name}"
+
+
 def _range(words: str, holds: Callable[[Any], bool]) -> Rule:
     def rule(name: str, value: Any) -> None:
         if not holds(value):
-            raise UserError(f"{name} {words}, got {value}")
+            raise UserError(f"{name} {words}, got {value} ({_option(name)})")
 
     return rule
 
 
 def _name(names: Any) -> Rule:
-    return lambda name, value: one_of(name.replace("_", " "), value, tuple(names))
+    return lambda name, value: one_of(f"value of {_option(name)}", value, tuple(names))
 
 
 _count = _range("must be at least 1", lambda value: value >= 1)
@@ -44,7 +49,7 @@ _not_negative = _range("must be 0 or more", lambda value: math.isfinite(value) a
 _above_zero = _range("must be above 0", lambda value: math.isfinite(value) and value > 0)
 _share = _range("must lie in [0, 1]", lambda value: 0.0 <= value <= 1.0)
 _seed = _range("must lie in [0, 2^32)", lambda value: 0 <= value < 2**32)
-_widths = _range("widths must be at least 1", lambda widths: all(width >= 1 for width in widths))
+_widths = _range("must be widths of at least 1", lambda widths: all(width >= 1 for width in widths))
 
 Count = Annotated[int, _count]
 NotNegative = Annotated[float, _not_negative]
@@ -59,7 +64,7 @@ Angle = Annotated[float, lambda _field, value: check_angle(value)]
 Angles = Annotated[
     tuple[float, ...], lambda _field, angles: [check_angle(angle) for angle in angles]
 ]
-Widths = Annotated[tuple[int, ...], lambda _field, widths: _widths("hidden", widths)]
+Widths = Annotated[tuple[int, ...], _widths]
 ViewName = Annotated[str, _name(CHOICES)]
 
 
@@ -137,7 +142,8 @@ class DrawnAngles(Settings):
         """Refuse a share of high angles where the range doesn't reach on both sides of them."""
         if self.high_share is not None and not self.low < self.high_from < self.high:
             raise UserError(
-                f"high_from {self.high_from:g} must lie between {self.low:g} and {self.high:g}"
+                f"--set high_from={self.high_from:g}: give an angle between {self.low:g} and "
+                f"{self.high:g}"
             )
 
 
@@ -163,7 +169,9 @@ class LearnerConfig(Network):
         """Refuse names and sizes that make no run."""
         super().__post_init__()
         if self.input_scale != 1.0 and self.view != "flat":
-            raise UserError(f"input_scale is only for view flat, not {self.view}: leave it at 1")
+            raise UserError(
+                f"--set input_scale is of --set view=flat, not {self.view}: leave it out"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,6 +272,24 @@ def check_seeds(seeds: Sequence[int]) -> None:
         raise UserError("a seed is named twice: name each once")
 
 
+def listed(hyperparameters: Any, datasets: Any, simulator: Any) -> tuple[Any, Any]:
+    """Return lists of runs and sets, of which one may stand alone; refuse a wrong set or world."""
+    if not isinstance(hyperparameters, Sequence):
+        hyperparameters = [hyperparameters]
+    datasets = datasets if isinstance(datasets, Sequence) else [datasets]
+    for what, values, name in (
+        ("datasets", datasets, "returns"),
+        ("simulator", [] if simulator is None else [simulator], "advance"),
+    ):
+        for value in values:
+            if not hasattr(value, name):
+                raise UserError(
+                    f"{what} has a {type(value).__name__}: pass Demonstrations, a gridworld by "
+                    "make(NAME), and an environment by before_chunk=acting_in(...)"
+                )
+    return hyperparameters, datasets
+
+
 def check_social(datasets: Sequence[Transitions]) -> None:
     """Refuse to train a dial on demonstrations without social rewards.
 
@@ -299,9 +325,9 @@ def check_fit(
     if sets is not None and max(run.dataset for run in runs) >= sets:
         raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
     if online and not acts:
-        raise UserError("online training needs a world: name one, or train offline")
+        raise UserError("online training needs a world: name one (--world), or train offline")
     if acts and not online:
-        raise UserError("offline training takes no world: drop it, or train online")
+        raise UserError("offline training takes no world: drop it (--world), or train online")
     distinct = sorted({tuple(shape) for shape in shapes})
     if len(distinct) != 1:
         raise UserError(

@@ -78,7 +78,7 @@ class Saved(ABC):
         Raises:
             UserError: If the file can't be written.
         """
-        return save_arrays(path_of(path), self.KIND, self.version, *self.content(), replace=replace)
+        return save_arrays(path, self.KIND, self.version, *self.content(), replace=replace)
 
     @classmethod
     def load(cls: type[Form], path: str | Path) -> Form:

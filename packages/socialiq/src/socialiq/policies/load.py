@@ -31,6 +31,7 @@ from socialiq.policies.isolation import NOT_ASKED, Isolation
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
 from socialiq.policies.sb3_load import read_sb3
+from socialiq.reading import path_of
 from socialiq.storage import kind_of, load_arrays
 from socialiq.worlds.situation import ContextPolicy
 
@@ -48,7 +49,7 @@ MOST_HEADER = 65_536
 
 
 def load_policy(
-    spec: str,
+    spec: str | Path,
     n_features: int,
     n_actions: int,
     *,
@@ -83,6 +84,7 @@ def load_policy(
     Raises:
         UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
+    spec = spec if isinstance(spec, str) else str(path_of(spec))
     world, source = Interface(n_features, n_actions, action_size), one_line(spec)
     if spec.startswith(("process:", "python:")):
         return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)

@@ -48,6 +48,12 @@ class Table:
         observed = np.column_stack([features, time]) if self.world.clock else features
         return observed.astype(np.float32)
 
+    def observations(self) -> Float32[np.ndarray, "row feature"]:
+        """Return the observation of every state; with a clock of every time and state."""
+        times = self.world.horizon if self.world.clock else 1
+        time, state = np.divmod(np.arange(times * self.mdp.n_states), self.mdp.n_states)
+        return self.observe(state, time)
+
     def reachable_part(self) -> Table:
         """Return the table restricted to the states that some policy can reach."""
         mdp, reachable = self.mdp.reachable_part()

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
+import numpy as np
+
+from socialiq.cli.drivers import observed
 from socialiq.cli.output import Printing
 from socialiq.cli.train import shared
 from socialiq.demonstrations import files
@@ -15,6 +18,7 @@ from socialiq.learners.acting import acting_in, actors_together
 from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous import config, standardise
 from socialiq.learners.continuous.train import LEARNERS, check_fit, train
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.environment import action_size, environment_maker, sizes
 from socialiq.worlds.gym import learning_env
@@ -136,7 +140,19 @@ class Task:
         if data is not None:
             described = shared.described_file(command.data)
             record["data"] = described | {"transitions": data.n_transitions}
-        return folder.finish_policies(trained, record, change.policy if change else None)
+        return folder.finish_policies(
+            trained, record, change.policy if change else None, self._seen
+        )
+
+    def _seen(self, dial: ActorDial) -> np.ndarray:
+        """Return observations of the demonstrations, or of the dial's episodes in the world."""
+        if self.data is not None:
+            return self.data.observation
+        if self.world in CONTINUOUS:
+            return observed(Intersection(registry.continuous_options(self.world)), dial)
+        return observed(
+            environment_maker(self.world, None, self.allow_code, continuous=True)(), dial
+        )
 
     def _standardisation(self, static: Any, seed: int) -> standardise.Standardisation | None:
         """Return the change of observations that the command asks for."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import road_named
+from socialiq.cli.drivers import complain_if_it_stands, observed, road_named
 from socialiq.cli.output import Display, Printing
 from socialiq.cli.train import shared
 from socialiq.demonstrations import files
@@ -26,14 +27,16 @@ from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds, check_social
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.outputs import new_folder, whole_folder
+from socialiq.outputs import all_or_none, new_folder, whole_folder
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS, grid_world, registry
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
 
 ROADS = ("intersection", *SCENES)
 """Worlds on highway-env's roads, with discrete actions."""
@@ -127,7 +130,9 @@ class Dial(Printing):
         data_file = self.data and shared.described_file(self.data)
         record = {"preset": name, "world": self.world, "data": data_file}
         record |= {"budget": self.budget, "budget_path": []}
-        return finish_dials(folder, trained, record, budget)
+        if self.world not in ROADS:
+            world = tabulate(world).reachable_part()
+        return finish_dials(folder, trained, record, world, budget)
 
     def _preset(self) -> tuple[str, Any]:
         """Return the name and the preset, by default that of the world; refuse other worlds."""
@@ -158,31 +163,38 @@ class Dial(Printing):
         if self.world in ROADS:
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.updates <= ASCENT_EVERY:
-            raise UserError(f"a budget is checked every {ASCENT_EVERY} updates: train for more")
+            raise UserError(
+                f"a budget is checked every {ASCENT_EVERY} updates: give more --updates"
+            )
         ground = Ground.of(self.world).with_clock(config.PRESETS[preset].clock)
         return Budget(exact_regret(ground, static, runs), np.full(len(runs), self.budget))
 
 
 def finish_dials(
-    folder: shared.RunFolder, trained: Trained, record: Row, budget: Budget | None = None
+    folder: shared.RunFolder,
+    trained: Trained,
+    record: Row,
+    world: Any,
+    budget: Budget | None = None,
 ) -> int:
     """Write the dials and their record, with the outcome of the budget; return the exit status."""
     losses = np.asarray(trained.history.array("loss"))[-1]
-    dials, labels = [], []
-    for run, saved in enumerate(folder.save_policies(trained)):
-        labels.append({"seed": trained.hyperparameters[run].seed})
-        row = {"file": saved["file"], **labels[-1], "loss": float(losses[run])}
-        dials.append(row | {"sha256": saved["sha256"]})
-        if budget is not None:
-            regret = float(budget.path[-1].regret[run])
-            dials[-1] |= {"multiplier": float(trained.retained[run]), "regret": regret}
+    labels = [{"seed": numbers.seed} for numbers in trained.hyperparameters]
     if budget is not None:
         record["budget_path"] = [
             {"updates": look.updates}
             | {"regret": look.regret.tolist(), "multiplier": look.multiplier.tolist()}
             for look in budget.path
         ]
-    return folder.finish(trained, labels, dials, record)
+    with all_or_none(folder.out):
+        dials = []
+        for run, saved in enumerate(folder.save_policies(trained, seen=partial(observed, world))):
+            row = {"file": saved["file"], **labels[run], "loss": float(losses[run])}
+            dials.append(row | {"sha256": saved["sha256"]})
+            if budget is not None:
+                regret = float(budget.path[-1].regret[run])
+                dials[-1] |= {"multiplier": float(trained.retained[run]), "regret": regret}
+        return folder.finish(trained, labels, dials, record)
 
 
 @dataclass(frozen=True)
@@ -217,7 +229,7 @@ class ImproveDial(Printing):
         static = iteration.with_network_of(structure, start)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         if self.environments < 1:
-            raise UserError(f"environments must be at least 1, got {self.environments}")
+            raise UserError(f"--environments {self.environments}: give 1 or more")
         labellers = [
             road_training.dial_labeller(static, scenario, self.environments, clock) for _ in runs
         ]
@@ -225,7 +237,8 @@ class ImproveDial(Printing):
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             sizes, chunk = road_training.sizes_of(scenario, clock), road_training.CHUNK
             trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
-        return finish_dials(folder, trained, {"start": shared.described_file(self.dial)})
+        record = {"start": shared.described_file(self.dial)}
+        return finish_dials(folder, trained, record, Intersection(scenario))
 
 
 @dataclass(frozen=True)
@@ -272,7 +285,9 @@ class OfflineDial(Printing):
             with Display() as display:
                 stages = self.stages(number, static, numbers, data, display)
             file = f"dial_{number}.safetensors"
-            sha256 = stages["dial"].policy(0).save(folder / file)
+            dial = stages["dial"].policy(0)
+            sha256 = dial.save(folder / file)
+            complain_if_it_stands(str(self.out / file), dial, data.observation)
             dials.append({"file": file, "seed": numbers.seed, "sha256": sha256})
             for stage, trained in stages.items():
                 losses = np.asarray(trained.history.array("loss"))[:, 0]

@@ -9,14 +9,17 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
+from socialiq.cli.drivers import complain_if_it_stands
 from socialiq.cli.output import Display, complain, print_json, print_table
 from socialiq.cli.words import check_options
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, EventFiles, Report
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
+from socialiq.nn.dial_policy import Dial
 from socialiq.outputs import all_or_none, new_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv, versions
@@ -180,50 +183,56 @@ class RunFolder:
             )
 
     def save_policies(
-        self, trained: Trained, change: Callable[[Any], Any] | None = None
+        self,
+        trained: Trained,
+        change: Callable[[Any], Any] | None = None,
+        seen: Callable[[Any], np.ndarray] | None = None,
     ) -> list[Row]:
-        """Write the policy of each run, changed if need be; return the files' names and hashes."""
+        """Write the policy of each run, changed if need be; return the files' names and hashes.
+
+        A dial that stands, by the observations that `seen` gives of it, is named.
+        """
         labels = [label(numbers) for numbers in trained.hyperparameters]
         words = list(map(str, range(len(labels))))
         if self.kind == "policy" and not trained.learner.no_angle():
             words = names_of(labels)
-        policies = [trained.policy(run) for run in range(len(labels))]
-        files = [f"{self.kind}_{word}.safetensors" for word in words]
-        return [
-            {"file": file, "sha256": (change(policy) if change else policy).save(self.out / file)}
-            for file, policy in zip(files, policies, strict=True)
-        ]
+        saved = []
+        for run, word in enumerate(words):
+            file, policy = f"{self.kind}_{word}.safetensors", trained.policy(run)
+            policy = change(policy) if change else policy
+            saved.append({"file": file, "sha256": policy.save(self.out / file)})
+            if seen is not None and isinstance(policy, Dial):
+                complain_if_it_stands(str(self.out / file), policy, seen(policy))
+        return saved
 
     def finish_policies(
         self,
         trained: Trained,
         record: Mapping[str, Any],
         change: Callable[[Any], Any] | None = None,
+        seen: Callable[[Any], np.ndarray] | None = None,
     ) -> int:
-        """Write and print the policies of a grid, changed if need be; return the exit status."""
-        with all_or_none(self.out):
-            return self._finish_policies(trained, record, change)
-
-    def _finish_policies(
-        self, trained: Trained, record: Mapping[str, Any], change: Callable[[Any], Any] | None
-    ) -> int:
+        """Write and print the policies of a grid, as `save_policies`; return the exit status."""
         arrays = {name: trained.history.array(name) for name in trained.history.values}
         columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
         labels = [label(numbers) for numbers in trained.hyperparameters]
         if reason := trained.learner.no_angle():
             labels = [row | {"angle": None} if "angle" in row else row for row in labels]
             complain(f"no angle is in the policies: {reason}")
-        saved = self.save_policies(trained, change)
-        policies = [
-            {**row, **file}
-            | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
-            for run, (row, file) in enumerate(zip(labels, saved, strict=True))
+        last = [
+            {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
+            for run in range(len(labels))
         ]
         renamed = [
             {"angle_target" if name == "angle" else name: value for name, value in row.items()}
             for row in labels
         ]
-        return self.finish(trained, renamed, policies, record)
+        with all_or_none(self.out):
+            saved = self.save_policies(trained, change, seen)
+            policies = [
+                row | file | end for row, file, end in zip(labels, saved, last, strict=True)
+            ]
+            return self.finish(trained, renamed, policies, record)
 
     def finish(
         self,

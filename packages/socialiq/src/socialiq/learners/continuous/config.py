@@ -69,7 +69,7 @@ class TD3BCConfig(ActorConfig, settings.LearnerConfig):
         """Refuse names and sizes that make no run."""
         super().__post_init__()
         if self.tuned:
-            raise UserError("TD3+BC has no temperature to tune: leave it out")
+            raise UserError("TD3+BC has no temperature to tune: leave out --set tuned=true")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,18 +88,18 @@ class ActorIQLearnConfig(ActorConfig, IQLearnConfig):
         """Refuse names, sizes and combinations that make no run."""
         super().__post_init__()
         if self.form != "plain":
-            raise UserError(f"form {self.form} is of discrete actions: use the form plain")
+            raise UserError(f"--set form={self.form} is of discrete actions: leave it out")
         derived = (self.prior, self.divergence, self.chi2_on) == ("none", "chi2", "mixture")
         derived = derived and self.online and self.value_term == "value"
         if self.critic == "regression" and not derived:
             raise UserError(
-                "the regression of r̂ follows from the objective online, with prior none, "
-                "divergence chi2, chi2 on the mixture and value term value: choose these"
+                "the regression of r̂ follows from the objective with --world, --prior none, "
+                "--divergence chi2, --set chi2_on=mixture and --value-term value: choose these"
             )
         if self.dial and self.prior in ("none", "reweighting"):
             raise UserError(
-                f"prior {self.prior} has no angle of a row: a dial needs reward, bellman_shift or "
-                "shifted_chi2"
+                f"prior {self.prior} has no angle of a row: a dial needs --prior reward, "
+                "bellman_shift or shifted_chi2"
             )
 
 

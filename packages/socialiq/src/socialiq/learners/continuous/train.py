@@ -32,8 +32,8 @@ LEARNERS: dict[str, type[Learner]] = {
 
 def train(
     static: Any,
-    hyperparameters: Sequence[Any],
-    datasets: Sequence[Transitions] = (),
+    hyperparameters: LearnerHyperparameters | Sequence[Any],
+    datasets: Transitions | Sequence[Transitions] = (),
     simulator: ContinuousSimulator | None = None,
     sizes: tuple[int, int] | None = None,
     callbacks: Callbacks | None = None,
@@ -51,6 +51,7 @@ def train(
         UserError: If settings, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
+    hyperparameters, datasets = settings.listed(hyperparameters, datasets, simulator)
     sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
     learner = learner_of(static)
     table = None
@@ -91,7 +92,7 @@ def check_fit(
     if any(data.action.ndim != 2 for data in datasets):
         raise UserError("the demonstrations have discrete actions: use a learner of these")
     if static.dial and any(run.angle for run in hyperparameters):
-        raise UserError("a dial is trained for all angles from low to high: leave the angle out")
+        raise UserError("a dial is trained for all angles from low to high: leave out --angle")
     shapes = [(data.observation.shape[1], data.action.shape[1]) for data in datasets]
     shapes += [(simulator.n_features, simulator.action_size)] if simulator is not None else []
     online, acts = getattr(static, "online", learner.online), simulator is not None or collects

@@ -73,23 +73,27 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
         super().__post_init__()
         if self.demonstrators and self.expert_batch % len(self.demonstrators):
             raise UserError(
-                f"expert_batch {self.expert_batch} has no equal parts for "
+                f"--set expert_batch={self.expert_batch} has no equal parts for "
                 f"{len(self.demonstrators)} demonstrators: choose a multiple"
             )
         if self.demonstrators and not self.demonstrations:
-            raise UserError("demonstrators without demonstrations: leave one out")
+            raise UserError("--set demonstrators without demonstrations: leave one out")
         if not self.online and not self.demonstrations:
             raise UserError("offline and without demonstrations there is nothing to learn from")
         if not self.demonstrations and self.scored == "demonstrations":
-            raise UserError("scored 'demonstrations' needs demonstrations: choose 'all'")
+            raise UserError("--set scored=demonstrations needs demonstrations: choose all")
         if self.heads == "pair" and self.backup == "soft":
-            raise UserError("heads 'pair' have no soft backup: choose the backup hard or double")
+            raise UserError("--set heads=pair has no soft backup: add --set backup=hard or double")
         if self.heads == "pair" and self.demonstrators:
-            raise UserError("a skill is a score: choose heads 'score', or leave out demonstrators")
+            raise UserError(
+                "a skill is a score: choose --set heads=score, or leave out demonstrators"
+            )
         if self.knots == 1 or (self.knots and not self.margin and self.low == self.high):
-            raise UserError("knots: give 0, or at least 2 and a range of angles")
+            raise UserError("--set knots: give 0, or at least 2 and a range of angles")
         if self.driven_share and not self.online:
-            raise UserError("driven_share is of the learner's own rows: train online, or leave it")
+            raise UserError(
+                "--set driven_share is of the learner's own rows: train online, or leave it"
+            )
         self.check_high_share()
 
     @property
@@ -153,7 +157,7 @@ class OfflineDialConfig(settings.DrawnAngles, settings.LearnerConfig):
         if (self.input_scale, self.schedule, self.averaging) != (1.0, "constant", 0.0):
             raise UserError(
                 "the offline dial has a scale, a schedule and an average of its own: leave out "
-                "input_scale, schedule and averaging"
+                "--set input_scale, schedule and averaging"
             )
 
     @property

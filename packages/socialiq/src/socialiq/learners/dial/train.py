@@ -187,8 +187,8 @@ def dial_of(
 
 def train(
     static: DialConfig,
-    hyperparameters: Sequence[DialHyperparameters],
-    datasets: Sequence[Transitions] = (),
+    hyperparameters: DialHyperparameters | Sequence[DialHyperparameters],
+    datasets: Transitions | Sequence[Transitions] = (),
     simulator: Simulator | None = None,
     sizes: tuple[int, int] | None = None,
     callbacks: Callbacks | None = None,
@@ -197,7 +197,7 @@ def train(
     budget: BeforeChunk | None = None,
     start: DialNetwork | None = None,
 ) -> Trained:
-    """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
+    """Train one dial for each entry of `hyperparameters`, as `train` does a policy.
 
     Args:
         static: Shared by all runs.
@@ -217,6 +217,7 @@ def train(
         UserError: If settings, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
+    hyperparameters, datasets = settings.listed(hyperparameters, datasets, simulator)
     sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
     if not static.online:
         settings.check_social(datasets)
@@ -228,7 +229,7 @@ def train(
         shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
         if forms[0] != forms[1] or shapes[0] != shapes[1]:
             raise UserError(
-                "the first network has another form than the configuration: give it the same "
+                "the network in `start` has another form than the configuration: give it the same "
                 "view, widths, heads, knots and horizon, and the world's features and actions"
             )
         content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(start))

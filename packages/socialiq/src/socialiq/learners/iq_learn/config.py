@@ -98,11 +98,11 @@ class IQLearnConfig(settings.LearnerConfig, settings.Replay):
         derived = (self.prior, self.divergence, self.chi2_on) == ("none", "chi2", "mixture")
         if not derived and (self.bounded or "occupancy" in self.endings.by_kind().values()):
             raise UserError(
-                "bounded values and the treatment occupancy follow from the objective with prior "
-                "none, divergence chi2 and chi2 on the mixture: choose these three"
+                "bounded values and the treatment occupancy follow from the objective with --prior "
+                "none, --divergence chi2 and --set chi2_on=mixture: choose these three"
             )
         if self.prior == "shifted_chi2" and self.divergence != "chi2":
-            raise UserError("prior shifted_chi2 needs divergence chi2")
+            raise UserError("--prior shifted_chi2 needs --divergence chi2")
         if (
             self.prior == "shifted_chi2"
             and self.chi2_on == "mixture"

@@ -21,6 +21,7 @@ from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparamet
 from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
 from socialiq.learners.kernel import Learner, Terms, Trained, described
+from socialiq.learners.settings import LearnerConfig, LearnerHyperparameters
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import DuelingNetwork
 from socialiq.types import Ending, Simulator, Transitions
@@ -151,9 +152,9 @@ class IQLearn(Learner):
 
 
 def train(
-    static: Any,
-    hyperparameters: Any,
-    datasets: Any,
+    static: LearnerConfig,
+    hyperparameters: LearnerHyperparameters | Sequence[Any],
+    datasets: Transitions | Sequence[Transitions],
     simulator: Simulator | None = None,
     callbacks: Callbacks | None = None,
     chunk: int = 500,
@@ -165,6 +166,9 @@ def train(
     learner: type[Learner] | None = None,
 ) -> Trained:
     """Train one run for each entry of `hyperparameters`, all in one compiled program.
+
+    It prints nothing. With `callbacks=Callbacks(on_report=lambda now: print(now.done, now.terms))`
+    it prints the losses after each `chunk` of updates.
 
     Args:
         static: Shared by all runs: an `IQLearnConfig`, or the config of `learner`.
@@ -184,16 +188,16 @@ def train(
         UserError: If settings, data and world don't fit together, or code of the user's own fails.
         Stopped: On Ctrl-C.
     """
-    hyperparameters, datasets = _listed(hyperparameters, datasets, simulator)
+    hyperparameters, datasets = settings.listed(hyperparameters, datasets, simulator)
     if learner is not None:
         if any(
             argument is not None for argument in (simulator, before_chunk, prior, divergence, loss)
         ):
-            raise UserError("a learner of your own takes no world, prior, divergence or loss")
+            raise UserError("`learner` takes no world, prior, divergence or loss: leave them out")
         own_learner = checked_learner(learner)
         return own_learner.train_on(static, hyperparameters, datasets, callbacks, chunk)
     if prior is not None and static.prior != "reward":
-        raise UserError("a prior of your own replaces prior 'reward': leave the setting at that")
+        raise UserError("a prior of your own replaces --prior reward: leave the setting at that")
     sizes = check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
     functions = UserFunctions(
         checked_prior(prior) if prior else None,
@@ -220,24 +224,6 @@ def unread(static: Any, no_social: str, functions: UserFunctions) -> str:
     if static.prior == "bellman_shift" and static.divergence == "chi2" and not static.shift_term_3:
         return "with divergence chi2 the shift is a constant without a gradient (docs/theory.md)"
     return "" if static.prior == "shifted_chi2" and static.chi2_on == "mixture" else no_social
-
-
-def _listed(hyperparameters: Any, datasets: Any, simulator: Any) -> tuple[Any, Any]:
-    """Return lists of runs and sets, of which one may stand alone; refuse a wrong set or world."""
-    if not isinstance(hyperparameters, Sequence):
-        hyperparameters = [hyperparameters]
-    datasets = datasets if isinstance(datasets, Sequence) else [datasets]
-    for what, values, name in (
-        ("datasets", datasets, "returns"),
-        ("simulator", [] if simulator is None else [simulator], "advance"),
-    ):
-        for value in values:
-            if not hasattr(value, name):
-                raise UserError(
-                    f"{what} has a {type(value).__name__}: pass Demonstrations, a gridworld by "
-                    "make(NAME), and an environment by before_chunk=acting_in(...)"
-                )
-    return hyperparameters, datasets
 
 
 def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tuple[Any, Any]:
