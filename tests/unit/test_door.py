@@ -66,6 +66,45 @@ def test_a_name_or_an_environment_in_the_place_of_a_world_is_one_line(data):
             socialiq.RewardPairWrapper(world, lambda step: (step.reward, 0.0))
 
 
+WORLD, NUMBERS = socialiq.make("crossing5"), socialiq.Hyperparameters()
+STATIC, PAIR = socialiq.StaticConfig(**OFFLINE, value_term="v0"), socialiq.RewardPair(1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "says"),
+    [
+        ("rollout_env", ("crossing5", None, 2, 0), "env is of the type str: pass Env"),
+        ("rollout_env", (gymnasium.make("CartPole-v1"), "q.zip", 2, 0), "policy is of the type"),
+        ("score", (45.0, PAIR), "weights is of the type float: pass RewardPair"),
+        ("weights", ("45",), "angle is of the type str: pass float"),
+        ("to_onnx", ("q.safetensors",), "policy is of the type str: pass QPolicy or"),
+        ("action_table", ("q.safetensors", WORLD, "greedy"), "policy is of the type str"),
+        ("evaluate_exactly", (WORLD, np.eye(3)), "table is of the type GridWorld: pass Table"),
+        ("acting_in", ("crossing5", STATIC, [NUMBERS], 20), "make is of the type str"),
+        ("acting_in", (WORLD, STATIC, NUMBERS, 20), "make is of the type GridWorld"),
+        ("expert_datasets", (WORLD, 0, 1), "table is of the type GridWorld"),
+        ("equal_trajectories", ([1], 1, 0), "pools is of the type list: pass Mapping"),
+        ("make_environment", (WORLD,), "name is of the type GridWorld: pass str"),
+        ("save_demonstrations", ("x.safetensors", "data"), "demonstrations is of the type str"),
+        ("train", (NUMBERS, STATIC, []), "static is of the type IQLearnHyperparameters"),
+        ("train_dial", ("settings", NUMBERS), "static is of the type str: pass DialConfig"),
+        ("estimate_angle", (np.ones(2), np.ones(1), 0), "give as many of each"),
+        ("StaticConfig", (), "--set updates can't be '5'"),
+        ("make", ("crossing7",), "spawn_probability of crossing7 is a text, '0.3'"),
+    ],
+)
+def test_an_argument_of_a_wrong_type_is_one_line(name, arguments, says):
+    named = {"StaticConfig": {"updates": "5"}, "make": {"spawn_probability": "0.3"}}.get(name, {})
+    with pytest.raises(socialiq.UserError) as caught:
+        getattr(socialiq, name)(*arguments, **named)
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_wrong_number_of_arguments_is_pythons_own_error():
+    with pytest.raises(TypeError, match="missing 1 required positional argument"):
+        socialiq.weights()
+
+
 @pytest.mark.parametrize("name", ["crossing7", "Pendulum-v1", "CartPole-v1"])
 @pytest.mark.filterwarnings("ignore")
 def test_made_environments_pass_gymnasiums_check(name):

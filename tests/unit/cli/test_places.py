@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from socialiq.cli.main import main
 from socialiq.cli.train.shared import RunFolder, RunOptions
 from socialiq.learners.kernel import Trained
+from socialiq.learners.state import History
 from socialiq.outputs import all_or_none, new_folder
 
 SWEEP = 'data = ["d.safetensors"]\nworlds = ["crossing7"]\n'
@@ -63,6 +65,8 @@ def test_a_full_disk_leaves_no_half_of_a_training(checkpoint, monkeypatch):
     if checkpoint:
         (out / "checkpoint.safetensors").write_bytes(b"0")
     run, trained = RunFolder(out, "policy", RunOptions(), False), object.__new__(Trained)
+    learner = SimpleNamespace(no_angle=lambda: "")
+    vars(trained).update(learner=learner, history=History(), hyperparameters=())
 
     def full(self, *_):
         (out / "policy_0.safetensors").write_bytes(b"1")

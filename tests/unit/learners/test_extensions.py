@@ -146,7 +146,7 @@ def test_a_prior_that_breaks_later_stops_its_run_alone(data) -> None:
 
 
 def test_a_prior_of_ones_own_needs_the_setting_it_replaces(data) -> None:
-    with pytest.raises(UserError, match="replaces prior 'reward'"):
+    with pytest.raises(UserError, match="replaces --prior reward"):
         train(dataclasses.replace(OFFLINE, prior="none"), RUNS, [data], prior=l1)
 
 

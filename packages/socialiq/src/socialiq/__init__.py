@@ -7,8 +7,10 @@ are first used, so that `import socialiq` stays light. Everything else may chang
 from __future__ import annotations
 
 import importlib
+import inspect
 from typing import TYPE_CHECKING, Any
 
+from socialiq.errors import public
 from socialiq.worlds import register as _register
 
 if TYPE_CHECKING:
@@ -103,7 +105,9 @@ def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'socialiq' has no attribute '{name}'")
     module, _, attribute = _PLACES[name].partition(":")
-    return getattr(importlib.import_module(f"socialiq.{module}"), attribute or name)
+    value = getattr(importlib.import_module(f"socialiq.{module}"), attribute or name)
+    globals()[name] = public(value, name) if inspect.isfunction(value) else value
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -121,7 +121,7 @@ def test_several_widths_are_a_list_of_lists(read):
         ),
         (
             '[static]\nprior = "shifted_chi2"\ndivergence = "kl"',
-            "static: prior shifted_chi2 needs divergence chi2",
+            "static: --prior shifted_chi2 needs --divergence chi2",
         ),
         ("[hyperparameters]\nseed = 1", "hyperparameters.seed: unknown key"),
         ("[hyperparameters]\nangle = [0, true]", "hyperparameters.angle: must be a number, got T"),

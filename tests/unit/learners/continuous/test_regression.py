@@ -69,6 +69,6 @@ def test_it_trains_with_bounded_values(line, drives) -> None:
     ],
 )
 def test_other_objectives_have_no_such_regression(change) -> None:
-    line = "the regression of r̂ follows from the objective online, with prior none"
+    line = "the regression of r̂ follows from the objective with --world, --prior none"
     with pytest.raises(UserError, match=re.escape(line)):
         dataclasses.replace(STATIC, **change)

@@ -186,7 +186,7 @@ def test_weighted_clones_follow_their_angle(random_drives) -> None:
                 [IQ_NUMBERS],
                 [data],
             ),
-            "leave the angle out",
+            "leave out --angle",
         ),
         (
             lambda line, data: train(IQ, [IQ_NUMBERS], [data], line, sizes=(3, 1)),
@@ -219,9 +219,9 @@ def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
     [
         (lambda: config.SACConfig(low=90.0, high=0.0), "give the smaller first"),
         (lambda: config.SACConfig(actions_per_state=0), "actions_per_state"),
-        (lambda: config.SACConfig(view="set", input_scale=0.1), "only for view flat"),
+        (lambda: config.SACConfig(view="set", input_scale=0.1), "is of --set view=flat"),
         (lambda: config.TD3BCConfig(tuned=True), "no temperature to tune"),
-        (lambda: config.ActorIQLearnConfig(form="dueling"), "use the form plain"),
+        (lambda: config.ActorIQLearnConfig(form="dueling"), "--set form=dueling is of discrete"),
         (lambda: config.ActorIQLearnConfig(dial=True, prior="none"), "no angle of a row"),
         (lambda: config.SACHyperparameters(entropy_target=np.nan), "entropy_target"),
         (lambda: config.ActorIQLearnHyperparameters(entropy_target=np.inf), "entropy_target"),

@@ -243,9 +243,9 @@ def test_large_angles_are_drawn_as_often_as_asked() -> None:
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({"heads": "pair"}, "'pair' have no soft backup"),
+        ({"heads": "pair"}, "heads=pair has no soft backup"),
         ({"high_share": 1.5}, "high_share"),
-        ({"high_share": 0.5, "high_from": 95.0}, "must lie between 0 and 90"),
+        ({"high_share": 0.5, "high_from": 95.0}, "give an angle between 0 and 90"),
         ({"driven_share": 0.5, "online": False}, "train online"),
         ({"timeout_reward": float("nan")}, "finite"),
     ],

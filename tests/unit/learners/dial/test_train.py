@@ -109,10 +109,10 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
         ({"margin": -1.0}, "margin must be 0 or more"),
         ({"knots": 1}, "knots: give 0, or at least 2"),
         ({"online": False, "demonstrations": False}, "nothing to learn from"),
-        ({"demonstrations": False, "scored": "demonstrations"}, "choose 'all'"),
+        ({"demonstrations": False, "scored": "demonstrations"}, "choose all"),
         ({"updates": 0}, "updates must be at least 1"),
         ({"hidden": (0,)}, "hidden must be widths"),
-        ({"view": "round"}, "unknown view"),
+        ({"view": "round"}, "unknown value of --set view"),
     ],
 )
 def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> None:

@@ -80,7 +80,9 @@ def test_a_structure_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
 
 @untyped
 def test_an_unknown_name_is_told_with_the_known_ones() -> None:
-    with pytest.raises(UserError, match="unknown value term 'v1': choose one of value, value_expe"):
+    with pytest.raises(
+        UserError, match="unknown value of --set value_term 'v1': choose one of value, value_expe"
+    ):
         IQLearnConfig(value_term="v1")
 
 

@@ -74,8 +74,12 @@ class Settings:
     def __post_init__(self) -> None:
         """Raise `UserError` for a field out of its range; a `Literal` has its names."""
         for name, rule in _rules(type(self)).items():
-            if getattr(self, name) is not None:
-                rule(name, getattr(self, name))
+            value = getattr(self, name)
+            try:
+                if value is not None:
+                    rule(name, value)
+            except TypeError as error:
+                raise UserError(f"{_option(name)} can't be {value!r}: {error}") from error
 
 
 @cache

@@ -109,6 +109,8 @@ def estimate_angle(
     Raises:
         UserError: If there are no episodes or a total is not finite.
     """
+    if np.shape(env) != np.shape(social):
+        raise UserError("an angle needs both totals of each episode: give as many of each")
     totals = np.stack([env, social], axis=1).astype(np.float64)
     if len(totals) == 0 or not np.isfinite(totals).all():
         raise UserError("an angle needs at least one episode, and finite reward totals")

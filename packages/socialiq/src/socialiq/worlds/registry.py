@@ -163,4 +163,8 @@ def parse_options(world: str, kind: type[Kind], values: Mapping[str, Any]) -> Ki
                 f"unknown value '{value}' for {option} of {world}: "
                 f"choose one of {', '.join(map(str, allowed))}"
             )
+        if isinstance(value, str) and kinds[option] in (bool, float, int):
+            raise UserError(
+                f"{option} of {world} is a text, '{value}': give a number, true or false"
+            )
     return kind(**values)

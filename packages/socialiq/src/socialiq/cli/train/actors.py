@@ -141,10 +141,10 @@ class Task:
             described = shared.described_file(command.data)
             record["data"] = described | {"transitions": data.n_transitions}
         return folder.finish_policies(
-            trained, record, change.policy if change else None, self._seen
+            trained, record, change.policy if change else None, self._observe
         )
 
-    def _seen(self, dial: ActorDial) -> np.ndarray:
+    def _observe(self, dial: ActorDial) -> np.ndarray:
         """Return observations of the demonstrations, or of the dial's episodes in the world."""
         if self.data is not None:
             return self.data.observation

@@ -188,7 +188,9 @@ def finish_dials(
         ]
     with all_or_none(folder.out):
         dials = []
-        for run, saved in enumerate(folder.save_policies(trained, seen=partial(observed, world))):
+        for run, saved in enumerate(
+            folder.save_policies(trained, observe=partial(observed, world))
+        ):
             row = {"file": saved["file"], **labels[run], "loss": float(losses[run])}
             dials.append(row | {"sha256": saved["sha256"]})
             if budget is not None:

@@ -186,11 +186,11 @@ class RunFolder:
         self,
         trained: Trained,
         change: Callable[[Any], Any] | None = None,
-        seen: Callable[[Any], np.ndarray] | None = None,
+        observe: Callable[[Any], np.ndarray] | None = None,
     ) -> list[Row]:
         """Write the policy of each run, changed if need be; return the files' names and hashes.
 
-        A dial that stands, by the observations that `seen` gives of it, is named.
+        A dial that stands, by the observations that `observe` gives of it, is named.
         """
         labels = [label(numbers) for numbers in trained.hyperparameters]
         words = list(map(str, range(len(labels))))
@@ -201,8 +201,8 @@ class RunFolder:
             file, policy = f"{self.kind}_{word}.safetensors", trained.policy(run)
             policy = change(policy) if change else policy
             saved.append({"file": file, "sha256": policy.save(self.out / file)})
-            if seen is not None and isinstance(policy, Dial):
-                complain_if_it_stands(str(self.out / file), policy, seen(policy))
+            if observe is not None and isinstance(policy, Dial):
+                complain_if_it_stands(str(self.out / file), policy, observe(policy))
         return saved
 
     def finish_policies(
@@ -210,7 +210,7 @@ class RunFolder:
         trained: Trained,
         record: Mapping[str, Any],
         change: Callable[[Any], Any] | None = None,
-        seen: Callable[[Any], np.ndarray] | None = None,
+        observe: Callable[[Any], np.ndarray] | None = None,
     ) -> int:
         """Write and print the policies of a grid, as `save_policies`; return the exit status."""
         arrays = {name: trained.history.array(name) for name in trained.history.values}
@@ -228,7 +228,7 @@ class RunFolder:
             for row in labels
         ]
         with all_or_none(self.out):
-            saved = self.save_policies(trained, change, seen)
+            saved = self.save_policies(trained, change, observe)
             policies = [
                 row | file | end for row, file, end in zip(labels, saved, last, strict=True)
             ]
