@@ -124,7 +124,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(words, capsys, tmp_path, ok)
         status = main(at(words, ok, tmp_path))
     said = capsys.readouterr()
     assert status == 2 and said.out == "" and "File too large" in said.err
-    lines = [line for line in said.err.splitlines() if line.startswith("socialiq: ")]
+    lines = [line for line in said.err.splitlines() if "File too large" in line]
     assert len(lines) == 1 and said.err.endswith(f"{lines[0]}\n")
     left = [path for path in tmp_path.rglob("*") if path.is_file() and path.stat().st_size]
     assert not left
