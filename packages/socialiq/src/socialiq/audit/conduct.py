@@ -213,7 +213,7 @@ def audit_policy(
     Raises:
         UserError: If the request is invalid, or the policy fails on the way.
     """
-    out, log = path_of(out), log and path_of(log)
+    out, log = path_of(out), None if log is None else path_of(log)
     check_target(out, replace)
     request = Request(
         str(policy),

@@ -130,9 +130,9 @@ class Dial(Printing):
         data_file = self.data and shared.described_file(self.data)
         record = {"preset": name, "world": self.world, "data": data_file}
         record |= {"budget": self.budget, "budget_path": []}
-        if self.world not in ROADS:
-            world = tabulate(world).reachable_part()
-        return finish_dials(folder, trained, record, world, budget)
+        grid = isinstance(world, grid_world.GridWorld)
+        place = tabulate(world).reachable_part() if grid else world
+        return finish_dials(folder, trained, record, place, budget)
 
     def _preset(self) -> tuple[str, Any]:
         """Return the name and the preset, by default that of the world; refuse other worlds."""

@@ -32,7 +32,7 @@ LEARNERS: dict[str, type[Learner]] = {
 
 def train(
     static: Any,
-    hyperparameters: LearnerHyperparameters | Sequence[Any],
+    hyperparameters: settings.LearnerHyperparameters | Sequence[Any],
     datasets: Transitions | Sequence[Transitions] = (),
     simulator: ContinuousSimulator | None = None,
     sizes: tuple[int, int] | None = None,
@@ -51,19 +51,19 @@ def train(
         UserError: If settings, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
-    hyperparameters, datasets = settings.listed(hyperparameters, datasets, simulator)
-    sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
+    runs, sets = settings.listed(hyperparameters, datasets, simulator)
+    sizes = check_fit(static, runs, sets, simulator, sizes, before_chunk is not None)
     learner = learner_of(static)
     table = None
     if learner.shown:
         kind = getattr(static, "target_kind", "instantaneous")
         kind = "instantaneous" if getattr(static, "prior", "") == "none" else kind
         discount = getattr(static, "social_discount", 1.0)
-        table = ExpertTable.of(datasets, kind, discount, continuous=True)
+        table = ExpertTable.of(sets, kind, discount, continuous=True)
     functions = {"own": user_functions} if issubclass(learner, ContinuousIQLearn) else {}
     instance = learner(static, sizes, table, simulator, **functions)
     world = simulator.description if simulator else "offline or collected"
-    return instance.train(hyperparameters, callbacks, chunk, before_chunk, world)
+    return instance.train(runs, callbacks, chunk, before_chunk, world)
 
 
 def learner_of(static: Any) -> type[ActorCritic]:

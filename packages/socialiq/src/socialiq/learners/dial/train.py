@@ -217,11 +217,11 @@ def train(
         UserError: If settings, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
-    hyperparameters, datasets = settings.listed(hyperparameters, datasets, simulator)
-    sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
+    runs, sets = settings.listed(hyperparameters, datasets, simulator)
+    sizes = check_fit(static, runs, sets, simulator, sizes, before_chunk is not None)
     if not static.online:
-        settings.check_social(datasets)
-    table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
+        settings.check_social(sets)
+    table = ExpertTable.of(sets, "instantaneous", 1.0) if sets else None
     world = simulator.description if simulator else "offline or collected"
     if start is not None:
         fresh = Dial(static, sizes).network(jax.random.key(0)).values
@@ -235,13 +235,13 @@ def train(
         content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(start))
         world = f"{world}, from the network {hashlib.sha256(content).hexdigest()}"
 
-    def in_turn(runs: Runs, done: int) -> Runs:
+    def in_turn(present: Runs, done: int) -> Runs:
         for hook in (before_chunk, budget):
-            runs = hook(runs, done) if hook else runs
-        return runs
+            present = hook(present, done) if hook else present
+        return present
 
     learner = Dial(static, sizes, table, simulator, start)
-    return learner.train(hyperparameters, callbacks, chunk, in_turn, world)
+    return learner.train(runs, callbacks, chunk, in_turn, world)
 
 
 def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:

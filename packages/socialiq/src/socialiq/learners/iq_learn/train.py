@@ -188,28 +188,29 @@ def train(
         UserError: If settings, data and world don't fit together, or code of the user's own fails.
         Stopped: On Ctrl-C.
     """
-    hyperparameters, datasets = settings.listed(hyperparameters, datasets, simulator)
+    runs, sets = settings.listed(hyperparameters, datasets, simulator)
+    config: Any = static
     if learner is not None:
         if any(
             argument is not None for argument in (simulator, before_chunk, prior, divergence, loss)
         ):
             raise UserError("`learner` takes no world, prior, divergence or loss: leave them out")
         own_learner = checked_learner(learner)
-        return own_learner.train_on(static, hyperparameters, datasets, callbacks, chunk)
-    if prior is not None and static.prior != "reward":
+        return own_learner.train_on(config, runs, sets, callbacks, chunk)
+    if prior is not None and config.prior != "reward":
         raise UserError("a prior of your own replaces --prior reward: leave the setting at that")
-    sizes = check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
+    sizes = check_fit(config, runs, sets, simulator, before_chunk is not None)
     functions = UserFunctions(
         checked_prior(prior) if prior else None,
         checked_divergence(divergence) if divergence else None,
         loss,
     )
     # Without a prior no returns are needed, and some data have none.
-    kind = "instantaneous" if static.prior == "none" else static.target_kind
-    table = ExpertTable.of(datasets, kind, static.social_discount)
-    iq_learn = IQLearn(static, sizes, table, simulator, functions)
+    kind = "instantaneous" if config.prior == "none" else config.target_kind
+    table = ExpertTable.of(sets, kind, config.social_discount)
+    iq_learn = IQLearn(config, sizes, table, simulator, functions)
     world = simulator.description if simulator else "offline or collected"
-    return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
+    return iq_learn.train(runs, callbacks, chunk, before_chunk, world)
 
 
 def unread(static: Any, no_social: str, functions: UserFunctions) -> str:
