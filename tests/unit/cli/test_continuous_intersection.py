@@ -56,7 +56,7 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
         *SMALL,
     ]
     assert main([*words, "--angle", "0", "90", "--out", str(tmp_path / "run")]) == 0
-    assert (tmp_path / "run" / "policy_angle90.safetensors").is_file()
+    assert (tmp_path / "run" / "policy_1.safetensors").is_file()
     capsys.readouterr()
     other = ("--world", f"{WORLD}-steering", "--out", str(tmp_path / "other"))
     assert main(["train", "iq-learn", str(data), *SMALL, *other]) == 2

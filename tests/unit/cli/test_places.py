@@ -37,6 +37,10 @@ def folder(tmp_path, monkeypatch):
         ),
         (["collect", "crossing7", "--out", "x.NPZ"], "would not be a .NPZ file"),
         (["reproduce"], "name a study: alternatives, "),
+        # The work would take hours: the place is checked first.
+        (["collect", "crossing7", "--episodes", "900000", "--out", "no/x"], "cannot write in no"),
+        (["page", "--out", "page.html"], "page.html would not be a .html file: it is a folder"),
+        (["evaluate", "."], ". is a folder: name a file\n"),
     ],
 )
 def test_a_wrong_place_is_refused_before_anything_is_written(words, said, capsys):

@@ -68,7 +68,7 @@ OFFLINE = ("--standardise", "--value-term", "value_expert")
         (["--world", "MountainCarContinuous-v0"], "they belong to another world"),
         (
             ["--value-term", "value_expert", "--set", "dial=true", "--angle", "45"],
-            "leave the angle",
+            "leave out --angle",
         ),
     ],
 )

@@ -31,7 +31,7 @@ def check_ending(path: Path, *written: str) -> None:
     """Refuse an output whose name says another format than those it can have; none: a folder."""
     ending = path.suffix.lower()
     if ending in FORMATS and ending not in written:
-        mend = f"name it {written[0]}" if written else "it is a folder; name it without"
+        mend = f"name it {written[0]}" if written else "it is a folder, so leave the ending out"
         raise UserError(f"{path} would not be a {path.suffix} file: {mend}")
 
 
@@ -43,6 +43,8 @@ def refuse_existing(path: Path, *written: str) -> None:
     check_ending(path, *(written or (".safetensors",)))
     if os.path.lexists(path):
         raise UserError(f"{path} exists already: name a new file, or remove it first")
+    if not os.access(path.parent, os.W_OK):
+        raise UserError(f"cannot write in {path.parent}: make the folder, or choose another place")
 
 
 def check_place(out: Path, option: str) -> None:

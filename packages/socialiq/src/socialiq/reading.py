@@ -41,7 +41,8 @@ def check_file(path: Path) -> None:
     if path.is_file():
         return
     if path.is_dir():
-        raise UserError(f"{path} is a folder: name a file")
+        inside = next((file.name for file in sorted(path.glob("*.safetensors"))), "")
+        raise UserError(f"{path} is a folder: name a file" + (inside and f" in it, as {inside}"))
     if path.exists():
         raise UserError(f"{path} is not a regular file: name one")
     raise UserError(f"no such file: {path}")

@@ -17,7 +17,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.foreign import drawing, one_line
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.outputs import all_or_none, new_folder, refuse_existing
+from socialiq.outputs import all_or_none, new_folder
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
@@ -121,14 +121,13 @@ class Page:
     def run(self) -> int:
         """Write."""
         from socialiq.page.data import own_dial
-        from socialiq.page.write import FILE, write_page
+        from socialiq.page.write import write_page
 
-        refuse_existing(self.out / FILE, ".html")
-        dial = None
-        if self.dial:
-            refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())
-            dial = own_dial(self.dial)
         with all_or_none(new_folder(self.out)):
+            dial = None
+            if self.dial:
+                refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())
+                dial = own_dial(self.dial)
             say(f"open {write_page(self.out, dial)}")
         return 0
 
