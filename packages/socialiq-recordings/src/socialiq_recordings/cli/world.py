@@ -15,7 +15,7 @@ from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.outputs import OTHER_FORMATS, refuse_existing
+from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Ending, Row
@@ -106,7 +106,7 @@ class MakeWorld(Printing):
             raise UserError("--out and --demonstrations are one file: name two")
         for path in (self.out, self.demonstrations):
             if path is not None:
-                refuse_existing(path, OTHER_FORMATS)
+                refuse_existing(path)
         if self.report is not None:
             check_target(self.report, self.replace)
         built = self.choices.build(self.recordings, self.road, self.json)
@@ -183,7 +183,7 @@ class ToDemonstrations(Printing):
 
     def run(self) -> int:
         """Convert, write, and print the counts."""
-        refuse_existing(self.out, OTHER_FORMATS)
+        refuse_existing(self.out)
         _check_every(self.every, self.choices)
         built = self.choices.build(self.recordings, self.road, self.json)
         replayed = replay(built.world, self.every, self.as_human)
