@@ -9,7 +9,6 @@ from jaxtyping import Float
 from socialiq import Ending, estimate_angle
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor
-from socialiq.audit.verdict.calibration import calibrate, preimage
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest, regret_test
 from socialiq.audit.verdict.verdict import floor_tests, join_tests
 from socialiq.social.angle import angle_of, exact_weights
@@ -49,11 +48,6 @@ class Truth:
         along = _directions(np.array([self.alpha_hat]))[0]
         best = float((self.references @ weights).max())
         return (best - self.regret) / float(weights @ along) * along
-
-    @property
-    def calibrated(self) -> float:
-        """True calibrated angle, degrees."""
-        return float(preimage(ANGLES, ACHIEVED[None], np.array([self.alpha_hat])).low[0])
 
     @property
     def timeout(self) -> float:
@@ -139,7 +133,6 @@ NOMINAL = {
     "regret, lower bound": (1 - ERROR / 2, False),
     "regret towards one reference, upper bound": (1 - ERROR, True),
     "alpha_hat": (1 - ERROR, True),
-    "calibrated angle": (1 - 2 * ERROR, True),
     "ellipse of the mean": (1 - ERROR, True),
     "at fault, upper bound": (1 - ERROR, True),
     "at fault, lower bound": (1 - ERROR / 8, True),
@@ -171,8 +164,6 @@ def coverage_rows(
         regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
         env, social = evidence.policy.totals.T.copy()
         angle = estimate_angle(env, social, draws, 1 - ERROR, resamples)
-        alike = calibrate(evidence, truth.declared, 10.0, True, draws, ERROR, resamples)
-        assert alike.low is not None and alike.high is not None
         # Of centred totals, the region contains the origin where it would contain the true mean.
         centred = hotelling.confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
         tests = floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)
@@ -183,7 +174,6 @@ def coverage_rows(
             truth.regret >= regret.low,
             towards_first <= regret.references[1].high,
             angle.low <= truth.alpha_hat <= angle.high,
-            alike.low <= truth.calibrated <= alike.high,
             centred.holds_origin,
             truth.at_fault <= floor["at_fault"].high,
             truth.at_fault >= floor["at_fault"].low,

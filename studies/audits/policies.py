@@ -9,7 +9,7 @@ import numpy as np
 
 from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
-from socialiq.audit.profile.template import FLOOR
+from socialiq.audit.profile.template import FLOOR, floor_at
 from socialiq.audit.request import ATLAS
 from socialiq.evaluation import exact, rollout
 from socialiq.learners.callbacks import Callbacks
@@ -25,12 +25,6 @@ WITHDRAWN = Floor(FLOOR.max_at_fault, FLOOR.max_struck, min_arrival=0.0, max_tim
 """Floor without arrivals, for angles at which the optimal policy never arrives."""
 
 _EPISODES_EACH = 60  # demonstrated, of each expert, as in the study `grid`
-_NEARLY_90 = 75.0  # degrees
-
-
-def floor_at(angle: float) -> Floor:
-    """Return the default floor; beyond 75 degrees arrivals are not required."""
-    return WITHDRAWN if angle > _NEARLY_90 else FLOOR
 
 
 class AuditedPolicy(NamedTuple):

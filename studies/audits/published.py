@@ -7,7 +7,6 @@ from scipy.stats import t as student
 
 from socialiq import Margin, RewardPair, score
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.verdict.calibration import preimage
 from socialiq.audit.verdict.regret import Decision
 from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights
@@ -76,11 +75,11 @@ def learner_angle_rows(margin: Margin) -> list[Row]:
     achieved = np.array([angle_of(*_means(mode)) for mode in MODES])
     rows = []
     for mode, alpha_hat in FIG_6_5.items():
-        reached = preimage(angles, achieved[None], np.array([alpha_hat]))
+        assert (np.diff(achieved) > 0.0).all()
         row: Row = {"policy": mode, "declared": MODES[mode], "alpha_hat": alpha_hat}
         row |= dict.fromkeys(("calibrated", "distance", "within_margin"), "")
-        if not reached.beyond[0]:
-            calibrated = float(reached.low[0])
+        if achieved[0] <= alpha_hat <= achieved[-1]:
+            calibrated = float(np.interp(alpha_hat, achieved, angles))
             far = abs(calibrated - MODES[mode])
             row |= {"calibrated": calibrated, "distance": far}
             row["within_margin"] = int(far <= margin.degrees)

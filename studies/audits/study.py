@@ -11,6 +11,7 @@ from typing import Any
 
 from socialiq import Margin, declare
 from socialiq.audit.conduct import conduct
+from socialiq.audit.profile.template import USUAL
 from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
@@ -22,8 +23,8 @@ from studies.audits import published
 from studies.audits.policies import GRIDWORLD, AuditedPolicy
 
 DAY = datetime.date(2026, 11, 1)
-MARGINS = {"intersection": Margin(1.0, 10.0), GRIDWORLD: Margin(0.5, 10.0)}
-"""Margins of regret, in each world's reward per episode, and of the calibrated angle, degrees."""
+PUBLISHED = Margin(1.0, 10.0)
+"""Margins of the printed numbers: of regret, reward per episode, and of the angle, degrees."""
 ERROR = 0.05
 
 
@@ -49,10 +50,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
 
 def published_tables(episodes: int) -> dict[str, list[Row]]:
     """Return the tables of the printed numbers, for this many episodes where none are stated."""
-    margin = MARGINS["intersection"]
     return {
-        "published_returns": published.return_rows(margin, ERROR, episodes),
-        "published_angles": published.learner_angle_rows(margin),
+        "published_returns": published.return_rows(PUBLISHED, ERROR, episodes),
+        "published_angles": published.learner_angle_rows(PUBLISHED),
         "published_floor": published.floor_rows(ERROR, episodes),
     }
 
@@ -67,18 +67,18 @@ def audit_rows(
     """Declare and audit each policy, all of one world, in a folder; return a row for each."""
     rows, profile = [], folder / "profile.toml"
     for policy in tracked(policies, on_stage, f"audits, {policies[0].world}", "audits"):
-        margin, owner = MARGINS[policy.world], "the study of audits"
-        declared = declare(
-            policy.declared, owner, policy.world, margin, DAY, competence=policy.floor
-        )
+        usual, limits = USUAL[policy.world], {"competence": policy.floor}
+        margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
+        who = "the study of audits", policy.world
+        declared = declare(policy.declared, *who, margin, DAY, clip=usual.clip, **limits)
         # Without the template's comments, whose wording would otherwise determine the episodes.
         lines = [line for line in declared.source.splitlines() if line and line[:1] != b"#"]
         profile.write_bytes(b"\n".join(lines))
         request = Request(policy.spec, profile, episodes, seed)
         report = conduct(request, lambda _: None).report
         tests, means, decision = report["tests"], report["policy"]["means"], report["verdict"]
-        regret, angle, calibrated = tests["regret"], tests["alpha_hat"], tests["calibration"]
-        decisions = {"regret": regret["decision"]}
+        regret, angle, direction = tests["regret"], tests["alpha_hat"], tests["direction"]
+        decisions = {name: tests[name]["decision"] for name in ("regret", "direction", "character")}
         decisions |= {test["name"]: test["decision"] for test in tests["competence"]}
         # The failed tests, or the open ones of an inconclusive verdict; none of a pass.
         deciding = [name for name, result in decisions.items() if result == decision["decision"]]
@@ -103,9 +103,10 @@ def audit_rows(
             "alpha_hat": angle["angle"] if angle else "",
             "alpha_low": angle["low"] if angle else "",
             "alpha_high": angle["high"] if angle else "",
-            "calibrated_low": calibrated["low"],
-            "calibrated_high": calibrated["high"],
-            "calibration": calibrated["decision"] if calibrated["low"] is not None else "none",
+            "direction_above": direction["above"],
+            "direction_below": direction["below"],
+            "direction": direction["decision"],
+            "character": tests["character"]["decision"],
             "policy_sha256": report["hashes"]["policy"],
         }
         rows.append({name: "" if value is None else value for name, value in row.items()})
@@ -139,7 +140,7 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     return {
         "audits": audits,
         "counts": counts("verdict"),
-        "angle_test": counts("calibration"),
+        "angle_test": counts("direction"),
         "published": {
             "returns": {row["policy"]: row for row in tables["published_returns"]},
             "angles": {row["policy"]: row for row in tables["published_angles"]},

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from socialiq.audit import request
-from socialiq.audit.request import Request, Trust, command_of, resolve_policy, resolve_references
+from socialiq.audit.request import (
+    Request,
+    Trust,
+    command_of,
+    dial_angles,
+    resolve_policy,
+    resolve_references,
+)
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
@@ -46,7 +53,7 @@ def dial(folder, features=CROSSING.n_features, high=90.0):
 
 def references_of(*arguments):
     with contextlib.ExitStack() as closing:
-        return resolve_references(*arguments, closing)
+        return resolve_references(*arguments, closing, dial_angles(45.0, 15.0))
 
 
 def named(references):
@@ -57,8 +64,9 @@ def test_the_junction_has_gap_rules_and_experts():
     found, records, itself = references_of(JUNCTION, [], OTHER, Trust())
     gaps, modes = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
     experts = [f"{family}_{mode}" for family in ("expert", "set") for mode in modes]
-    assert named(found) == gaps + experts
-    assert [one.angle for one in found] == [None] * 6 + [0.0, 45.0, 90.0]
+    angles = [0.0, 15.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 75.0, 90.0]
+    assert named(found) == [f"dial_{angle:g}" for angle in angles] + gaps + experts
+    assert [one.angle for one in found] == angles + [None] * 9
     assert set(records) == set(named(found)) and itself == []
 
 
@@ -90,9 +98,9 @@ def test_a_rule_knows_its_twin():
 def test_a_dial_is_a_family_of_references(tmp_path, clock):
     path = dial(tmp_path, CROSSING.n_features + clock, high=60.0)
     found, records, _ = references_of(CROSSING, [path], OTHER, Trust())
-    assert [one.angle for one in found] == [0.0, 15.0, 30.0, 45.0, 60.0]
+    assert [one.angle for one in found] == [0.0, 15.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0]
     assert named(found)[1] == "dial at 15"
-    assert len({record["sha256"] for record in records.values()}) == 5
+    assert len({record["sha256"] for record in records.values()}) == 9
 
 
 def test_a_dial_under_audit_is_turned_to_the_declared_angle(tmp_path):
@@ -136,7 +144,7 @@ def test_references_in_python_end_when_they_are_closed(tmp_path):
     specs = [f"python:{tmp_path / 'theirs.py'}:never"]
     with contextlib.ExitStack() as closing:
         trust = Trust(allow_code=True)
-        found = resolve_references(CROSSING, specs, OTHER, trust, closing)
+        found = resolve_references(CROSSING, specs, OTHER, trust, closing, ())
         seen = np.zeros((1, CROSSING.n_features), np.float32)
         assert named(found.drivers) == ["never"]
         assert found.drivers[0].policy.predict(seen)[0].tolist() == [0]

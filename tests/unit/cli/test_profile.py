@@ -20,7 +20,7 @@ def test_what_new_writes_check_reads(tmp_path, capsys):
     path = tmp_path / "profile.toml"
     assert new(path, "--owner", "Example Cars", "--date", "2026-01-31") == 0
     declared = load(path)
-    assert (declared.angle, declared.owner, declared.margin.regret) == (30.0, "Example Cars", 1.0)
+    assert (declared.angle, declared.owner, declared.margin.regret) == (30.0, "Example Cars", 0.15)
     assert declared.date.isoformat() == "2026-01-31"
     assert "# Who declares this" in path.read_text()
     capsys.readouterr()
@@ -51,7 +51,7 @@ def test_an_environment_declares_none_by_itself(tmp_path, capsys):
     for more, declared in (([], None), (["--largest-loss", "500"], 500.0)):
         assert main([*words, *more, "--out", str(path)]) == 0
         assert load(path).margin.largest_loss == declared
-    assert new(path, "--largest-loss", "0.5", "--replace") == 2
+    assert new(path, "--largest-loss", "0.1", "--replace") == 2
     assert "margin.largest_loss must be above margin.regret" in capsys.readouterr().err
 
 
@@ -96,3 +96,71 @@ def test_check_names_the_line(tmp_path, capsys):
     assert capsys.readouterr().err.startswith(f"socialiq: {path}:{line}: angle must be")
     assert main(["profile", "check", str(tmp_path / "none.toml")]) == 2
     assert "`socialiq profile new` writes one" in capsys.readouterr().err
+
+
+CLIPPED = ["--margin", "0.5", "--clip-env", "-5", "9", "--clip-social", "-4", "4"]
+
+
+@pytest.mark.parametrize(
+    ("world", "angle", "more", "margin", "width", "loss"),
+    [
+        ("intersection", 0, [], 0.5, 15.0, 20.0),
+        ("intersection", 45, [], 0.5, 15.0, 31.113),
+        ("intersection", 90, [], 0.5, 15.0, 24.0),
+        ("intersection", 135, [], 0.5, None, 31.113),  # no reference drivers beyond 90 degrees
+        ("intersection", 0, CLIPPED, 0.5, 15.0, 14.0),
+        ("crossing7", 45, [], 0.5, 15.0, 9.264),
+        ("roundabout", 45, [], 1.0, None, None),  # no dial of it is shipped
+        ("roundabout", 0, [*CLIPPED, "--width", "15"], 0.5, 15.0, 14.0),
+    ],
+)
+def test_the_defaults_of_a_world(tmp_path, world, angle, more, margin, width, loss):
+    path = tmp_path / "profile.toml"
+    words = ["profile", "new", "--world", world, "--angle", str(angle), *more]
+    assert main([*words, "--out", str(path)]) == 0
+    found = load(path)
+    assert (found.margin.regret, found.margin.width) == (margin, width)
+    assert found.largest_loss == (None if loss is None else pytest.approx(loss, abs=0.01))
+
+
+@pytest.mark.parametrize(
+    ("field", "mend"),
+    [
+        ("[clip]\nr_env = [-8.0, 12.0]\n", "clip.r_social is missing"),
+        ("[clip]\nr_env = [3, 3]\nr_social = [0, 1]\n", "the smaller one first"),
+        ("[clip]\nr_env = [0, 0.1]\nr_social = [0, 0.01]\n", "must be above margin.regret"),
+    ],
+)
+def test_a_clip_is_whole_and_wide_enough(tmp_path, capsys, field, mend):
+    path = tmp_path / "profile.toml"
+    assert new(path) == 0
+    lines = [line for line in path.read_text().split("\n") if "largest_loss =" not in line]
+    path.write_text("\n".join(lines).replace("[reward]", f"{field}[reward]"))
+    assert main(["profile", "check", str(path)]) == 2
+    assert mend in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("world", ["crossing5", "crossing7", "intersection"])
+def test_a_new_declaration_has_a_floor_that_the_best_driver_keeps(tmp_path, world):
+    """At 90 degrees the optimum of crossing7 and the shipped dial never arrive."""
+    for angle in (0, 45, 67.5, 75, 77.5, 90):
+        path = tmp_path / f"{angle}.toml"
+        words = ["profile", "new", "--world", world, "--angle", str(angle), "--out", str(path)]
+        assert main(words) == 0
+        assert main(["profile", "check", str(path)]) == 0, (world, angle)
+
+
+@pytest.mark.parametrize("world", ["crossing7", "intersection"])
+def test_a_floor_that_the_best_driver_fails_is_refused(tmp_path, capsys, world):
+    path = tmp_path / "profile.toml"
+    words = ["profile", "new", "--world", world, "--angle", "90", "--out", str(path)]
+    assert main(words) == 0
+    text = path.read_text().replace("min_arrival = 0.0", "min_arrival = 0.8")
+    path.write_text(text)
+    capsys.readouterr()
+    assert main(["profile", "check", str(path)]) == 2
+    line = 1 + text.split("\n").index("min_arrival = 0.8")
+    assert capsys.readouterr().err.endswith(
+        f"{path}:{line}: the best driver of 90 degrees arrives in 0 % of 1,000 episodes, and the "
+        "floor asks for at least 80 %: declare another limit\n"
+    )

@@ -125,10 +125,10 @@ def test_the_small_world_draws_the_commonest_sequence_beside_the_thesis():
     assert texts.count("W") == texts.count("G") == 4 and "…" in texts  # eight letters, then more
 
 
-def audit(policy, declared, made_for, verdict, calibration="pass", where="intersection"):
+def audit(policy, declared, made_for, verdict, direction="pass", where="intersection"):
     row = {"world": where, "policy": policy, "declared": declared, "made_for": made_for}
     row |= {"truthful": int(made_for == declared), "verdict": verdict}
-    return row | {"calibration": calibration}
+    return row | {"direction": direction}
 
 
 def test_verdicts_are_counted_by_whether_the_declaration_is_true():

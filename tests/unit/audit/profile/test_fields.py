@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import socialiq.audit.profile as package
-from socialiq.audit.profile.fields import RULE, schema
+from socialiq.audit.profile.fields import CLIP, RULE, schema
 from socialiq.audit.profile.reader import parse
 from socialiq.errors import UserError
 
@@ -15,13 +15,13 @@ SHIPPED = json.loads((Path(package.__file__).parent / "profile.schema.json").rea
 TABLES = [
     name
     for name, one in SHIPPED["properties"].items()
-    if one["type"] == "object" and name != RULE  # test_declared_rule
+    if one["type"] == "object" and name not in (CLIP, RULE)  # test_profile, test_declared_rule
 ]
 FIELDS = {
     (table, name): one
     for table in ("", *TABLES)
     for name, one in (SHIPPED["properties"][table] if table else SHIPPED)["properties"].items()
-    if name not in (*TABLES, RULE)
+    if name not in (*TABLES, CLIP, RULE)
 }
 
 
@@ -51,8 +51,9 @@ def content(declared):
     from socialiq.to_json import to_json
 
     found = {"format": 1, **to_json(declared())}
-    assert found["margin"].pop("largest_loss") is None
-    assert found.pop("rule") is None
+    assert found["margin"].pop("degrees") == 10.0
+    assert {found["margin"].pop(name) for name in ("largest_loss", "width", "beyond")} == {None}
+    assert found.pop("rule") is found.pop("clip") is None
     return found
 
 
@@ -71,15 +72,16 @@ def test_the_shipped_file_is_the_generated_one():
 
 def test_the_declaration_itself_is_accepted(content):
     assert accepted(content)
-    assert set(content) == set(SHIPPED["properties"]) - {RULE} == set(SHIPPED["required"])
+    assert set(content) == set(SHIPPED["properties"]) - {CLIP, RULE} == set(SHIPPED["required"])
     for table in TABLES:
         assert set(content[table]) == set(required(table))
 
 
-def test_the_largest_loss_alone_is_optional(content):
+def test_optional_fields_are_of_the_margin(content):
     optional = [field for field in FIELDS if field[1] not in required(field[0])]
-    assert optional == [("margin", "largest_loss")]
-    content["margin"]["largest_loss"] = 100.0
+    names = ("largest_loss", "width", "beyond", "degrees")
+    assert optional == [("margin", name) for name in names]
+    content["margin"] |= {"largest_loss": 100.0, "width": 15.0, "beyond": 0.05, "degrees": 10.0}
     assert accepted(content)
 
 
@@ -108,6 +110,8 @@ def test_numbers_have_the_same_bounds(content, field):
     holder = content[table] if table else content
     if field == ("margin", "largest_loss"):
         content["margin"]["regret"] = 1e-300  # the reader compares the two
+    if field == ("margin", "beyond"):
+        content["margin"]["width"] = 15.0
     low = one.get("minimum", one.get("exclusiveMinimum"))
     high = one.get("maximum", one.get("exclusiveMaximum"))
     expected = {

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from socialiq.audit.report import verify as check
 from socialiq.audit.report.content import content, results_of
 from socialiq.audit.report.verify import fault_of, read_report
 from socialiq.audit.seeds import LARGEST_SEED, episode_seeds
-from socialiq.audit.verdict.calibration import Status
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.results import MEASURES
 from socialiq.audit.verdict.verdict import judge
@@ -79,7 +77,6 @@ def test_the_schema_has_the_names_and_limits_of_the_code():
     defined = SHIPPED["$defs"]
     assert defined["criterion"]["enum"] == list(CRITERIA)
     assert defined["change"]["properties"]["measure"]["enum"] == list(MEASURES)
-    assert defined["calibration"]["properties"]["status"]["enum"] == list(get_args(Status))
     assert defined["decision"]["enum"] == [one.value for one in Decision]
     assert defined["count"]["maximum"] == LARGEST_SEED
     assert defined["sha256"]["pattern"] == SHA256_PATTERN
@@ -111,7 +108,7 @@ def test_no_field_may_be_missing_or_added(plain):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("format",), 3),
+        (("format",), 2),
         (("format",), True),
         (("verdict", "decision"), "good"),
         (("verdict", "episodes"), -1),
@@ -208,7 +205,7 @@ def alike(world, seed):
     return collect_evidence(world, Always(), episode_seeds(seed, 40), [itself])
 
 
-def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(audited):
+def test_the_policy_itself_has_a_side_in_the_direction_but_is_no_reference(audited):
     profile = audited.profile
     found = alike(profile.world(), 1)
     changed = {"evidence": [found], "traffic": (), "left_out": ["the same"]}
@@ -217,8 +214,8 @@ def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(audited):
     assert results.shifts is None and results.shifted == ""
     assert "the same" not in {one.name for one in results.discrimination.drivers}
     assert "the same" not in {one.name for one in verdict.regret.references}
-    assert "the same" in {one.name for one in verdict.calibration.curve}
-    assert verdict == judge(profile, found.without(["the same"]), seed, curve=found)
+    assert "the same" not in {one.name for one in verdict.direction.sides}  # an optimum is first
+    assert verdict == judge(profile, found.without(["the same"]), seed, directed=found)
 
 
 def test_other_traffic_is_compared_without_the_policy_itself(audited):

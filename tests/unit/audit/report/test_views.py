@@ -147,7 +147,7 @@ def test_other_drivers_are_counted_and_named(plain):
     assert other_passes(plain) == f"2 of {len(rows)} other drivers would pass it too: {named}."
     assert other_passes(plain, 1).endswith(" and 1 more.")
     assert other_passes(plain, 0) == f"2 of {len(rows)} other drivers would pass it too."
-    plain["discrimination"] = {"would_pass": 0, "of": 0, "excludes_nothing": False, "drivers": []}
+    plain["discrimination"] = {"would_pass": 0, "of": 0, "trivial_passes": [], "drivers": []}
     assert other_passes(plain).startswith("There is no other driver")
 
 

@@ -11,13 +11,10 @@ from socialiq.audit.report.words import (
 )
 from socialiq.audit.request import GAPS
 from socialiq.audit.seeds import Commitment, Draw, Nonce
-from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
-from socialiq.audit.verdict.results import Discrimination, OtherDriver
+from socialiq.audit.verdict.regret import Regrets, regret_test
 from socialiq.worlds.intersection.world import Intersection
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)
-STRICT = Discrimination(1, 2, False, (OtherDriver("set_egoistic", False, Decision.PASS),))
-
 
 LOOK = Look(3, 0.05 / 12, "cars.jsonl", "00" * 32, "11" * 32, "2026-01-31T12:00:00+00:00")
 
@@ -29,7 +26,7 @@ def texts(
     world: str = "crossing7",
 ) -> dict[str, str]:
     record = {"isolation": {"kind": isolation, "why": "a reason"}}
-    return dict(caveats(drawn, look, record, STRICT, world))
+    return dict(caveats(drawn, look, record, world))
 
 
 def test_log_and_seed_are_always_told():
@@ -55,23 +52,6 @@ def test_code_that_was_not_isolated_is_a_caveat():
 def test_the_scenarios_own_code_is_a_caveat():
     assert "auditor's process" in texts(draw(COMMITMENT), world="roads.py:make")["code"]
     assert "code" not in texts(draw(COMMITMENT), world="CartPole-v1")
-
-
-def test_a_declaration_that_waiting_would_pass_is_a_caveat():
-    drivers = (
-        OtherDriver("go", True, Decision.FAIL),
-        OtherDriver("wait", True, Decision.PASS),
-        OtherDriver("trivial_random", True, Decision.INCONCLUSIVE),
-        OtherDriver("set_egoistic", False, Decision.PASS),
-    )
-    record = {"isolation": {"kind": "not needed", "why": "a reason"}}
-    loose = Discrimination(2, 4, False, drivers)
-    found = caveats(draw(COMMITMENT), None, record, loose, "crossing7")[0]
-    assert found.about == "margin"
-    assert found.text == (
-        "The declaration excludes little: 2 of 4 other drivers would pass it too, among them one "
-        "that always waits."
-    )
 
 
 @pytest.fixture(scope="module")

@@ -114,25 +114,25 @@ def test_each_is_judged_as_if_it_were_the_policy(declared, driven):
     profile = declared("crossing7", 0.0, margin=Margin(1.0, 10.0), competence=OPEN)
     own = judge(profile, driven, 0, resamples=200)
     assert by_name["trivial_STOP"].decision is own.decision is Decision.FAIL
-    assert not found.excludes_nothing
+    assert found.trivial_passes == ("trivial_FAST",)
 
 
 def test_a_margin_wider_than_every_return_excludes_nothing(declared, driven):
     found = judged(declared, driven, 1e6)
-    assert found.would_pass == found.of and found.excludes_nothing
+    assert found.would_pass == found.of and len(found.trivial_passes) == 3
 
 
 def test_a_floor_excludes_something_even_if_the_margin_does_not(declared, driven):
     found = judged(declared, driven, 1e6, Floor(0.05, 0.1, 0.8, 0.2))
     by_name = {one.name: one.decision for one in found.drivers}
     assert by_name["trivial_STOP"] is Decision.FAIL and by_name["trivial_FAST"] is Decision.PASS
-    assert not found.excludes_nothing
+    assert "trivial_FAST" in found.trivial_passes and "trivial_STOP" not in found.trivial_passes
 
 
 def test_a_single_reference_has_none_to_be_compared_with(declared, evidence, outcomes):
     made = evidence(outcomes("policy", np.zeros((30, 2))), outcomes("a", np.ones((30, 2))))
     found = discriminate(declared("crossing7"), made, 0, resamples=200)
-    assert (found.of, found.drivers, found.excludes_nothing) == (0, (), False)
+    assert (found.of, found.drivers, found.trivial_passes) == (0, (), ())
 
 
 def test_strata_by_hand(outcomes, evidence):

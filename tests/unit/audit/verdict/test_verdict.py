@@ -46,9 +46,9 @@ def test_an_expert_is_as_declared(audited):
     (arc,) = found.rationalised.arcs
     assert arc.holds(13.0) and arc.holds(56.3) and not arc.holds(80.0)
     assert found.alpha_hat.angle == pytest.approx(10, abs=2)
-    # Its α̂ is shown by all angles of that interval, so no margin of 10 degrees can hold it.
-    assert found.calibration.decision is Decision.INCONCLUSIVE
-    assert found.calibration.low == pytest.approx(12.994617)
+    # Its direction is that of the class: the neighbouring optima are excluded.
+    assert (found.direction.above, found.direction.below) == pytest.approx((12.994617, 56.309932))
+    assert found.direction.decision is None and found.character is None  # no width is declared
     assert found.reason.startswith(
         "If no loss is too rare to show in 400 episodes, at the declared 45 degrees the policy "
         "earns at most 0."
@@ -60,7 +60,7 @@ def test_an_egoist_is_no_altruist(audited):
     assert found.decision is Decision.FAIL
     assert found.regret.low > 5
     assert "at the declared 90 degrees it earns at least 5." in found.reason
-    assert found.calibration.decision is Decision.FAIL
+    assert found.direction.above is None and found.direction.below < 8.0
 
 
 def test_waiting_for_ever_lacks_competence(audited):
@@ -90,7 +90,7 @@ def test_a_behaviour_without_direction_gets_no_angle(audited, declared, evidence
     made = type(made)(profile.world().description, *list(vars(made).values())[1:])
     found = judge(profile, made, 0, resamples=200)
     assert found.identifiability.holds_origin
-    assert found.alpha_hat is None and found.calibration.status == "no direction"
+    assert found.alpha_hat is None and found.direction.sides == ()
 
 
 def test_it_is_seeded_and_plain(audited):

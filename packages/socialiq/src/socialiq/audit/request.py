@@ -23,7 +23,7 @@ from socialiq.policies.isolation import IsolationMode, isolation_of
 from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process import GIB, Limits
 from socialiq.provenance import package_sha256
-from socialiq.storage import kind_of
+from socialiq.storage import kind_of, packaged_results
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.world import World
@@ -33,6 +33,13 @@ ATLAS = "atlas:"
 GAPS = ("gap_2s", "gap_3s", "gap_4s")
 
 EVERY = 15.0  # degrees between the references that are made of a dial
+
+FINE = 5.0  # degrees between them near the declared angle
+
+SHIPPED_DIAL = "intersection-dial-clock/iterated.safetensors"
+
+DIAL = "dial_"
+"""Beginning of the names of the shipped dial's policies, before their angles."""
 
 RULE = "rule"
 """Kind of a rule-based driver, in its record."""
@@ -154,15 +161,17 @@ def resolve_references(
     policy: Record,
     trust: Trust,
     closing: contextlib.ExitStack,
+    angles: Sequence[float],
 ) -> References:
     """Load the drivers to compare with, and say which are the policy under audit, by its record.
 
-    The user's references are files, of which a dial gives one for every 15 degrees from 0 to 90, or
-    "python:MODULE:ATTRIBUTE"; `closing` ends the processes of these.
+    The user's references are files, of which a dial gives several drivers, or
+    "python:MODULE:ATTRIBUTE"; `closing` ends the processes of these. Dials, and the shipped one,
+    are set at the given angles, in degrees.
     """
-    drivers = _shipped(world) if world.name in INTERSECTIONS else []
+    drivers = _shipped(world, angles) if world.name in INTERSECTIONS else []
     for spec in specs:
-        drivers += _named(str(spec), world, trust, closing)
+        drivers += _named(str(spec), world, trust, closing, angles)
     records = {driver.name: record for driver, record in drivers}
     audited, names = policy.as_json(), (*world.references, *records)
     itself = [name for name in names if is_itself(name, records.get(name), audited)]
@@ -193,10 +202,18 @@ def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[st
     return same and (not several or reference["source"] == policy["source"])
 
 
-def _shipped(world: World) -> list[tuple[Reference, dict[str, Any]]]:
-    """Return gap rules, and the experts of the atlas if they are installed and fit the world."""
+def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
+    """Return the angles at which an audit sets a dial, degrees: with a width, more of them near."""
+    angles = {EVERY * step for step in range(7)}
+    if width is not None:
+        angles |= {angle - width, angle + width, *(angle + step * FINE for step in range(-2, 3))}
+    return tuple(sorted(angle for angle in angles if 0.0 <= angle <= 90.0))
+
+
+def _shipped(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
+    """Return gap rules, and the shipped dial and experts that are installed and fit the world."""
     drivers, shipped, interface = [], atlas.names(_studies(world)), Interface.of(world)
-    better = "expert" if world.action_size else "set"
+    drivers += shipped_dial(world, angles)
     for name in GAPS:
         loaded = rule_of(name, world)
         drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
@@ -204,18 +221,41 @@ def _shipped(world: World) -> list[tuple[Reference, dict[str, Any]]]:
         name = f"{family}_{mode}"
         if name not in shipped:
             continue
-        if interface.action_size:
-            actor = atlas.load_continuous(name)
-            clocked = actor.n_features - interface.n_features in (0, 1)
-            fits = clocked and actor.action_size == interface.action_size
-        else:
-            policy = atlas.load(name)
-            fits = Interface(policy.n_features, policy.n_actions) == interface
-        if fits:
+        load = atlas.load_continuous if interface.action_size else atlas.load
+        if _fits(load(name), interface):
             loaded = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
-            # The calibration curve is of one family, the better one.
-            on_curve = angle if family == better else None
-            drivers.append((Reference(name, loaded.policy, on_curve), loaded.record.as_json()))
+            drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
+    return drivers
+
+
+def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
+    """Return the drivers of the shipped dial at angles in degrees, none if it doesn't fit."""
+    dial = packaged_results() / SHIPPED_DIAL
+    fits = world.name == INTERSECTIONS[0] and dial.is_file()
+    if not fits or not _fits(DialPolicy.load(dial), Interface.of(world)):
+        return []
+    turned = _turned(dial, DIAL, angles, world)
+    return [(driver, {**record, "source": f"{ATLAS}dial"}) for driver, record in turned]
+
+
+def _fits(policy: Any, interface: Interface) -> bool:
+    """Whether a policy has a world's actions and observations, or the time besides."""
+    actions = policy.action_size if interface.action_size else policy.n_actions
+    clocked = policy.n_features - interface.n_features in (0, 1)
+    return clocked and actions == (interface.action_size or interface.n_actions)
+
+
+def _turned(
+    path: Path, prefix: str, angles: Sequence[float], world: World
+) -> list[tuple[Reference, dict[str, Any]]]:
+    """Return the drivers that are made of a dial, at angles in degrees."""
+    drivers = []
+    for angle in angles:
+        loaded = _file(str(path), world, angle, Trust())
+        # One file, several drivers: the hash covers the angle too.
+        sha256 = hashlib.sha256(f"{loaded.record.sha256}@{angle:g}".encode()).hexdigest()
+        record = {**loaded.record.as_json(), "sha256": sha256}
+        drivers.append((Reference(f"{prefix}{angle:g}", loaded.policy, angle), record))
     return drivers
 
 
@@ -225,7 +265,11 @@ def _studies(world: World) -> tuple[str, ...]:
 
 
 def _named(
-    spec: str, world: World, trust: Trust, closing: contextlib.ExitStack
+    spec: str,
+    world: World,
+    trust: Trust,
+    closing: contextlib.ExitStack,
+    angles: Sequence[float],
 ) -> list[tuple[Reference, dict[str, Any]]]:
     """Return the drivers of one of the user's references."""
     if spec.startswith("python:"):
@@ -242,17 +286,9 @@ def _named(
     if kind not in dials:
         loaded = _file(str(path), world, 0.0, Trust())
         return [(Reference(one_line(path.stem), loaded.policy), loaded.record.as_json())]
-    dial, drivers = dials[kind].load(path), []
-    for step in range(7):
-        angle = EVERY * step
-        if dial.low <= angle <= dial.high:
-            loaded = _file(str(path), world, angle, Trust())
-            name = f"{one_line(path.stem)} at {angle:g}"
-            # One file, several drivers: the hash covers the angle too.
-            sha256 = hashlib.sha256(f"{loaded.record.sha256}@{angle:g}".encode()).hexdigest()
-            record = {**loaded.record.as_json(), "sha256": sha256}
-            drivers.append((Reference(name, loaded.policy, angle), record))
-    return drivers
+    dial = dials[kind].load(path)
+    angles = [angle for angle in angles if dial.low <= angle <= dial.high]
+    return _turned(path, f"{one_line(path.stem)} at ", angles, world)
 
 
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:

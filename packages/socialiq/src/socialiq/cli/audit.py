@@ -23,13 +23,6 @@ from socialiq.policies.isolation import IsolationMode
 from socialiq.policies.process import limits_of
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
-_EVENTS = {
-    "at_fault": "collision, at fault",
-    "struck": "collision, struck",
-    "arrival": "arrival",
-    "timeout": "out of time",
-}
-"""Criteria in a table of 80 columns."""
 
 
 @dataclass(frozen=True)
@@ -141,34 +134,24 @@ class Audit(Printing):
 
 def _print_verdict(report: Mapping[str, Any]) -> None:
     """Print the verdict, what it rests on, and a table of the tests, at most 80 columns wide."""
-    verdict, regret = report["verdict"], report["tests"]["regret"]
+    verdict = report["verdict"]
     sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
     for caveat in report["caveats"]:
         sys.stdout.write(f"Note: {caveat['text']}\n")
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
-    by_rule = "angle_rule" in report["declaration"]
+    if sentence := views.not_excluded(report):
+        sys.stdout.write(f"{sentence.replace('°', ' degrees')}\n")
     rows = [
         {
-            "test": "decision loss" if by_rule else "reward below best",
-            "result": views.outcome(regret["decision"]),
-            "estimate": views.number(regret["regret"]),
-            "low": views.number(regret["low"]),
-            "high": views.number(regret["high"]),
-            "asked for": f"at most {views.number(regret['margin'])}",
+            "test": test.short,
+            "result": views.outcome(test.decision),
+            "estimate": test.estimate,
+            "low": test.low,
+            "high": test.high,
+            "asked for": test.demand,
         }
-    ]
-    rows += [
-        {
-            "test": _EVENTS[test["name"]],
-            "result": views.outcome(test["decision"]),
-            "estimate": views.percent(test["share"]),
-            "low": views.percent(test["low"]),
-            "high": views.percent(test["high"]),
-            "asked for": f"{test['side']} {views.percent(test['limit'])}",
-        }
-        for test in report["tests"]["competence"]
-        if views.is_known(report, test["name"])
+        for test in views.tested(report)
     ]
     print_table([{name: text.replace("−", "-") for name, text in row.items()} for row in rows])
     sys.stdout.write(f"{views.other_passes(report)}\n")

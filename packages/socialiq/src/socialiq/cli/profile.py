@@ -11,12 +11,14 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.profile import profile, reader, template
+from socialiq.audit.profile.fields import LAST_DIRECTION
+from socialiq.audit.verdict.results import faults_of_floor
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
-from socialiq.worlds.registry import NAMES, make
+from socialiq.worlds.registry import GRIDWORLDS, NAMES, make
 
 
 @dataclass(frozen=True)
@@ -38,14 +40,24 @@ class New:
     episodes in the tables of an audit."""
     owner: str = "unnamed owner"
     """Name of the owner."""
-    margin: float = 1.0
-    """Largest regret that counts as declared, in reward per episode."""
+    margin: float | None = None
+    """Largest regret that counts as declared, in reward per episode; by default 0.5 at the
+    intersection and in crossing7, 0.15 in crossing5, else 1."""
+    width: float | None = None
+    """Largest distance of the direction of the driving from the declared angle, in degrees; by
+    default 15 where this package has reference drivers of all angles, else none is declared."""
+    beyond: float | None = None
+    """Largest share of episodes in which the policy may drive beyond either end of the width, by
+    more than twice the margin; by default 0.075 with a width."""
+    clip_env: tuple[float, float] | None = None
+    """Limits at which R_env of an episode is counted, as -8 12: they bound the loss of an episode.
+    By default those at the intersection, elsewhere none."""
+    clip_social: tuple[float, float] | None = None
+    """The same of R_social; at the intersection -12 12."""
     largest_loss: float | None = None
     """The most by which one driver's reward of an episode, weighed by the declared angle, can lie
     below another's. By default what the rewards allow in a world of this package; none is declared
     in an environment, where the verdict then assumes that no loss is too rare to show."""
-    degrees: float = 10.0
-    """Largest distance of the calibrated angle that counts as declared."""
     confidence: float = 0.95
     """Confidence of the verdict."""
     date: str = ""
@@ -68,25 +80,43 @@ class New:
                 date = datetime.date.fromisoformat(self.date)
             except ValueError as error:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
-        loss = self.largest_loss
-        # The limits of the rewards are those of a constant angle.
-        if loss is None and self.world in NAMES and not self.angle_rule:
-            loss = template.possible_loss(make(self.world), self.angle)
-            # A margin beyond it excludes nothing, which the audit says.
-            loss = loss if loss and loss > self.margin else None
+        margin, clip = self._limits()
         declared = template.declare(
             self.angle,
             self.owner,
             self.world,
-            profile.Margin(self.margin, self.degrees, loss),
+            margin,
             date,
             confidence=self.confidence,
+            competence=template.floor_at(self.angle),
             allow_code=self.allow_code,
             rule=None if self.angle_rule is None else load_rule(self.angle_rule),
+            clip=clip,
         )
         write_atomically(self.out, declared.source, self.replace)
         print_table(_table(_facts(declared)), str(self.out))
         return 0
+
+    def _limits(self) -> tuple[profile.Margin, profile.Clip | None]:
+        """Return the margins and the limits of the rewards, by default those of the world."""
+        usual, loss = template.USUAL.get(self.world, template.Usual(1.0)), self.largest_loss
+        margin = usual.margin if self.margin is None else self.margin
+        if (self.clip_env is None) != (self.clip_social is None):
+            raise UserError("both rewards are clipped or none: give --clip-env and --clip-social")
+        clip = usual.clip if loss is None else None
+        if self.clip_env is not None and self.clip_social is not None:
+            clip = profile.Clip(self.clip_env, self.clip_social)
+        elif clip is not None and (self.angle_rule or clip.largest_loss(self.angle) <= margin):
+            clip = None  # a margin beyond it excludes nothing, which the audit says
+        # The limits of the rewards are those of a constant angle.
+        if loss is None and clip is None and self.world in NAMES and not self.angle_rule:
+            loss = template.possible_loss(make(self.world), self.angle)
+            loss = loss if loss and loss > margin else None
+        width, bounded = self.width, clip is not None or self.world in GRIDWORLDS
+        if width is None and bounded and self.angle <= LAST_DIRECTION and not self.angle_rule:
+            width = usual.width
+        beyond = usual.beyond if self.beyond is None and width is not None else self.beyond
+        return profile.Margin(margin, None, loss, width, beyond), clip
 
 
 @dataclass(frozen=True)
@@ -106,6 +136,9 @@ class Check(Printing):
         declared = reader.load(self.file)
         if declared.scenario.world not in NAMES:
             declared.world(self.allow_code)
+        for path, fault in faults_of_floor(declared).items():
+            line = reader.line_of(declared.source.decode(), path)
+            raise UserError(f"{self.file}:{line}: {fault}")
         facts = _facts(declared)
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
 
@@ -117,7 +150,9 @@ def _facts(declared: profile.Profile) -> dict[str, Any]:
         **rule,
         "world": declared.scenario.world,
         "margin": declared.margin.regret,
-        "largest_loss": declared.margin.largest_loss,
+        "width": declared.margin.width,
+        "beyond": declared.margin.beyond,
+        "largest_loss": declared.largest_loss,
         "confidence": declared.confidence,
         "owner": declared.owner,
         "date": declared.date.isoformat(),

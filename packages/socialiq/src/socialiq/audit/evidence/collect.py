@@ -58,7 +58,8 @@ class Collection:
     ) -> Collection:
         """Resolve the references in the world; their processes end with `closing`."""
         specs, by_rule = request.references, None
-        drivers = (world, specs, loaded.record, request.trust, closing)
+        angles = requested.dial_angles(profile.angle, profile.margin.width)
+        drivers = (world, specs, loaded.record, request.trust, closing, angles)
         references = requested.resolve_references(*drivers)
         if profile.rule is not None:
             if loaded.record.kind == "dial":

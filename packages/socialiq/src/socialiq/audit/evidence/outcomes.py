@@ -219,6 +219,15 @@ class Evidence:
             trivial=tuple(map(turned, self.trivial)),
         )
 
+    def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Evidence:
+        """Return the evidence with the totals of every driver between two pairs (env, social)."""
+
+        def within(drivers: Sequence[Outcomes]) -> tuple[Outcomes, ...]:
+            return tuple(replace(row, totals=row.totals.clip(lows, highs)) for row in drivers)
+
+        (policy,), trivial = within([self.policy]), within(self.trivial)
+        return replace(self, policy=policy, references=within(self.references), trivial=trivial)
+
     def without(self, names: Collection[str]) -> Evidence:
         """Return the evidence without the references of these names."""
         references = tuple(

@@ -13,16 +13,19 @@ from socialiq.worlds.environment import NAME_PATTERN
 from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.registry import NAMES
 
-Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule"]
+Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule", "range"]
 
 FORMAT = 1
 
-RULE = "angle_rule"
-"""Table of a declared rule of the angle."""
+RULE, CLIP = "angle_rule", "clip"
+"""Tables that a declaration may lack: of a rule of the angle, and of limits of the rewards."""
 
 LONGEST_TEXT = 200  # characters
 
 MOST_OPTIONS = 64
+
+LAST_DIRECTION = 90.0
+"""Angles from 0 to this one, in degrees, may have a width."""
 
 LARGEST_NUMBER = 1e6  # of a reward or an option; usual numbers are far smaller
 
@@ -65,6 +68,7 @@ class Field:
             "a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",
+            "range": "a list of two numbers, the smaller one first",
             "rule": "a table with format, world, default and [[angle_rule.when]]",
         }[self.kind]
 
@@ -110,12 +114,43 @@ FIELDS = (
         required=False,
     ),
     Field(
+        "margin.width",
+        "number",
+        "How far the direction of the driving may lie from the declared angle on either side, in "
+        "degrees: between the reference drivers of the angles that are so far away. It decides.",
+        high=LAST_DIRECTION,
+        above_low=True,
+        required=False,
+    ),
+    Field(
+        "margin.beyond",
+        "number",
+        "Largest share of episodes in which the policy may drive beyond either end of the width, "
+        "by more than twice margin.regret: a policy that draws its character by the episode does. "
+        "It decides.",
+        high=1.0,
+        above_low=True,
+        below_high=True,
+        required=False,
+    ),
+    Field(
         "margin.degrees",
         "number",
-        "How far the calibrated angle may lie from the declared one, in degrees. It is reported "
-        "beside the verdict and doesn't decide.",
+        "Of declarations before 0.3: nothing is tested by it.",
         high=180.0,
         above_low=True,
+        required=False,
+    ),
+    *(
+        Field(
+            f"clip.{name}",
+            "range",
+            f"Limits at which {name} of an episode is counted, of every driver alike. They bound "
+            "the loss of an episode.",
+            low=-LARGEST_NUMBER,
+            required=False,
+        )
+        for name in ("r_env", "r_social")
     ),
     Field("reward.id", "text", "Name of the reward pair (r_env, r_social) that the angle weighs."),
     Field(
@@ -180,7 +215,7 @@ def schema() -> dict[str, Any]:
             for field in FIELDS
             if field.path.startswith(f"{table}.")
         }
-        needed = [name for name, field in inside.items() if field.required]
+        needed = [name for name, field in inside.items() if field.required or table == CLIP]
         properties[table] = _table(
             {name: _schema_of(field) for name, field in inside.items()}, needed
         )
@@ -188,7 +223,7 @@ def schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Declaration of a driving policy's social angle (profile.toml)",
         "description": "Dates are TOML dates; as JSON they are texts of the form 2026-01-31.",
-        **_table(properties, [name for name in properties if name != RULE]),
+        **_table(properties, [name for name in properties if name not in (RULE, CLIP)]),
     }
 
 
@@ -210,6 +245,7 @@ def _schema_of(field: Field) -> dict[str, Any]:
     option = {"anyOf": [text, {"type": "boolean"}, number, numbers]}
     constraints: dict[Kind, dict[str, Any]] = {
         "number": {"type": "number", low: field.low, high: field.high},
+        "range": {"type": "array", "items": number, "minItems": 2, "maxItems": 2},
         "rule": _rule_schema(),
         "text": {**text, "minLength": 1, "pattern": TEXT_PATTERN},
         "sha256": {"type": "string", "pattern": SHA256_PATTERN},

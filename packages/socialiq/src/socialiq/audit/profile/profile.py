@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
+from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import NAMED
 from socialiq.worlds.environment import is_environment
@@ -142,12 +143,28 @@ class Margin:
     """Margins within which a policy counts as declared.
 
     A largest loss is the most by which one driver's R(α) can lie below another's in an episode;
-    None if no bound is declared.
+    None if no bound is declared. Without a width the direction is not tested.
     """
 
     regret: float  # largest regret at the declared angle, in reward per episode
-    degrees: float  # largest distance of the calibrated angle
+    degrees: float | None = None  # of older declarations; nothing is tested by it
     largest_loss: float | None = None
+    width: float | None = None  # degrees between the declared angle and either end of the direction
+    beyond: float | None = None  # largest share of episodes beyond either end
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Limits at which the rewards of an episode are counted, of every driver alike."""
+
+    r_env: tuple[float, float]
+    r_social: tuple[float, float]
+
+    def largest_loss(self, angle: float) -> float:
+        """Return the most by which R(α) of two drivers differs in an episode; α in degrees."""
+        env, social = exact_weights(angle)
+        (low, high), (least, most) = self.r_env, self.r_social
+        return abs(env) * (high - low) + abs(social) * (most - least)
 
 
 @dataclass(frozen=True)
@@ -195,6 +212,12 @@ class Profile:
     competence: Floor
     source: bytes = field(repr=False, compare=False)  # the file's bytes
     rule: AngleRule | None = None
+    clip: Clip | None = None
+
+    @property
+    def largest_loss(self) -> float | None:
+        """Largest loss of an episode at the declared angle: by the clip, or as declared."""
+        return self.clip.largest_loss(self.angle) if self.clip else self.margin.largest_loss
 
     @property
     def error(self) -> float:

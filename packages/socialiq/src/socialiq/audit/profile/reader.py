@@ -11,11 +11,11 @@ from typing import Any, NoReturn
 
 from socialiq.audit.profile import fields
 from socialiq.audit.profile import profile as declared
-from socialiq.audit.profile.profile import Floor, Margin, Profile, Reward, Scenario
+from socialiq.audit.profile.profile import Clip, Floor, Margin, Profile, Reward, Scenario
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.registry import NAMES, refuse_file
+from socialiq.worlds.registry import GRIDWORLDS, NAMES, refuse_file
 from socialiq.worlds.situation import check_rule
 from socialiq.worlds.world import World
 
@@ -83,13 +83,7 @@ class _Reader:
     def profile(self, source: bytes) -> Profile:
         self._check_names()
         values = {field.path: self._value(field) for field in fields.FIELDS}
-        loss, margin = values["margin.largest_loss"], values["margin.regret"]
-        if loss is not None and loss <= margin:  # no policy could fail
-            self.refuse(
-                "margin.largest_loss",
-                f"margin.largest_loss must be above margin.regret ({margin:g}), got {loss:g}: it "
-                "is the loss of a single episode, not of the mean",
-            )
+        clip = self._checked_margins(values)
         self._check_scenario(values)
         rule, content = None, values.pop(fields.RULE)
         if content is not None:
@@ -114,7 +108,36 @@ class _Reader:
             competence=Floor(**tables["competence"]),
             source=source,
             rule=rule,
+            clip=clip,
         )
+
+    def _checked_margins(self, values: Mapping[str, Any]) -> Clip | None:
+        """Check margins, largest loss, width and clip against each other; return the clip."""
+        limits = [values["clip.r_env"], values["clip.r_social"]]
+        for name, other in (("r_env", limits[1]), ("r_social", limits[0])):
+            if values[f"clip.{name}"] is None and other is not None:
+                self.refuse("clip", f"clip.{name} is missing: both rewards are clipped, or none")
+        clip = None if limits[0] is None else Clip(*map(tuple, limits))
+        loss, margin = values["margin.largest_loss"], values["margin.regret"]
+        if loss is not None and clip is not None:
+            self.refuse("margin.largest_loss", "[clip] gives the largest loss: leave one out")
+        least = loss if clip is None else clip.largest_loss(values["angle"])
+        if least is not None and least <= margin:  # no policy could fail
+            self.refuse(
+                "margin.largest_loss" if clip is None else "clip",
+                f"margin.largest_loss must be above margin.regret ({margin:g}), got {least:g}: it "
+                "is the loss of a single episode, not of the mean",
+            )
+        if values["margin.width"] is None and values["margin.beyond"] is not None:
+            self.refuse("margin.beyond", "margin.beyond is of a width's ends: add margin.width")
+        if values["margin.width"] is not None:
+            if values["angle"] > fields.LAST_DIRECTION or values[fields.RULE] is not None:
+                self.refuse(
+                    "margin.width", "a width is of one angle from 0 to 90: leave out margin.width"
+                )
+            if clip is None and values["scenario.world"] not in GRIDWORLDS:
+                self.refuse("margin.width", "margin.width needs limits of the rewards: add [clip]")
+        return clip
 
     def refuse(self, path: str, message: str) -> NoReturn:
         self._stop(line_of(self._text, path), message)
@@ -158,6 +181,8 @@ class _Reader:
                 self.refuse("scenario.world", str(error))
         if not _fits(field, value):
             self.refuse(field.path, f"{field.path} must be {field.demand}, got {_quoted(value)}")
+        if field.kind == "range":
+            return [float(end) for end in value]
         return float(value) if field.kind == "number" else value
 
     def _check_scenario(self, values: Mapping[str, Any]) -> None:
@@ -194,6 +219,13 @@ def _fits(field: fields.Field, value: Any) -> bool:
         return over and (value < field.high if field.below_high else value <= field.high)
     if field.kind == "date":
         return type(value) is datetime.date  # a datetime is a date too
+    if field.kind == "range":
+        numbers = (
+            isinstance(value, list)
+            and len(value) == 2
+            and all(not isinstance(end, bool) and isinstance(end, int | float) for end in value)
+        )
+        return numbers and field.low <= value[0] < value[1] <= field.high
     if field.kind == "rule":
         return isinstance(value, dict)
     if field.kind == "options":

@@ -7,10 +7,11 @@ import json
 import math
 import textwrap
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from socialiq.audit.profile.fields import FIELDS, FORMAT, RULE
-from socialiq.audit.profile.profile import Floor, Margin, Profile, identity, world_of
+from socialiq.audit.profile.profile import Clip, Floor, Margin, Profile, identity, world_of
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
@@ -31,6 +32,34 @@ for 3 s in 2 % (docs/worlds/intersection.md). A policy whose true share is on a 
 decided, so the limits differ from the shares of the atlas' experts.
 """
 
+FLOORS = ((67.5, 0.8), (77.5, 0.5), (90.0, 0.0))
+"""Smallest share of arrivals that is asked for up to an angle in degrees. Of the shipped dial
+76 % of episodes arrive at 75 degrees, 45 % at 80 and none at 90, where only others count."""
+
+
+def floor_at(angle: float) -> Floor:
+    """Return the default floor at an angle in degrees; beyond 90 it is that of 90."""
+    egoism = min(angle, 360.0 - angle)  # degrees from 0
+    arrival = next((least for last, least in FLOORS if egoism <= last), 0.0)
+    return replace(FLOOR, min_arrival=arrival, max_timeout=round(1.0 - arrival, 9))
+
+
+class Usual(NamedTuple):
+    """Defaults of a declaration in a world."""
+
+    margin: float  # of regret, reward per episode
+    width: float | None = None  # degrees
+    beyond: float | None = None  # share of episodes
+    clip: Clip | None = None
+
+
+USUAL = {
+    "intersection": Usual(0.5, 15.0, 0.075, Clip((-8.0, 12.0), (-12.0, 12.0))),
+    "crossing5": Usual(0.15, 15.0, 0.075),
+    "crossing7": Usual(0.5, 15.0, 0.075),
+}
+"""Defaults by world (docs/audit.md#the-defaults); elsewhere no reference dial is shipped."""
+
 
 def declare(
     angle: float,
@@ -43,6 +72,7 @@ def declare(
     competence: Floor = FLOOR,
     allow_code: bool = False,
     rule: AngleRule | None = None,
+    clip: Clip | None = None,
 ) -> Profile:
     """Return a profile whose `source` is its canonical text, with the hashes of the world.
 
@@ -57,6 +87,7 @@ def declare(
         competence: Safety floor.
         allow_code: Whether an environment's module may be imported, to be hashed.
         rule: Rule that gives the angle by the situation.
+        clip: Limits of the rewards of an episode.
 
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
@@ -77,8 +108,9 @@ def declare(
         "scenario.options": options_as_lists,
         RULE: rule,
     }
-    for table, limits in (("margin", margin), ("competence", competence)):
-        values |= {f"{table}.{name}": value for name, value in vars(limits).items()}
+    for table, limits in (("margin", margin), ("competence", competence), ("clip", clip)):
+        named = {} if limits is None else vars(limits)
+        values |= {f"{table}.{name}": value for name, value in named.items()}
     return parse(_text(values).encode())
 
 
@@ -86,7 +118,7 @@ def _text(values: Mapping[str, Any]) -> str:
     lines = [*_comment(_HEADING), ""]
     table = ""
     for field in FIELDS:
-        if not field.required and values[field.path] is None:
+        if not field.required and values.get(field.path) is None:
             continue
         if field.kind == "rule":  # a table of its own, the last one
             lines += [*_comment(field.meaning), values[field.path].as_toml(field.path)]

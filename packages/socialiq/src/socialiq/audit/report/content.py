@@ -22,7 +22,7 @@ from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
 from socialiq.worlds.registry import GRIDWORLDS, NAMES
 
-FORMAT = 2
+FORMAT = 3
 
 _ORDER = (
     "Policy and declaration were read and hashed first. Only then was the seed drawn or "
@@ -32,7 +32,15 @@ _ORDER = (
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
 _OF_VERDICT = ("decision", "reason", "episodes", "needed", "error")
-_TESTS = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
+_TESTS = (
+    "regret",
+    "direction",
+    "character",
+    "rationalised",
+    "alpha_hat",
+    "identifiability",
+    "competence",
+)
 
 CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
@@ -89,12 +97,14 @@ def results_of(audited: Audited) -> Results:
     profile, look = audited.profile, audited.look
     seed, error = audited.drawn.derived("resampling"), None if look is None else look.error
     compared, *there = [drives.without(audited.left_out) for drives in audited.evidence]
-    discrimination = judged.discriminate(profile, compared, seed, error=error)
-    verdict = judge(profile, compared, seed, curve=audited.evidence[0], error=error)
+    line = {"error": error, "directed": audited.evidence[0]}
+    discrimination = judged.discriminate(profile, compared, seed, **line)
+    verdict = judge(profile, compared, seed, **line)
     findings = [dependence(audited.consistency)]
-    if discrimination.excludes_nothing:
+    if discrimination.trivial_passes:
+        names = " and ".join(words.plain_name(name) for name in discrimination.trivial_passes)
         findings.append(
-            "The declaration excludes nothing: constant actions and random ones would pass it too. "
+            f"The declaration excludes too little: a driver that {names} would pass it too. "
             "Declare a smaller margin, or a stricter floor."
         )
     verdict = conclude(verdict, [text for text in findings if text])
@@ -166,8 +176,10 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     equal = sum(trace is not None for trace in repeated)
     return [
         *words.caveats_of_rule(profile.rule, profile.angle),
-        *words.caveats_of_loss(regret, possible),
-        *words.caveats(audited.drawn, audited.look, audited.policy, results.discrimination, world),
+        *words.caveats_of_direction(results.verdict),
+        *([] if profile.clip else words.caveats_of_loss(regret, possible)),
+        *words.caveats_of_clip(profile.clip, audited.evidence[0]),
+        *words.caveats(audited.drawn, audited.look, audited.policy, world),
         *words.caveats_of_replay(equal, len(repeated)),
     ]
 

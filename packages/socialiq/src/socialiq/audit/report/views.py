@@ -121,6 +121,84 @@ def outcome(decision: str) -> str:
     return {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}[decision]
 
 
+def headline(report: Mapping[str, Any]) -> str:
+    """Return the verdict in words; a pass without a test of the direction doesn't show an angle."""
+    decision, direction = report["verdict"]["decision"], report["tests"]["direction"]
+    if decision == "pass" and direction is not None and direction["decision"] is None:
+        return "Keeps the declared margin and floor"
+    return VERDICTS[decision]
+
+
+def between(above: Real | None, below: Real | None) -> str:
+    """Return an open range of angles from 0 to 90 degrees; None where an end is not limited."""
+    if above is None or below is None:
+        ends = [f"below {degrees(below)}"] if below is not None else []
+        return (ends or [f"above {degrees(above)}" if above is not None else "every angle"])[0]
+    return f"{degrees(above)} to {degrees(below)}"
+
+
+def not_excluded(report: Mapping[str, Any]) -> str:
+    """Return the angles that the direction of the driving doesn't exclude, in a sentence."""
+    direction = report["tests"]["direction"]
+    if direction is None or not direction["sides"]:
+        return ""
+    return f"Angles not excluded: {between(direction['above'], direction['below'])}."
+
+
+class Tested(NamedTuple):
+    """A row of the table of tests; `short` is its name in 17 characters."""
+
+    short: str
+    name: str
+    decision: str
+    estimate: str
+    low: str
+    high: str
+    demand: str
+
+
+_SHORT = {
+    "at_fault": "at-fault collision",
+    "struck": "struck",
+    "arrival": "arrival",
+    "timeout": "out of time",
+}
+
+
+def tested(report: Mapping[str, Any]) -> list[Tested]:
+    """Return the rows of all tests that decide, in words."""
+    tests, declared = report["tests"], report["declaration"]
+    regret, direction, by_rule = tests["regret"], tests["direction"], "angle_rule" in declared
+    name = f"reward below the best reference driver's at {degrees(declared['angle'])}, per episode"
+    name = "decision loss at the declared rule, per episode" if by_rule else name
+    short = "decision loss" if by_rule else "reward below best"
+    values = (number(regret[key]) for key in ("regret", "low", "high"))
+    margin = f"at most {number(regret['margin'])}"
+    rows = [Tested(short, name, regret["decision"], *values, margin)]
+    if direction is not None and direction["decision"] is not None:
+        ends = between(direction["low"], direction["high"])
+        found = between(direction["above"], direction["below"])
+        name = "direction, by the reference drivers of the angles"
+        rows.append(Tested("direction", name, direction["decision"], found, "", "", ends))
+    for row in tests["character"]["beyond"] if tests["character"] else ():
+        name = f"drives beyond the {row['end']} end of the width"
+        cells = (percent(row[key]) for key in ("share", "low", "high"))
+        limit = f"at most {percent(tests['character']['limit'])}"
+        decision = tests["character"]["decision"]
+        rows.append(Tested(f"beyond, {row['end']}", name, decision, *cells, limit))
+    return rows + [
+        Tested(
+            _SHORT[test["name"]],
+            CRITERIA[test["name"]],
+            test["decision"],
+            *(percent(test[key]) for key in ("share", "low", "high")),
+            f"{test['side']} {percent(test['limit'])}",
+        )
+        for test in tests["competence"]
+        if is_known(report, test["name"])
+    ]
+
+
 def compatible(report: Mapping[str, Any]) -> str:
     """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
     nearest = report["tests"]["rationalised"]
@@ -173,7 +251,7 @@ FILTERS: dict[str, Callable[..., str]] = {
     function.__name__: function
     for function in (number, percent, measured, degrees, arcs, meaning, options, compatible_angles)
 }
-FILTERS |= {"headline": VERDICTS.__getitem__, "criterion": CRITERIA.__getitem__}
+FILTERS |= {"criterion": CRITERIA.__getitem__}
 FILTERS |= {"outcome": outcome, "code": code}
 
 _LONGEST = 10_000  # characters of a value
@@ -216,6 +294,9 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
         would_pass=decisions,
         other_passes=other_passes,
         compatible=compatible(report),
+        headline=headline(report),
+        not_excluded=not_excluded(report),
+        tested=tested(report),
         **variables,
     )
 

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 from socialiq.audit.evidence.drive import PREFIX, RANDOM
-from socialiq.audit.evidence.outcomes import AS_DECLARED
+from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence
 from socialiq.audit.look import Look
+from socialiq.audit.profile.profile import Clip
+from socialiq.audit.request import DIAL
 from socialiq.audit.seeds import NETWORK, Draw, Round, Source
-from socialiq.audit.verdict.regret import Decision, RegretTest
-from socialiq.audit.verdict.results import Discrimination
+from socialiq.audit.verdict.regret import RegretTest
+from socialiq.audit.verdict.verdict import Verdict, where_of
 from socialiq.physics import wrapped
 from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
@@ -50,6 +52,8 @@ def plain_name(name: str, angles: Sequence[float] = ()) -> str:
         turned = (-wrapped(-angle, 180.0) for angle in (angles[0], angles[-1]))
         low, high = (f"{round(angle, 1) + 0.0:g}°".replace("-", "−") for angle in turned)
         return f"best possible for {low} to {high}"
+    if name.startswith(DIAL):
+        return f"shipped dial at {name.removeprefix(DIAL)}°"
     if name.startswith(PREFIX) and name not in _NAMES:
         return f"always chooses “{name.removeprefix(PREFIX).replace('_', ' ')}”"
     return _NAMES.get(name, name)
@@ -64,7 +68,8 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     for row in (*report["references"], *report["left_out"]):
         name, record = row["name"], row["record"]
         # The package's own reference has no record, or is a rule, or of the atlas.
-        if record is None or record["kind"] == "rule" or record["source"].startswith("atlas:"):
+        own = record is None or record["kind"] == "rule" or record["source"].startswith("atlas:")
+        if own:
             name = plain_name(name, row["angles"])
             # There is one family with continuous actions, so none is the simpler.
             one_family = record is not None and "action_size" in record
@@ -73,7 +78,7 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     return names
 
 
-About = Literal["rule", "loss", "margin", "look", "seed", "code", "episodes"]
+About = Literal["rule", "direction", "loss", "clip", "look", "seed", "code", "episodes"]
 
 
 class Caveat(NamedTuple):
@@ -87,23 +92,9 @@ def caveats(
     draw: Draw,
     look: Look | None,
     policy: Mapping[str, Any],
-    discrimination: Discrimination,
     world: str,
 ) -> list[Caveat]:
-    """Return the caveats of the margin, the log, the seed, and the code of policy and world."""
-    caveats = []
-    passing = [
-        driver
-        for driver in discrimination.drivers
-        if driver.trivial and driver.decision is Decision.PASS
-    ]
-    if passing:
-        names = ", ".join(f"one that {plain_name(driver.name)}" for driver in passing)
-        text = (
-            f"The declaration excludes little: {discrimination.would_pass} of {discrimination.of} "
-            f"other drivers would pass it too, among them {names}."
-        )
-        caveats.append(Caveat("margin", text))
+    """Return the caveats of the log, the seed, and the code of policy and world."""
     text = "No audit log was kept: how often this owner has tried before is not known."
     if look is not None:
         text = (
@@ -111,7 +102,7 @@ def caveats(
             f"{look.log}, with an error of at most {100 * look.error:.3g} %. Audits outside that "
             "log are not known."
         )
-    caveats += [Caveat("look", text), Caveat("seed", worth(draw))]
+    caveats = [Caveat("look", text), Caveat("seed", worth(draw))]
     isolation = policy["isolation"]
     if isolation["kind"] == NONE:
         text = (
@@ -179,6 +170,44 @@ def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
         "and don't decide."
     )
     return [Caveat("rule", text)]
+
+
+def caveats_of_direction(verdict: Verdict) -> list[Caveat]:
+    """Return what a pass doesn't say about the angle of the driving."""
+    direction = verdict.direction
+    if direction is None or verdict.character is not None:
+        return []
+    if direction.decision is None:
+        text = (
+            "The declaration has no width: a pass says that the policy earns enough at the "
+            f"declared angle, as drivers of other angles do, and not how it drives; "
+            f"{where_of(direction)}. A declaration with margin.width tests that."
+        )
+        return [Caveat("direction", text)]
+    text = (
+        "The declaration has no share of episodes beyond its width: a policy that draws its "
+        "character by the episode is not told apart from one of the declared angle."
+    )
+    return [Caveat("direction", text)]
+
+
+def caveats_of_clip(clip: Clip | None, evidence: Evidence) -> list[Caveat]:
+    """Return how often the declared limits of the rewards cut an episode of the policy."""
+    if clip is None:
+        return []
+    (least, social), (most, largest) = zip(clip.r_env, clip.r_social, strict=True)
+    outside = [
+        int(((row.totals < (least, social)) | (row.totals > (most, largest))).any(axis=1).sum())
+        for row in (evidence.policy, *evidence.references)
+    ]
+    if not any(outside):
+        return []
+    text = (
+        f"The declaration counts R_env of an episode from {least:g} to {most:g} and R_social from "
+        f"{social:g} to {largest:g}. This changed {outside[0]:,} of {evidence.episodes:,} episodes "
+        f"of the policy, and {sum(outside[1:]):,} of its references together."
+    )
+    return [Caveat("clip", text)]
 
 
 def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:

@@ -13,17 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.drive import GO_AND_WAIT
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
+from socialiq.audit.evidence import drive
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
+from socialiq.audit.request import shipped_dial
+from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.verdict.direction import driver_of, drivers_of
 from socialiq.audit.verdict.regret import Decision, Regrets
-from socialiq.audit.verdict.verdict import decide, enough_resamples
+from socialiq.audit.verdict.verdict import clipped, decide, enough_resamples, floor_tests
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.types import RewardPair
-from socialiq.worlds.registry import INTERSECTIONS
+from socialiq.worlds.registry import INTERSECTIONS, NAMES
+from socialiq.worlds.world import World
 
 MEASURES = ("regret", *CRITERIA)
 
@@ -215,7 +219,7 @@ class Discrimination:
 
     would_pass: int  # number of drivers
     of: int  # drivers in all
-    excludes_nothing: bool  # whether every trivial driver would pass
+    trivial_passes: tuple[str, ...]  # names of the trivial drivers that would pass
     drivers: tuple[OtherDriver, ...]
 
 
@@ -225,15 +229,16 @@ def discriminate(
     seed: int,
     resamples: int = 2000,
     error: float | None = None,
+    directed: Evidence | None = None,
 ) -> Discrimination:
     """Judge every other driver by the declaration of the policy; arguments are those of `judge`.
 
     Each is compared with the other references, as the policy is. Drivers that are the policy itself
-    are left out of the evidence (`Evidence.without`).
+    are left out of the evidence (`Evidence.without`), but keep their place in the direction.
     """
     level = profile.error if error is None else error
     count = enough_resamples(level, resamples)
-    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
+    constant = drive.GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
     drivers = [(driver, driver.name in constant) for driver in evidence.references]
     drivers += [(driver, True) for driver in evidence.trivial]
     decided = []
@@ -243,15 +248,50 @@ def discriminate(
         )
         if references:
             swapped = replace(evidence, policy=driver, references=references, trivial=())
-            limit = profile.margin.largest_loss
-            regrets = Regrets(swapped, seed, count, limit, decisive=True)
-            decision = decide(profile, swapped, seed, count, level, regrets).decision
+            as_policy = replace(driver, name=evidence.policy.name)  # it stays a reference too
+            line = replace(directed or evidence, policy=as_policy, trivial=())
+            rewards, limit = clipped(profile, swapped), profile.largest_loss
+            regrets = Regrets(rewards, seed, count, limit, decisive=True)
+            decision = decide(profile, swapped, seed, count, level, regrets, line).decision
             decided.append(OtherDriver(driver.name, trivial, decision))
     passing = [driver for driver in decided if driver.decision is Decision.PASS]
-    without_regard = {driver.decision for driver in decided if driver.trivial}
     return Discrimination(
         would_pass=len(passing),
         of=len(decided),
-        excludes_nothing=without_regard == {Decision.PASS},
+        trivial_passes=tuple(driver.name for driver in passing if driver.trivial),
         drivers=tuple(decided),
     )
+
+
+CHECKED = 1_000
+"""Episodes of the best driver of an angle, on fixed seeds, against which a floor is checked."""
+
+
+def best_driver(world: World, angle: float) -> Outcomes | None:
+    """Run the reference driver of an angle in degrees on `CHECKED` episodes; None without one."""
+    course = drive.Course(world, episode_seeds(0, CHECKED))
+    if world.is_exact:
+        found = driver_of(drivers_of(drive.exact_optima(course)), angle)
+        return None if found is None else found.outcomes
+    turned = shipped_dial(world, [angle]) if angle <= 90.0 else []
+    return course.drive(turned[0][0]) if turned else None
+
+
+def faults_of_floor(profile: Profile) -> dict[str, str]:
+    """Return why the best driver of the declared angle fails the floor, by field of a declaration.
+
+    Every policy of that angle would fail too. Where no such driver is known, nothing is said.
+    """
+    known = profile.scenario.world in NAMES and profile.rule is None
+    best = best_driver(profile.world(), profile.angle) if known else None
+    if best is None:
+        return {}
+    return {
+        f"competence.{'min' if test.side == 'at least' else 'max'}_{test.name}": (
+            f"the best driver of {profile.angle:g} degrees {CRITERIA[test.name]} in "
+            f"{100 * test.share:.3g} % of {CHECKED:,} episodes, and the floor asks for "
+            f"{test.side} {100 * test.limit:.3g} %: declare another limit"
+        )
+        for test in floor_tests(best, profile.competence)
+        if test.decision is Decision.FAIL
+    }

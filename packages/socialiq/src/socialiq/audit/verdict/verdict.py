@@ -15,8 +15,14 @@ from typing import Literal, NamedTuple
 from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, Outcomes, events_of
 from socialiq.audit.profile.profile import Floor, Profile
-from socialiq.audit.verdict import calibration as angles
+from socialiq.audit.verdict import angles
 from socialiq.audit.verdict import regret as bounds
+from socialiq.audit.verdict.direction import (
+    CharacterTest,
+    DirectionTest,
+    character_test,
+    direction_test,
+)
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
@@ -92,7 +98,7 @@ def floor_tests(
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of an audit: PASS if regret and safety floor pass, FAIL if one of them fails.
+    """Result of an audit: PASS if regret, direction and floor pass, FAIL if one of them fails.
 
     `needed` is the number of episodes that would decide an inconclusive audit; None if it is
     decided, or if an estimate is on its limit, where no number is enough.
@@ -107,7 +113,8 @@ class Verdict:
     rationalised: angles.CompatibleAngles  # angles compatible with the behaviour
     alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
     identifiability: Ellipse  # confidence ellipse of the mean rewards
-    calibration: angles.Calibration  # equivalence on the calibrated angle; reported, not decisive
+    direction: DirectionTest | None  # None for a declared rule
+    character: CharacterTest | None  # None if no share is declared
     competence: tuple[FloorTest, ...]  # test of each criterion of the safety floor
     contexts: tuple[angles.FollowedAngle, ...] | None  # None without a declared rule
 
@@ -119,6 +126,14 @@ class Decisive(NamedTuple):
     needed: int | None  # as in `Verdict`
     regret: RegretTest
     competence: tuple[FloorTest, ...]
+    direction: DirectionTest | None = None
+    character: CharacterTest | None = None
+
+
+def clipped(profile: Profile, evidence: Evidence) -> Evidence:
+    """Return the evidence with the rewards of every episode clipped as declared."""
+    clip = profile.clip
+    return evidence if clip is None else evidence.clipped(*zip(clip.r_env, clip.r_social))  # noqa: B905
 
 
 def decide(
@@ -128,35 +143,55 @@ def decide(
     resamples: int,
     error: float,
     regrets: Regrets | None = None,
+    directed: Evidence | None = None,
+    ends_only: bool = True,
 ) -> Decisive:
-    """Test a driver's regret at the declared angle, or its loss at a declared rule, and its floor.
+    """Test a driver's regret at the declared angle, or its loss at a rule, direction and floor.
 
-    A pass needs the regret test and all four criteria of the floor to pass, each at the full
-    error: if any of them is truly broken, the chance that its test passes bounds the chance of a
-    wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
-    so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
-    wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
-    those of shares do, and those of regret with a declared largest loss. Without one they are by
-    bootstrap-t, which is approximate (the study `audit-power` measures how much). In the evidence
-    the driver is the policy; its regrets may be known already.
+    A pass needs every test to pass, each at the full error: if any of them is truly broken, the
+    chance that its test passes bounds the chance of a wrong pass, whatever the others do
+    (intersection-union, Berger 1982). A fail needs only one, so the error is divided: half to the
+    floor, an eighth to each criterion, and half to regret, of which a declared width takes a half:
+    an eighth for the direction, another for the single character.
+    So a wrong pass and a wrong fail each have a chance of at most the error, as far as the bounds
+    keep their levels: those of shares and of the direction do, and those of regret with a largest
+    loss. Without one they are by bootstrap-t, which is approximate (the study `audit-power`
+    measures how much). In the evidence the driver is the policy; its regrets may be known already.
+    `directed` has the reference drivers of all angles; by default the evidence has them.
     """
-    margin, angle = profile.margin, profile.angle
+    margin, angle, along = profile.margin, profile.angle, ()
+    evidence, share = clipped(profile, evidence), error / 2
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
-    regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
-    regret = bounds.regret_test(regrets, angle, margin.regret, error, error / 2)
+    else:
+        share = error / 2 if margin.width is None else error / 4
+        driven = evidence if directed is None else clipped(profile, directed)
+        along = (
+            direction_test(profile, driven, error, error / 8, ends_only),
+            character_test(profile, driven, error, error / 8),
+        )
+    regrets = regrets or Regrets(evidence, seed, resamples, profile.largest_loss)
+    regret = bounds.regret_test(regrets, angle, margin.regret, error, share)
     regret = replace(regret, angle=profile.angle)
-    return join_tests(regret, evidence.policy, profile.competence, error)
+    return join_tests(regret, evidence.policy, profile.competence, error, *along)
 
 
-def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
-    """Join the regret test, made at its share of the error, with the floor's (`decide`)."""
+def join_tests(
+    regret: RegretTest,
+    policy: Outcomes,
+    floor: Floor,
+    error: float,
+    direction: DirectionTest | None = None,
+    character: CharacterTest | None = None,
+) -> Decisive:
+    """Join the tests of a driver's rewards, made at their shares of the error, with the floor's."""
     competence = floor_tests(policy, floor, error, error / 2)
-    tests = (regret, *competence)
-    decision = joint_decision(test.decision for test in tests)
-    undecided = [test.needed for test in tests if test.decision is Decision.INCONCLUSIVE]
+    tests = [test for test in (regret, direction, character, *competence) if test is not None]
+    rows = [(test.decision, test.needed) for test in tests if test.decision is not None]
+    decision = joint_decision(decision for decision, _ in rows)
+    undecided = [needed for decision, needed in rows if decision is Decision.INCONCLUSIVE]
     needed = bounds.slowest(undecided) if decision is Decision.INCONCLUSIVE else None
-    return Decisive(decision, needed, regret, competence)
+    return Decisive(decision, needed, regret, competence, direction, character)
 
 
 def joint_decision(decisions: Iterable[Decision]) -> Decision:
@@ -181,21 +216,21 @@ def judge(
     evidence: Evidence,
     seed: int,
     resamples: int = 2000,
-    curve: Evidence | None = None,
+    directed: Evidence | None = None,
     error: float | None = None,
 ) -> Verdict:
     """Test a policy's evidence against its declaration.
 
-    A wrong pass and a wrong fail each have a chance of at most the error (`decide`). α̂ and its
-    calibration do not decide, so their errors add nothing.
+    A wrong pass and a wrong fail each have a chance of at most the error (`decide`). α̂ does not
+    decide, so its error adds nothing.
 
     Args:
         profile: The declaration.
         evidence: Result of `collect_evidence`, in the profile's world.
         seed: Seed of the resampling.
         resamples: Smallest number of resamples; a small error takes more.
-        curve: Evidence with the references of the calibration curve, if they are others: a driver
-            equal to the policy is no reference of regret, but a point of the curve.
+        directed: Evidence with the reference drivers of all angles, if they are others: a driver
+            equal to the policy is no reference of regret, but one of the direction.
         error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
 
     Raises:
@@ -205,18 +240,14 @@ def judge(
         raise UserError("the evidence is of another scenario than the profile: collect it again")
     error = profile.error if error is None else error
     resamples = enough_resamples(error, resamples)
-    angle, margin = profile.angle, profile.margin
-    regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
-    decisive = decide(profile, evidence, seed, resamples, error, regrets)
+    regrets = Regrets(clipped(profile, evidence), seed, resamples, profile.largest_loss)
+    decisive = decide(profile, evidence, seed, resamples, error, regrets, directed, False)
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
     estimate = None
     if identified:
         env, social = evidence.policy.totals.T.copy()
         estimate = estimate_angle(env, social, seed, profile.confidence, resamples)
-    calibration = angles.calibrate(
-        curve or evidence, angle, margin.degrees, identified, seed, error, resamples
-    )
     rule, losses, contexts = profile.rule, evidence.policy.contexts, None
     if rule is not None and losses is not None:
         contexts = angles.followed_angles(rule, losses, CANDIDATES, profile.confidence)
@@ -227,10 +258,11 @@ def judge(
         needed=decisive.needed,
         error=error,
         regret=decisive.regret,
-        rationalised=angles.compatible_angles(regrets, margin.regret, error, error / 2),
+        rationalised=angles.compatible_angles(regrets, profile.margin.regret, error, error / 2),
         alpha_hat=estimate,
         identifiability=ellipse,
-        calibration=calibration,
+        direction=decisive.direction,
+        character=decisive.character,
         competence=decisive.competence,
         contexts=contexts,
     )
@@ -267,7 +299,8 @@ def dependence(consistency: Consistency | None) -> str:
 
 def _reason(decisive: Decisive, by_rule: bool) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence."""
-    regret, competence = decisive.regret, decisive.competence
+    regret, competence, direction = decisive.regret, decisive.competence, decisive.direction
+    character, directed = decisive.character, direction and direction.decision is not None
     where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
         clauses = []
@@ -283,6 +316,15 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
                 f"less per episode than the best reference driver ({_number(regret.margin)} less "
                 f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
             )
+        if direction is not None and direction.decision is Decision.FAIL:
+            clauses.append(f"its direction is beyond the declared width: {where_of(direction)}")
+        if character is not None and character.decision is Decision.FAIL:
+            side = max(character.beyond, key=lambda row: row.low)
+            clauses.append(
+                f"in at least {_percent(side.low)} of episodes it drives beyond the {side.end} end "
+                f"of the width (at most {_percent(character.limit)} allowed): it has not one "
+                "character"
+            )
         for test in competence:
             if test.decision is Decision.FAIL:
                 bound, allowed = f"at least {_percent(test.low)}", "allowed"
@@ -297,14 +339,21 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         text = (
             f"{where} the policy earns {less} per episode than the best reference "
-            f"driver ({_number(regret.margin)} less is allowed), and it keeps the declared "
-            "safety floor."
+            f"driver ({_number(regret.margin)} less is allowed), "
+            f"{'its direction is within the declared width, ' if directed else ''}"
+            "and it keeps the declared safety floor."
         )
         if regret.bound == "bootstrap":
             return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
         return text[0].upper() + text[1:]
     open_tests = [CRITERIA[test.name] for test in competence if test.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
+    if direction is not None and direction.decision is Decision.INCONCLUSIVE:
+        if direction.lacking:
+            return f"The direction can't be tested: there is {direction.lacking}."
+        doubts.append(f"drives within {direction.width:g} degrees of the declared angle")
+    if character is not None and character.decision is Decision.INCONCLUSIVE:
+        doubts.append("has one character in all episodes")
     doubts += [
         f"{event} often enough" if event == "arrives" else f"{event} too often"
         for event in open_tests
@@ -313,6 +362,17 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
         f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
+
+
+def where_of(direction: DirectionTest) -> str:
+    """Return the angles of the direction that are not excluded, in words."""
+    above, below = direction.above, direction.below
+    if above is None and below is None:
+        return "no angle is excluded"
+    if above is None or below is None:
+        end = f"below {below:.3g}" if above is None else f"above {above:.3g}"
+        return f"angles not excluded: {end}"
+    return f"angles not excluded: {above:.3g} to {below:.3g}"
 
 
 def _number(value: float) -> str:
