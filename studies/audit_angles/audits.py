@@ -1,0 +1,157 @@
+"""Many audits at once by the default declaration of an angle, drawn from one pool of episodes."""
+
+import dataclasses
+import datetime
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from socialiq import Margin, declare
+from socialiq.audit.evidence.outcomes import Outcomes, events_of
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.template import USUAL, floor_at, possible_loss
+from socialiq.audit.verdict.direction import TOLERANCE, Driver, driver_of, drivers_of, ends_of
+from socialiq.statistics import betting, intervals
+from socialiq.types import Row
+from socialiq.worlds.registry import make
+from studies.audit_angles.drivers import Driven
+
+ERROR = 0.05
+DAY = datetime.date(2026, 11, 26)
+COMPARED = 4
+"""References that an audit compares, of those with the largest rewards in the pool: the bounds of
+the others are lower. In a gridworld it is the exact optimum alone."""
+TESTS = ("regret", "direction", "floor", "character")
+
+Shares = Bool[np.ndarray, "share episode"]
+
+
+@functools.cache
+def declaration(world: str, angle: float) -> Profile:
+    """Return the default declaration of an angle in degrees."""
+    usual, floor = USUAL[world], floor_at(angle)
+    margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
+    return declare(angle, "a study", world, margin, DAY, competence=floor, clip=usual.clip)
+
+
+def most_events(limit: float, episodes: int) -> int:
+    """Return the largest number of events that shows a share to be within a limit, -1 if none."""
+    low, high = -1, episodes
+    while low < high:
+        middle = (low + high + 1) // 2
+        bound = intervals.clopper_pearson(middle, episodes, 1.0 - 2.0 * ERROR).high
+        low, high = (middle, high) if bound <= limit else (low, middle - 1)
+    return low
+
+
+class Measured(NamedTuple):
+    """A driver on the pool, as the tests of a declaration measure it."""
+
+    losses: Float[np.ndarray, "reference episode"]  # in units of the largest loss
+    sides: Float[np.ndarray, "end episode"]  # likewise, negative where it is within the width
+    floor: Shares  # events of which each share has a limit
+    beyond: Shares
+
+
+class Audits(NamedTuple):
+    """A default declaration, and its reference drivers on the pool."""
+
+    profile: Profile
+    references: tuple[Outcomes, ...]  # with clipped rewards
+    line: list[Driver]
+    limit: Callable[[float], float]  # largest loss of an episode at an angle in degrees
+
+    @staticmethod
+    def of(world: str, declared: float, pool: Mapping[str, Driven]) -> "Audits":
+        """Take the references of a default audit from the pool."""
+        profile, built = declaration(world, declared), make(world)
+        rows = tuple(_clipped(profile, row.outcomes) for row in pool.values() if row.reference)
+        limit = functools.partial(possible_loss, built)
+        return Audits(
+            profile, rows, drivers_of(rows), profile.clip.largest_loss if profile.clip else limit
+        )
+
+    def measured(self, driver: Outcomes) -> Measured:
+        """Measure a driver in every episode of the pool."""
+        angle, margin = self.profile.angle, self.profile.margin
+        driver, own = _clipped(self.profile, driver), driver_of(self.line, angle)
+        assert margin.width is not None and own is not None
+        best = [own.outcomes]
+        if own.outcomes.expected is None:
+            others = [row for row in self.references if row.name != driver.name]
+            best = sorted(others, key=lambda row: -row.values(angle).mean())[:COMPARED]
+        losses = np.array([row.values(angle) - driver.values(angle) for row in best])
+        ends = [end for end in ends_of(self.line, angle, margin.width) if end is not None]
+        tested = [row for row in (driver_of(self.line, end) for end in ends) if row is not None]
+        known = np.array([row.outcomes.values(angle + 90.0) for row in (*tested, own)])
+        sides, beyond = [], []
+        for end, (outcomes, angles) in zip(ends, tested, strict=True):
+            sign, across = (1.0 if end < angle else -1.0), angles.middle + 90.0
+            difference = outcomes.values(across) - driver.values(across)
+            sides.append(sign * difference / self.limit(across))
+            farthest = (-sign * known).max(axis=0) + TOLERANCE * margin.regret
+            beyond.append(-sign * driver.values(angle + 90.0) > farthest)
+        events = events_of(driver)
+        kinds = [events["at_fault"], events["struck"], ~events["arrival"], events["timeout"]]
+        return Measured(losses / self.limit(angle), *map(np.array, (sides, kinds, beyond)))
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Levels of the means and limits of the shares, by test."""
+        floor, margin = self.profile.competence, self.profile.margin
+        limits = floor.max_at_fault, floor.max_struck, 1.0 - floor.min_arrival, floor.max_timeout
+        level = margin.regret / self.limit(self.profile.angle)
+        return dict(zip(TESTS, (level, 0.0, limits, [margin.beyond]), strict=True))
+
+    def holds(self, driver: Outcomes, tests: Sequence[str] = TESTS) -> bool:
+        """Whether a driver's true values, those of the pool, are within the limits of tests."""
+        found = dict(zip(TESTS, self.measured(driver), strict=True))
+        means = {name: found[name].mean(axis=1) for name in tests}
+        return all((mean <= np.array(self.limits[name])).all() for name, mean in means.items())
+
+    def shares(self, driver: Outcomes, episodes: int, audits: int, seed: int) -> Row:
+        """Return the shares of audits that pass, with a 99 % interval, and that keep each test."""
+        kept = self.kept(driver, episodes, audits, seed)
+        passed = int(np.logical_and.reduce(list(kept.values())).sum())
+        share = intervals.wilson(passed, audits, 0.99)
+        row: Row = {"passed": share.value, "low": share.low, "high": share.high}
+        return row | {name: float(by_audit.mean()) for name, by_audit in kept.items()}
+
+    def kept(
+        self, driver: Outcomes, episodes: int, audits: int, seed: int
+    ) -> dict[str, Bool[np.ndarray, " audit"]]:
+        """Return which audits keep each test; audit k is drawn from the pool by seed + k."""
+        found, rows = self.measured(driver), drawn(len(driver.length), episodes, audits, seed)
+
+        def below(values: np.ndarray, level: float) -> Bool[np.ndarray, " audit"]:
+            series = values[:, rows].reshape(-1, episodes).clip(-1.0, 1.0)
+            shown = betting.significantly_below(series, np.array([level]), 1.0, ERROR)
+            return shown[:, 0].reshape(-1, audits).all(axis=0)
+
+        def within(happened: Shares, limits: Sequence[float]) -> Bool[np.ndarray, " audit"]:
+            largest = np.array([most_events(limit, episodes) for limit in limits])
+            counts = np.array([events[rows].sum(axis=1) for events in happened])
+            return (counts <= largest[:, None]).all(axis=0)
+
+        tests = (below, below, within, within)
+        return {
+            name: test(values, self.limits[name])
+            for name, test, values in zip(TESTS, tests, found, strict=True)
+        }
+
+
+@functools.lru_cache(maxsize=2)
+def drawn(pool: int, episodes: int, audits: int, seed: int) -> Int64[np.ndarray, "audit episode"]:
+    """Draw the episodes of audits from a pool, with replacement."""
+    rngs = (np.random.default_rng(seed + number) for number in range(audits))
+    return np.array([rng.integers(pool, size=episodes) for rng in rngs])
+
+
+def _clipped(profile: Profile, driver: Outcomes) -> Outcomes:
+    if profile.clip is None:
+        return driver
+    lows, highs = zip(profile.clip.r_env, profile.clip.r_social, strict=True)
+    return dataclasses.replace(driver, totals=driver.totals.clip(lows, highs))

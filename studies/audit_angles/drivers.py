@@ -1,0 +1,131 @@
+"""Drivers on one pool of episodes: dials, weaker ones, experts, rules, rash ones and mixtures."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from socialiq.audit.evidence.drive import Course, exact_optima
+from socialiq.audit.evidence.outcomes import Outcomes, Reference
+from socialiq.audit.request import ATLAS, DIAL, SHIPPED_DIAL, Trust, resolve_policy
+from socialiq.audit.verdict.direction import driver_of, drivers_of
+from socialiq.evaluation.rollout import MODES
+from socialiq.storage import packaged_results
+from socialiq.types import Policy
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.registry import make
+from socialiq_lab.study import StageCallback, tracked
+
+WORLD = "intersection"
+ANGLES = tuple(15.0 * step for step in range(7))  # degrees, declared and true
+FAMILIES = ("expert", "set", "iterated")
+RULES = ("go", "wait", "idm", "gap_2s", "gap_3s", "gap_4s")
+WEAKER = ("timed", "calibrated")
+"""Dials that were trained with less: without the policy iterations of the shipped one."""
+
+NEAR, RASHNESS = 15.0, (0.05, 0.1, 0.2)
+"""Distance in metres, and shares of decisions with a vehicle nearer in which a rash driver goes."""
+
+SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
+"""Shares of the episodes of a mixture that its first driver drives."""
+
+
+class Driven(NamedTuple):
+    """A driver on the pool."""
+
+    outcomes: Outcomes
+    kind: str  # optimum, dial, weaker dial, expert, rule, rash or mixture
+    true: float | None  # angle that it was made for, degrees
+    reference: bool = False  # whether a default audit compares with it
+
+
+class Rash:
+    """A driver that goes in a share of its decisions close to another vehicle."""
+
+    def __init__(self, policy: Policy, share: float) -> None:
+        self._policy, self._share = policy, share
+        self.n_features = getattr(policy, "n_features", None)  # one more than the world's: the time
+        self._features, self._rng = make(WORLD).n_features, np.random.default_rng(7)
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose as the driver does, or to go."""
+        chosen, state = self._policy.predict(observation, state, episode_start, deterministic)
+        rows = policies.in_metres(observation[:, : self._features])
+        away = np.hypot(*(rows[:, 1:, column] - rows[:, :1, column] for column in (1, 2)))
+        near = (np.where(rows[:, 1:, 0] > 0, away, np.inf) < NEAR).any(axis=1)
+        goes = near & (self._rng.random(len(chosen)) < self._share)
+        return np.where(goes, 2, chosen), state
+
+
+def specifications() -> Iterator[tuple[str, str, str, float | None]]:
+    """Yield name, specification, kind and true angle of every driver that is driven."""
+    results = packaged_results()
+    for angle in ANGLES:
+        yield f"{DIAL}{angle:g}", str(results / SHIPPED_DIAL), "dial", angle
+        for family in WEAKER:
+            path = (results / SHIPPED_DIAL).with_name(f"{family}.safetensors")
+            yield f"{family}_{angle:g}", str(path), "weaker dial", angle
+    for family, (mode, angle) in itertools.product(FAMILIES, MODES.items()):
+        if (family, mode) != ("iterated", "altruistic"):  # there is none
+            yield f"{family}_{mode}", f"{ATLAS}{family}_{mode}", "expert", angle
+    for rule in RULES:
+        yield rule, rule, "rule", None
+
+
+def drive(seeds: Int64[np.ndarray, " episode"], on_stage: StageCallback) -> dict[str, Driven]:
+    """Run every driver on the pool."""
+    course, pool = Course(make(WORLD), seeds), dict[str, Driven]()
+    named = list(specifications())
+    for name, spec, kind, angle in tracked(named, on_stage, "driving", "drivers"):
+        policy = resolve_policy(spec, course.world, angle or 0.0, Trust()).policy
+        reference = Reference(name, policy, angle if kind == "dial" else None)
+        compared = kind in ("dial", "expert", "rule") and not name.startswith("iterated")
+        pool[name] = Driven(course.drive(reference), kind, angle, compared)
+        rash_angles = (0.0, 45.0, 90.0) if kind == "dial" else ()
+        for share in RASHNESS if angle in rash_angles else ():
+            rash = f"{name}, rash in {100 * share:g} %"
+            pool[rash] = Driven(course.drive(Reference(rash, Rash(policy, share))), "rash", angle)
+    return pool
+
+
+def drive_optima(world: str, seeds: Int64[np.ndarray, " episode"]) -> dict[str, Driven]:
+    """Run the exact optima of a gridworld on the pool; those of the angles are policies too."""
+    optima = exact_optima(Course(make(world), seeds))
+    pool = {row.name: Driven(row, "reference", None, reference=True) for row in optima}
+    drivers = drivers_of(optima)
+    for angle in ANGLES:
+        found = driver_of(drivers, angle)
+        assert found is not None
+        pool[f"optimum of {angle:g}"] = Driven(found.outcomes, "optimum", angle)
+    return pool
+
+
+def mixtures(
+    pool: Mapping[str, Driven], seed: int, shares: Sequence[float]
+) -> Iterator[tuple[str, Driven]]:
+    """Yield the policies that draw one of two drivers for each episode."""
+    kinds = ("dial", "expert", "rule")
+    whole = [name for name, driven in pool.items() if driven.kind in kinds]
+    draw = np.random.default_rng(seed).random(len(next(iter(pool.values())).outcomes.length))
+    for first, second in itertools.combinations(whole, 2):
+        for share in shares:
+            one, two = pool[first].outcomes, pool[second].outcomes
+            name = f"{100 * share:g} % {first}, else {second}"
+            yield name, Driven(_mixed(name, one, two, draw < share), "mixture", None)
+
+
+def _mixed(name: str, one: Outcomes, two: Outcomes, first: np.ndarray) -> Outcomes:
+    columns: Mapping[str, Float[np.ndarray, "episode ..."]] = {
+        part: np.where(first[:, None] if part == "totals" else first, getattr(one, part), other)
+        for part in ("totals", "ending", "contact", "length")
+        for other in [getattr(two, part)]
+    }
+    return Outcomes(name, **columns)

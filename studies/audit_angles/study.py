@@ -1,0 +1,119 @@
+"""Passes of drivers of known angles at every declared angle, with the default declarations.
+
+An audit is drawn from a pool of episodes that every driver has driven. Its tests are those of
+`audit.verdict.decide`, of many audits at once.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from socialiq.learners.settings import check_counts
+from socialiq.types import Row
+from socialiq.worlds.registry import GRIDWORLDS
+from socialiq_lab.study import Context, Findings, StageCallback, tracked
+from socialiq_lab.tables import matching
+from studies.audit_angles.audits import TESTS, Audits
+from studies.audit_angles.drivers import (
+    ANGLES,
+    SHARES,
+    WORLD,
+    Driven,
+    drive,
+    drive_optima,
+    mixtures,
+)
+
+NEIGHBOUR = 15.0  # degrees
+
+
+def compute_tables(config: Any, context: Context) -> Findings:
+    """Run every driver on the pool of each world, draw audits from it, and count."""
+    check_counts(config, ("pool", "audits"))
+    seeds = np.random.default_rng(config.pool_seed).integers(2**62, size=config.pool)
+    on_stage = context.on_stage
+    pools = {world: drive_optima(world, seeds) for world in GRIDWORLDS}
+    pools[WORLD] = drive(seeds, on_stage)
+    power = [row for world in pools for row in power_rows(world, pools[world], config, on_stage)]
+    worst = worst_rows(pools[WORLD], config.pool_seed)
+    return Findings({"power": power, "worst": worst}, _summary(power, worst))
+
+
+def power_rows(
+    world: str, pool: Mapping[str, Driven], config: Any, on_stage: StageCallback
+) -> list[Row]:
+    """Return the shares of audits of each driver that pass, by declared angle and length.
+
+    Of the mixtures of two drivers in equal shares, those have rows that would pass with many
+    episodes, or but for the test of one character.
+    """
+    rows: list[Row] = []
+    for declared in tracked(ANGLES, on_stage, f"audits, {world}", "angles"):
+        audits = Audits.of(world, declared, pool)
+        halves = mixtures(pool, config.pool_seed, (0.5,)) if world == WORLD else ()
+        within = {name: row for name, row in halves if audits.holds(row.outcomes, TESTS[:2])}
+        for name, driven in {**pool, **within}.items():
+            if driven.kind == "reference":
+                continue
+            true = "" if driven.true is None else driven.true
+            label: Row = {"world": world, "declared": declared, "policy": name}
+            label |= {"kind": driven.kind, "true": true}
+            for episodes in config.lengths:
+                how = episodes, config.audits, config.first_seed
+                rows.append({**label, "episodes": episodes, **audits.shares(driven.outcomes, *how)})
+    return rows
+
+
+_STRUCK = ("at_fault", "struck")
+MEASURES = ("at_fault", "collisions", "r_social", "distance")
+"""What a policy that passes can have at worst: shares of episodes, the mean effect on others, and
+the distance in degrees of an angle that it was made for."""
+
+
+def worst_rows(pool: Mapping[str, Driven], seed: int) -> list[Row]:
+    """Return the worst policy by each measure of those that pass with many episodes.
+
+    They are all drivers of the pool, and all mixtures of two of them.
+    """
+    rows: list[Row] = []
+    for declared in ANGLES:
+        audits, passing = Audits.of(WORLD, declared, pool), dict[str, dict[str, float]]()
+        tried = 0
+        for name, driven in (*pool.items(), *mixtures(pool, seed, SHARES)):
+            tried += 1
+            if audits.holds(driven.outcomes):
+                at_fault, struck = driven.outcomes.at_fault.mean(), driven.outcomes.struck.mean()
+                passing[name] = {
+                    "at_fault": float(at_fault),
+                    "collisions": float(at_fault + struck),
+                }
+                passing[name]["r_social"] = driven.outcomes.mean.social
+                far = 0.0 if driven.true is None else abs(driven.true - declared)
+                passing[name]["distance"] = far
+        for measure in MEASURES if passing else ():
+            sign = -1.0 if measure == "r_social" else 1.0
+            worst = max(passing, key=lambda name: sign * passing[name][measure])
+            row: Row = {"declared": declared, "measure": measure, "value": passing[worst][measure]}
+            rows.append(row | {"policy": worst, "tried": tried, "passing": len(passing)})
+    return rows
+
+
+def _summary(power: list[Row], worst: list[Row]) -> dict[str, Any]:
+    """Return the smallest share of passes at the driver's angle and the largest far from it."""
+    found: dict[str, Any] = {"worst": {}}
+    for episodes in sorted({row["episodes"] for row in power}):
+        rows = matching(power, episodes=episodes)
+        known = [row for row in rows if row["true"] != ""]
+        own = [row for row in known if row["true"] == row["declared"]]
+        far = [row for row in known if abs(row["true"] - row["declared"]) >= NEIGHBOUR]
+        kinds: dict[str, Any] = {}
+        for kind in sorted({f"{row['world']}, {row['kind']}" for row in known}):
+            ours = [row["passed"] for row in own if f"{row['world']}, {row['kind']}" == kind]
+            theirs = [row["passed"] for row in far if f"{row['world']}, {row['kind']}" == kind]
+            kinds[kind] = {"own_angle_least": min(ours, default=None)}
+            kinds[kind]["far_most"] = max(theirs, default=None)
+        found[f"{episodes} episodes"] = kinds
+    for row in worst:
+        found["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
+    return found
