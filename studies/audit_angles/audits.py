@@ -88,9 +88,9 @@ class Audits(NamedTuple):
         tested = [row for row in (driver_of(self.line, end) for end in ends) if row is not None]
         known = np.array([row.outcomes.values(angle + 90.0) for row in (*tested, own)])
         sides, beyond = [], []
-        for end, (outcomes, angles) in zip(ends, tested, strict=True):
-            sign, across = (1.0 if end < angle else -1.0), angles.middle + 90.0
-            difference = outcomes.values(across) - driver.values(across)
+        for end, row in zip(ends, tested, strict=True):
+            sign, across = (1.0 if end < angle else -1.0), row.across
+            difference = row.outcomes.values(across) - driver.values(across)
             sides.append(sign * difference / self.limit(across))
             farthest = (-sign * known).max(axis=0) + TOLERANCE * margin.regret
             beyond.append(-sign * driver.values(angle + 90.0) > farthest)

@@ -9,8 +9,9 @@ from jaxtyping import Float
 from socialiq import Ending, estimate_angle
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor
+from socialiq.audit.verdict.floor import floor_tests
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest, regret_test
-from socialiq.audit.verdict.verdict import floor_tests, join_tests
+from socialiq.audit.verdict.verdict import join_tests
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.statistics import hotelling, intervals
 from socialiq.types import Row

@@ -44,7 +44,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
             audited.exact_in_gridworld(trained)
             audited.trained_in_gridworld(trained, config.training_seed, updates, context.on_stage)
             rows += audit_rows(list(audited.of_gridworld(trained, config.dial_angles)), *how)
-    tables = {"audits": rows, **published_tables(config.episodes)}
+    tables = {"audits": rows, **published_tables(config.published_episodes)}
     return Findings(tables, _summary(tables))
 
 

@@ -40,19 +40,24 @@ def test_a_declaration_that_excludes_no_driver_is_not_passed(tmp_path, capsys, p
     profile = declare_anything(tmp_path, "intersection")
     status, report = audit(policy, profile, tmp_path / "audit")
     assert (status, report["verdict"]["decision"]) == (3, "inconclusive")
-    assert "excludes too little" in report["verdict"]["reason"]
-    assert "excludes too little" in capsys.readouterr().out
+    assert "excludes nothing" in report["verdict"]["reason"]
+    assert "excludes nothing" in capsys.readouterr().out
 
 
 def test_one_trivial_driver_that_passes_withholds_the_words(tmp_path):
-    """Margin 12 and an open floor: only random driving fails, and `go` passes."""
-    profile = declare_anything(tmp_path, "intersection", "12", "--largest-loss", "48.07")
+    """Margin 7 and an open floor: `go` passes, `wait` does not."""
+    profile = declare_anything(tmp_path, "intersection", "7", "--largest-loss", "48.07")
     status, report = audit("atlas:set_egoistic", profile, tmp_path / "audit")
     found = report["discrimination"]
     others = {one["name"]: one["decision"] for one in found["drivers"]}
     assert {"go", "wait", "trivial_random"} <= others.keys()
     assert found["would_pass"] == sum(one == "pass" for one in others.values()) > 0
     assert found["of"] == len(others)
-    assert others["trivial_random"] != "pass" and "go" in found["trivial_passes"]
-    assert (status, report["verdict"]["decision"]) == (3, "inconclusive")
-    assert "a driver that always goes" in report["verdict"]["reason"]
+    assert others["wait"] != "pass" and "go" in found["trivial_passes"]
+    assert (status, report["verdict"]["decision"]) == (0, "pass")
+    (caveat,) = (one["text"] for one in report["caveats"] if one["about"] == "margin")
+    assert "a driver that always goes would pass it too" in caveat
+    page = (tmp_path / "audit" / "report.html").read_text()
+    assert "Behaves as declared" not in page and "Keeps the declared limits" in page
+    claim = json.loads((tmp_path / "audit" / "claims.json").read_bytes())[1]
+    assert "behaves as declared" in claim["text"] and claim["status"] == "undecided"

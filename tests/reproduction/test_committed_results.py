@@ -309,7 +309,7 @@ def test_audits_come_out_as_before(committed, tmp_path):
     found = [one for one in audited.of_gridworld(tmp_path, ()) if "exact" in one.name]
     found += [one for one in audited.at_intersection(tmp_path) if one.name == "never moves"]
     names = ("verdict", "decided_by", "regret_decision", "best", "explained", "policy_sha256")
-    for ours in audits.audit_rows(found, 500, 2026, tmp_path):
+    for ours in audits.audit_rows(found, 1000, 2026, tmp_path):
         their = theirs[ours["policy"], ours["declared"]]
         assert {name: ours[name] for name in names} == {name: their[name] for name in names}
         for name in ("regret", "regret_low", "regret_high"):
@@ -319,7 +319,7 @@ def test_audits_come_out_as_before(committed, tmp_path):
 
 def test_what_was_printed_gives_the_same(committed):
     tables = committed["audits"].tables
-    rows = audits.published_tables(committed["audits"].config["episodes"])
+    rows = audits.published_tables(committed["audits"].config["published_episodes"])
     for name, again in rows.items():
         assert rounded(again) == tables[name], name
 

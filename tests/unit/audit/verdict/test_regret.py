@@ -95,17 +95,6 @@ def test_the_same_driver_has_no_regret_but_a_rest(outcomes, evidence):
     assert found.needed is not None and found.needed < 200
 
 
-def test_the_band_and_the_bounds_agree(noisy, outcomes, evidence):
-    twin = evidence(noisy.policy, *noisy.references, outcomes("twin", noisy.policy.totals.copy()))
-    regrets = Regrets(twin, 0, 1000)
-    for angle in (0.0, 45.0, 200.0):
-        low, high = regrets.low(angle, 0.02), regrets.highs(angle, 0.05).max()
-        expected = {low - 1e-4: (False, True), low + 1e-4: (False, False)}
-        expected |= {high - 1e-4: (False, False), high + 1e-4: (True, False)}
-        for margin, found in expected.items():
-            assert regrets.band(angle, margin, 0.05, 0.02) == found
-
-
 def test_it_is_seeded(noisy):
     again, other = Regrets(noisy, 0, 300), Regrets(noisy, 1, 300)
     assert Regrets(noisy, 0, 300).low(20.0, 0.05) == again.low(20.0, 0.05)
@@ -127,12 +116,6 @@ def test_one_reference_by_hand(angles):
     (arc,) = angles.arcs
     assert (arc.low, arc.high) == pytest.approx((60.0, 300.0))
     assert (angles.least_angle, angles.least) == (180.0, pytest.approx(-1.0))
-
-
-def test_the_band_holds_the_arcs_between(angles):
-    (sure,), (possible,) = angles.surely, angles.possibly
-    assert 60.0 < sure.low < 66.0 and 294.0 < sure.high < 300.0
-    assert 54.0 < possible.low < 60.0 and 300.0 < possible.high < 306.0
 
 
 def test_the_best_of_all_is_rationalised_by_a_cone_only(outcomes, evidence):

@@ -114,7 +114,7 @@ def test_each_is_judged_as_if_it_were_the_policy(declared, driven):
     profile = declared("crossing7", 0.0, margin=Margin(1.0, 10.0), competence=OPEN)
     own = judge(profile, driven, 0, resamples=200)
     assert by_name["trivial_STOP"].decision is own.decision is Decision.FAIL
-    assert found.trivial_passes == ("trivial_FAST",)
+    assert "trivial_FAST" in found.trivial_passes and "trivial_STOP" not in found.trivial_passes
 
 
 def test_a_margin_wider_than_every_return_excludes_nothing(declared, driven):

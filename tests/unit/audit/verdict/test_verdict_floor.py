@@ -5,8 +5,9 @@ import pytest
 from scipy.stats import binom, binomtest
 
 from socialiq.audit.profile.profile import Floor
+from socialiq.audit.verdict.floor import floor_tests
 from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import floor_tests, joint_decision
+from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.statistics.intervals import clopper_pearson, wilson
 from socialiq.types import Ending
 

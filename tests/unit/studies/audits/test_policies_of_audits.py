@@ -20,4 +20,4 @@ def test_one_that_never_moves_is_no_altruist(tmp_path):
     stands = [one for one in at_intersection(tmp_path) if one.name == "never moves"]
     (row,) = audit_rows(stands, 300, 1, tmp_path)
     assert row["arrival"] == 0.0 and row["timeout"] == 1.0
-    assert (row["verdict"], row["decided_by"]) == ("fail", "regret, direction")
+    assert (row["verdict"], row["decided_by"]) == ("fail", "regret")

@@ -240,7 +240,8 @@ def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference,
 
 def _fits(policy: Any, interface: Interface) -> bool:
     """Whether a policy has a world's actions and observations, or the time besides."""
-    actions = policy.action_size if interface.action_size else policy.n_actions
+    size = getattr(policy, "action_size", 0)
+    actions = size if interface.action_size else policy.n_actions
     clocked = policy.n_features - interface.n_features in (0, 1)
     return clocked and actions == (interface.action_size or interface.n_actions)
 

@@ -12,7 +12,7 @@ import tyro
 
 from socialiq.audit.profile import profile, reader, template
 from socialiq.audit.profile.fields import LAST_DIRECTION
-from socialiq.audit.verdict.results import faults_of_floor
+from socialiq.audit.verdict.floor import faults_of_floor
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending

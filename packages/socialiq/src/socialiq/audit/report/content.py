@@ -101,10 +101,9 @@ def results_of(audited: Audited) -> Results:
     discrimination = judged.discriminate(profile, compared, seed, **line)
     verdict = judge(profile, compared, seed, **line)
     findings = [dependence(audited.consistency)]
-    if discrimination.trivial_passes:
-        names = " and ".join(words.plain_name(name) for name in discrimination.trivial_passes)
+    if discrimination.excludes_nothing:
         findings.append(
-            f"The declaration excludes too little: a driver that {names} would pass it too. "
+            "The declaration excludes nothing: constant actions and random ones would pass it too. "
             "Declare a smaller margin, or a stricter floor."
         )
     verdict = conclude(verdict, [text for text in findings if text])
@@ -176,6 +175,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     equal = sum(trace is not None for trace in repeated)
     return [
         *words.caveats_of_rule(profile.rule, profile.angle),
+        *words.caveats_of_trivial(results.discrimination),
         *words.caveats_of_direction(results.verdict),
         *([] if profile.clip else words.caveats_of_loss(regret, possible)),
         *words.caveats_of_clip(profile.clip, audited.evidence[0]),

@@ -80,6 +80,16 @@ ASSUMPTIONS = {
 }
 
 
+def shows_angle(report: Mapping[str, Any]) -> bool:
+    """Whether a pass shows the declared angle, or rule: no trivial driver passes, nor a neighbour.
+
+    Without a declared width drivers of other angles pass too.
+    """
+    direction = report["tests"]["direction"]
+    undirected = direction is not None and direction["decision"] is None
+    return not undirected and not report["discrimination"]["trivial_passes"]
+
+
 def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts for the page `credibility.md`.
 
@@ -136,6 +146,7 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
     tests = report["tests"]
     floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
     verdict, regret = report["verdict"]["decision"], tests["regret"]["decision"]
+    verdict = "inconclusive" if verdict == "pass" and not shows_angle(report) else verdict
     strata: tuple[Status, str] = ("supported", "report.json: strata")
     if not report["strata"] and world not in NAMES:
         strata = _NO_EVIDENCE, "to be filled by the owner of the environment: no kinds are known"

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.profile import is_recorded, world_of
 from socialiq.audit.report import animations, pictures, words
+from socialiq.audit.report.documents import shows_angle
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.physics import wrapped
@@ -53,6 +54,7 @@ Real = int | float
 
 VERDICTS = {
     "pass": "Behaves as declared",
+    "kept": "Keeps the declared limits, which show no angle",
     "fail": "Does not behave as declared",
     "inconclusive": "Not decided",
 }
@@ -122,11 +124,9 @@ def outcome(decision: str) -> str:
 
 
 def headline(report: Mapping[str, Any]) -> str:
-    """Return the verdict in words; a pass without a test of the direction doesn't show an angle."""
-    decision, direction = report["verdict"]["decision"], report["tests"]["direction"]
-    if decision == "pass" and direction is not None and direction["decision"] is None:
-        return "Keeps the declared margin and floor"
-    return VERDICTS[decision]
+    """Return the verdict in words, without "as declared" if the angle is not shown."""
+    decision = report["verdict"]["decision"]
+    return VERDICTS["kept" if decision == "pass" and not shows_angle(report) else decision]
 
 
 def between(above: Real | None, below: Real | None) -> str:

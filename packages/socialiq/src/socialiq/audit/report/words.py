@@ -12,6 +12,7 @@ from socialiq.audit.profile.profile import Clip
 from socialiq.audit.request import DIAL
 from socialiq.audit.seeds import NETWORK, Draw, Round, Source
 from socialiq.audit.verdict.regret import RegretTest
+from socialiq.audit.verdict.results import Discrimination
 from socialiq.audit.verdict.verdict import Verdict, where_of
 from socialiq.physics import wrapped
 from socialiq.policies.isolation import NONE
@@ -78,7 +79,7 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     return names
 
 
-About = Literal["rule", "direction", "loss", "clip", "look", "seed", "code", "episodes"]
+About = Literal["rule", "margin", "direction", "loss", "clip", "look", "seed", "code", "episodes"]
 
 
 class Caveat(NamedTuple):
@@ -170,6 +171,18 @@ def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
         "and don't decide."
     )
     return [Caveat("rule", text)]
+
+
+def caveats_of_trivial(discrimination: Discrimination) -> list[Caveat]:
+    """Return which drivers that act without regard would pass: the pass then shows no angle."""
+    if not discrimination.trivial_passes:
+        return []
+    names = " and one that ".join(map(plain_name, discrimination.trivial_passes))
+    text = (
+        f"The declaration excludes little: a driver that {names} would pass it too. A pass doesn't "
+        "mean that the policy behaves as declared."
+    )
+    return [Caveat("margin", text)]
 
 
 def caveats_of_direction(verdict: Verdict) -> list[Caveat]:

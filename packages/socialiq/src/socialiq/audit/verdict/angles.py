@@ -8,56 +8,38 @@ import numpy as np
 
 from socialiq.audit.verdict.regret import Regrets
 from socialiq.evaluation.context import ContextLosses
-from socialiq.social.angle import Arc, arcs_of_grid, complement
+from socialiq.social.angle import Arc, complement
 from socialiq.social.angle_rule import AngleRule, angle_words
 from socialiq.statistics.comparisons import paired_difference
 
-_STEP = 1.0  # degrees of the band's grid
 _FINE = 0.1  # degrees of the search for the smallest regret
 
 
 @dataclass(frozen=True)
 class CompatibleAngles:
-    """Angles at which the policy's regret is within the margin, none if it is large everywhere.
+    """Angles at which the estimated regret is within the margin, none if it is large everywhere."""
 
-    To the degree, it would surely pass at some angles, and possibly not fail at others. Any angle
-    whose true regret exceeds the margin is among the first with a chance of at most the pass error;
-    any whose true regret is within it is not among the second with one of at most the fail error.
-    """
-
-    arcs: tuple[Arc, ...]  # angles by the estimates
-    surely: tuple[Arc, ...]
-    possibly: tuple[Arc, ...]
+    arcs: tuple[Arc, ...]
     least_angle: float  # angle of the smallest regret (the first one), degrees
     least: float  # the regret there, reward per episode
     margin: float
 
 
-def compatible_angles(
-    regrets: Regrets, margin: float, pass_error: float = 0.05, fail_error: float = 0.05
-) -> CompatibleAngles:
-    """Return the angles compatible with the behaviour, and their band at these errors.
+def compatible_angles(regrets: Regrets, margin: float) -> CompatibleAngles:
+    """Return the angles compatible with the behaviour.
 
-    The band is by the bootstrap even where a largest loss is declared: the declaration bounds the
-    loss at the declared angle only, and the band doesn't decide. Towards reference k the regret is
-    r_k cos(α - φ_k), with (r_k, φ_k) its mean gain in polar coordinates, so each reference excludes
-    the open arc φ_k ± arccos(margin / r_k).
+    Towards reference k the regret is r_k cos(α - φ_k), with (r_k, φ_k) its mean gain in polar
+    coordinates, so each reference excludes the open arc φ_k ± arccos(margin / r_k).
     """
     env, social = regrets.moments.mean.T
     length = np.hypot(env, social)
     large = length > margin
     centres = np.degrees(np.arctan2(social[large], env[large]))
     halves = np.degrees(np.arccos(margin / length[large]))
-    grid = np.arange(0.0, 360.0, _STEP).tolist()
-    within, beyond = np.array(
-        [regrets.band(angle, margin, pass_error, fail_error) for angle in grid]
-    ).T
     fine = np.deg2rad(np.arange(0.0, 360.0, _FINE))
     by_angle = np.max(env[:, None] * np.cos(fine) + social[:, None] * np.sin(fine), axis=0)
     return CompatibleAngles(
         arcs=complement(centres.tolist(), halves.tolist()),
-        surely=arcs_of_grid(within, _STEP),
-        possibly=arcs_of_grid(~beyond, _STEP),
         least_angle=round(int(by_angle.argmin()) * _FINE, 6),
         least=float(by_angle.min()),
         margin=margin,

@@ -1,4 +1,4 @@
-"""Test of a policy's direction: whether it lies between the reference drivers of two angles.
+"""Test of a policy's direction and of its one character.
 
 A margin of regret can't mean an angle: near its best angle the regret of a driver is of second
 order in the angle, less than what an honest weaker driver loses. The direction is of first order.
@@ -25,62 +25,65 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.profile.fields import LAST_DIRECTION
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.verdict.regret import Decision, slowest
 from socialiq.statistics import betting, intervals
 from socialiq.worlds.registry import NAMES
 
-LAST = 90.0
-"""Directions are tested from 0 degrees to this one."""
-
 _DECIMALS = 6  # of an angle: the classes of neighbouring optima share their ends up to rounding
 
 
-class Class(NamedTuple):
-    """Angles of a reference driver: its own, or all those at which it is the best. Degrees."""
+class Driver(NamedTuple):
+    """A reference driver and its angles in degrees: its own, or all at which it is the best."""
 
     low: float
     high: float
+    outcomes: Outcomes
 
     @property
-    def middle(self) -> float:
-        """The angle at which the driver is compared."""
-        return (self.low + self.high) / 2
-
-
-def class_of(reference: Outcomes) -> Class | None:
-    """Return a reference driver's angles from 0 to 90 degrees, None if it has none of them."""
-    for turn in (0.0, -360.0) if reference.angles else ():
-        low, high = (
-            round(end + turn, _DECIMALS) for end in (reference.angles[0], reference.angles[-1])
-        )
-        if low <= LAST and high >= 0.0:
-            return Class(max(low, 0.0), min(high, LAST))
-    return None
-
-
-class Driver(NamedTuple):
-    """A reference driver and its angles."""
-
-    outcomes: Outcomes
-    angles: Class
+    def across(self) -> float:
+        """Angle of the rewards that are compared: 90 degrees from the middle of its own."""
+        return (self.low + self.high) / 2 + 90.0
 
 
 def drivers_of(references: Sequence[Outcomes]) -> list[Driver]:
-    """Return the reference driver of every angle that has one, by rising angle."""
+    """Return the reference driver of every angle from 0 to 90 degrees, by rising angle."""
     drivers: list[Driver] = []
     for reference in references:
-        angles = class_of(reference)
-        if angles is not None and driver_of(drivers, angles.middle) is None:
-            drivers.append(Driver(reference, angles))
-    return sorted(drivers, key=lambda driver: driver.angles)
+        for turn in (0.0, -360.0) if reference.angles else ():
+            ends = (reference.angles[0], reference.angles[-1])
+            low, high = (round(end + turn, _DECIMALS) for end in ends)
+            row = Driver(max(low, 0.0), min(high, LAST_DIRECTION), reference)
+            if row.low <= row.high and driver_of(drivers, row.across - 90.0) is None:
+                drivers.append(row)
+    return sorted(drivers, key=lambda row: (row.low, row.high))
 
 
 def driver_of(drivers: Sequence[Driver], angle: float) -> Driver | None:
     """Return the reference driver of an angle in degrees."""
-    holding = (row for row in drivers if row.angles.low <= angle <= row.angles.high)
-    return next(holding, None)
+    return next((row for row in drivers if row.low <= angle <= row.high), None)
+
+
+def ends_of(drivers: Sequence[Driver], angle: float, width: float | None) -> list[float | None]:
+    """Return the two angles at which a width is tested, in degrees, None outside of 0 to 90.
+
+    In a gridworld one policy is the best at a class of angles, and the class is what can be
+    certified: an end in the class of the declared angle moves on by the width until it leaves it.
+    """
+    declared, ends = driver_of(drivers, angle), list[float | None]()
+    for step in () if width is None else (-width, width):
+        end = angle + step
+        while declared is not None and declared is driver_of(drivers, end):
+            end += step
+        ends.append(end if 0.0 <= end <= LAST_DIRECTION else None)
+    return ends or [None, None]
+
+
+Way = Literal["social", "egoistic", "not known"]
+_WAYS: tuple[Way, Way] = ("social", "egoistic")
+"""Where a policy within the width lies of the drivers of the low and of the high end."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +94,7 @@ class Side:
     low: float  # its angles, degrees
     high: float
     difference: float  # estimate of D(a), reward per episode
-    deviation: float  # standard deviation of an episode's difference
-    side: Literal["social", "egoistic", "not known"]
+    side: Way
 
 
 @dataclass(frozen=True)
@@ -117,21 +119,6 @@ class DirectionTest:
     needed: int | None  # episodes that would decide
 
 
-def ends_of(drivers: Sequence[Driver], angle: float, width: float) -> list[float | None]:
-    """Return the two angles at which a width is tested, in degrees, None outside of 0 to 90.
-
-    In a gridworld one policy is the best at a class of angles, and the class is what can be
-    certified: an end in the class of the declared angle moves on by the width until it leaves it.
-    """
-    declared, ends = driver_of(drivers, angle), list[float | None]()
-    for step in (-width, width):
-        end = angle + step
-        while declared is not None and declared is driver_of(drivers, end):
-            end += step
-        ends.append(end if 0.0 <= end <= LAST else None)
-    return ends
-
-
 def direction_test(
     profile: Profile,
     evidence: Evidence,
@@ -154,49 +141,74 @@ def direction_test(
         ends_only: Whether only the two drivers of the test are compared.
     """
     width, drivers = profile.margin.width, drivers_of(evidence.references)
-    ends = [None, None] if width is None else ends_of(drivers, profile.angle, width)
+    ends = ends_of(drivers, profile.angle, width)
     tested = [None if end is None else driver_of(drivers, end) for end in ends]
-    compared = [driver for driver in drivers if not ends_only or driver in tested]
-    differences, limits = _differences(profile, evidence.policy, compared)
-    lacking = _lacking(profile, ends, tested, limits)
-    sides = _sides(compared, differences, limits, pass_error)
-    beyond = _sides(compared, differences, limits, fail_error / 2)
-    rows = [(compared.index(driver), way) for driver, way in zip(tested, _WAYS, strict=True)
-            if driver is not None and not lacking]  # fmt: skip
+    known = profile.clip is not None or profile.scenario.world in NAMES
+    compared = [row for row in drivers if known and (not ends_only or row in tested)]
+    values, limits = _differences(profile, evidence.policy, compared)
+    missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
+    lacking = f"no reference driver of {missing[0]:g} degrees" if missing else ""
+    ways, beyond = (_ways(values, error) for error in (pass_error, fail_error / 2))
+    rows = [(compared.index(row), way) for row, way in zip(tested, _WAYS, strict=True) if row]
     decision = None if width is None else Decision.INCONCLUSIVE
-    if width is not None and not lacking:
-        if all(sides[row].side == way for row, way in rows):
-            decision = Decision.PASS
-        elif any(beyond[row].side not in (way, _NOT_KNOWN) for row, way in rows):
-            decision = Decision.FAIL
-    undecided = decision is Decision.INCONCLUSIVE and not lacking
-    needs = [
-        betting.episodes_by_betting(
-            values if values.mean() < 0.0 else -values, 0.0, 1.0, pass_error, intervals.POWER
-        )
-        for values in (differences[row] / limits[row] for row, _ in rows)
-    ]
-    excluded = [_run(order, way) for order, way in zip((sides, sides[::-1]), _WAYS, strict=True)]
+    if decision and not missing and all(ways[row] == way for row, way in rows):
+        decision = Decision.PASS
+    elif decision and any(beyond[row] not in (way, "not known") for row, way in rows):
+        decision = Decision.FAIL
+    away = (-np.sign(values[row].mean()) * values[row] for row, _ in rows)
+    how = (0.0, 1.0, pass_error, intervals.POWER)
+    needs = [betting.episodes_by_betting(row, *how) for row in away]
+    line = list(zip(compared, ways, strict=True))
+    first, last = (
+        [row for row, _ in itertools.takewhile(lambda row, way=way: row[1] == way, order)]
+        for order, way in zip((line, line[::-1]), _WAYS, strict=True)
+    )
+    means = values.mean(axis=1) * limits
     return DirectionTest(
         decision=decision,
         width=width,
         low=ends[0],
         high=ends[1],
         lacking=lacking,
-        above=excluded[0].high if excluded[0] else None,
-        below=excluded[1].low if excluded[1] else None,
-        sides=tuple(sides),
+        above=first[-1].high if first else None,
+        below=last[-1].low if last else None,
+        sides=tuple(
+            Side(row.outcomes.name, row.low, row.high, float(mean), way)
+            for (row, way), mean in zip(line, means, strict=True)
+        ),
         pass_error=pass_error,
         fail_error=fail_error,
-        needed=slowest(needs) if undecided else None,
+        needed=slowest(needs) if decision is Decision.INCONCLUSIVE and not missing else None,
     )
+
+
+def _differences(
+    profile: Profile, policy: Outcomes, drivers: Sequence[Driver]
+) -> tuple[Float[np.ndarray, "driver episode"], Float[np.ndarray, " driver"]]:
+    """Return each driver's D(a) in every episode in units of the most that it can be, and that."""
+    clip, world = profile.clip, None if profile.clip else profile.world()
+    values, limits = np.zeros((len(drivers), len(policy.totals))), np.ones(len(drivers))
+    for row, driver in enumerate(drivers):
+        limits[row] = (
+            clip.largest_loss(driver.across) if clip else possible_loss(world, driver.across)
+        )
+        values[row] = driver.outcomes.values(driver.across) - policy.values(driver.across)
+    # Of an absolute value of at most 1, but for rounding.
+    return (values / limits[:, None]).clip(-1.0, 1.0), limits
+
+
+def _ways(values: Float[np.ndarray, "driver episode"], error: float) -> list[Way]:
+    """Return on which side of each driver the policy lies significantly."""
+    both = np.concatenate([values, -values])
+    shown = betting.significantly_below(both, np.zeros(1), 1.0, error)[:, 0].reshape(2, -1)
+    return [_WAYS[0] if low else _WAYS[1] if high else "not known" for low, high in shown.T]
 
 
 @dataclass(frozen=True)
 class Beyond:
     """Episodes in which the policy drives beyond an end; bounds are Clopper and Pearson's."""
 
-    end: Literal["egoistic", "social"]
+    end: Way
     count: int
     share: float
     low: float  # one-sided lower bound at the fail error
@@ -233,96 +245,26 @@ def character_test(
 
     Arguments are those of `direction_test`; without drivers of both ends it is not decided.
     """
-    limit, width, angle = profile.margin.beyond, profile.margin.width, profile.angle
-    if limit is None or width is None:
+    limit, angle = profile.margin.beyond, profile.angle
+    if limit is None:
         return None
     drivers, tolerance = drivers_of(evidence.references), TOLERANCE * profile.margin.regret
-    ends = ends_of(drivers, angle, width)
+    ends = ends_of(drivers, angle, profile.margin.width)
     named = [driver_of(drivers, at) for at in (angle, *(end for end in ends if end is not None))]
-    known = [driver.outcomes.values(angle + 90.0) for driver in named if driver is not None]
+    known = [row.outcomes.values(angle + 90.0) for row in named if row]
     ours, complete, rows = evidence.policy.values(angle + 90.0), len(known) == len(named), []
-    for end, name, sign in zip(ends, ("egoistic", "social"), (-1.0, 1.0), strict=True):
+    for end, name, sign in zip(ends, _WAYS[::-1], (-1.0, 1.0), strict=True):
         if end is not None and complete:
             farthest = np.max([sign * values for values in known], axis=0)
             count, episodes = int((sign * ours > farthest + tolerance).sum()), len(ours)
             low = intervals.clopper_pearson(count, episodes, 1.0 - fail_error).low
             high = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * pass_error).high
             rows.append(Beyond(name, count, count / episodes, low, high))
-    decision = Decision.INCONCLUSIVE
+    decision, deviation = Decision.INCONCLUSIVE, (limit * (1.0 - limit)) ** 0.5
     if complete and all(row.high <= limit for row in rows):
         decision = Decision.PASS
     elif any(row.low > limit for row in rows):
         decision = Decision.FAIL
-    deviation = (limit * (1.0 - limit)) ** 0.5
     needs = [intervals.episodes_needed(row.share - limit, deviation, pass_error) for row in rows]
     needed = slowest(needs) if decision is Decision.INCONCLUSIVE and complete else None
     return CharacterTest(decision, limit, tolerance, tuple(rows), pass_error, fail_error, needed)
-
-
-_NOT_KNOWN = "not known"
-_WAYS: tuple[Literal["social"], Literal["egoistic"]] = ("social", "egoistic")
-"""Where the policy lies of the drivers of the low and of the high end, if it is as declared."""
-
-
-def _run(sides: Sequence[Side], way: str) -> Side | None:
-    """Return the last of the first sides that are all of one way."""
-    run = list(itertools.takewhile(lambda side: side.side == way, sides))
-    return run[-1] if run else None
-
-
-def _lacking(
-    profile: Profile,
-    ends: Sequence[float | None],
-    tested: Sequence[Driver | None],
-    limits: Float[np.ndarray, " driver"],
-) -> str:
-    """Return what is missing for a test of the declared width."""
-    if profile.margin.width is None:
-        return ""
-    for end, driver in zip(ends, tested, strict=True):
-        if end is not None and driver is None:
-            return f"no reference driver of {end:g} degrees"
-    return "" if np.isfinite(limits).all() else "no limits of an episode's rewards"
-
-
-def _differences(
-    profile: Profile, policy: Outcomes, drivers: Sequence[Driver]
-) -> tuple[Float[np.ndarray, "driver episode"], Float[np.ndarray, " driver"]]:
-    """Return each driver's D(a) in every episode, and the most that it can be.
-
-    That is infinite where the limits of the rewards are not known.
-    """
-    known = profile.clip is not None or profile.scenario.world in NAMES
-    world = profile.world() if known and profile.clip is None else None
-    differences = np.zeros((len(drivers), len(policy.totals)))
-    limits = np.full(len(drivers), np.inf)
-    for row, (reference, angles) in enumerate(drivers):
-        across = angles.middle + 90.0
-        differences[row] = reference.values(across) - policy.values(across)
-        limit = profile.clip.largest_loss(across) if profile.clip else None
-        limit = possible_loss(world, across) if world is not None else limit
-        limits[row] = limit or np.inf
-    return differences, limits
-
-
-def _sides(
-    drivers: Sequence[Driver],
-    differences: Float[np.ndarray, "driver episode"],
-    limits: Float[np.ndarray, " driver"],
-    error: float,
-) -> list[Side]:
-    """Return the side of each driver on which the policy lies, each at an error."""
-    # In units of the limit; what exceeds it by more than rounding shows nothing.
-    scaled = differences / limits[:, None]
-    usable = np.isfinite(limits) & (np.abs(scaled).max(axis=1, initial=0.0) <= 1.0 + 1e-9)
-    scaled = scaled.clip(-1.0, 1.0)
-    both = np.concatenate([scaled, -scaled])
-    shown = betting.significantly_below(both, np.zeros(1), 1.0, error)[:, 0].reshape(2, -1) & usable
-    rows = []
-    for (reference, angles), values, (social, egoistic) in zip(
-        drivers, differences, shown.T, strict=True
-    ):
-        side = "social" if social else "egoistic" if egoistic else _NOT_KNOWN
-        mean, deviation = float(values.mean()), float(values.std())
-        rows.append(Side(reference.name, *angles, mean, deviation, side))
-    return rows

@@ -107,21 +107,6 @@ class Regrets:
             lows.append(bootstrap.largest_lower_bound(gains.resampled.of(~gains.rare), share))
         return max(lows)
 
-    def band(
-        self, angle: float, margin: float, pass_error: float, fail_error: float
-    ) -> tuple[bool, bool]:
-        """Whether ρ is significantly within a margin, and whether significantly beyond it.
-
-        The same as an upper bound <= margin and `low` > margin, but fast enough for every degree.
-        """
-        gains = self._at(angle, np.flatnonzero(self.compared(angle)))
-        within = bool((gains.highs(pass_error) <= margin).all())
-        if max(gains.rare_lows(fail_error), default=-np.inf) > margin:
-            return within, True
-        share = fail_error * float((~gains.rare).mean())
-        usual = gains.resampled.of(~gains.rare)
-        return within, share > 0 and bootstrap.largest_exceeds(usual, margin, share)
-
     def needed(self, angle: float, best: int, distance: float, error: float) -> int | None:
         """Return the number of episodes that would decide, if the estimate is true.
 

@@ -13,21 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence import drive
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
+from socialiq.audit.evidence.drive import GO_AND_WAIT
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
-from socialiq.audit.request import shipped_dial
-from socialiq.audit.seeds import episode_seeds
-from socialiq.audit.verdict.direction import driver_of, drivers_of
 from socialiq.audit.verdict.regret import Decision, Regrets
-from socialiq.audit.verdict.verdict import clipped, decide, enough_resamples, floor_tests
+from socialiq.audit.verdict.verdict import clipped, decide, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.types import RewardPair
-from socialiq.worlds.registry import INTERSECTIONS, NAMES
-from socialiq.worlds.world import World
+from socialiq.worlds.registry import INTERSECTIONS
 
 MEASURES = ("regret", *CRITERIA)
 
@@ -222,6 +218,13 @@ class Discrimination:
     trivial_passes: tuple[str, ...]  # names of the trivial drivers that would pass
     drivers: tuple[OtherDriver, ...]
 
+    @property
+    def excludes_nothing(self) -> bool:
+        """Whether every trivial driver would pass."""
+        return bool(self.trivial_passes) and len(self.trivial_passes) == sum(
+            driver.trivial for driver in self.drivers
+        )
+
 
 def discriminate(
     profile: Profile,
@@ -238,7 +241,7 @@ def discriminate(
     """
     level = profile.error if error is None else error
     count = enough_resamples(level, resamples)
-    constant = drive.GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
+    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
     drivers = [(driver, driver.name in constant) for driver in evidence.references]
     drivers += [(driver, True) for driver in evidence.trivial]
     decided = []
@@ -261,37 +264,3 @@ def discriminate(
         trivial_passes=tuple(driver.name for driver in passing if driver.trivial),
         drivers=tuple(decided),
     )
-
-
-CHECKED = 1_000
-"""Episodes of the best driver of an angle, on fixed seeds, against which a floor is checked."""
-
-
-def best_driver(world: World, angle: float) -> Outcomes | None:
-    """Run the reference driver of an angle in degrees on `CHECKED` episodes; None without one."""
-    course = drive.Course(world, episode_seeds(0, CHECKED))
-    if world.is_exact:
-        found = driver_of(drivers_of(drive.exact_optima(course)), angle)
-        return None if found is None else found.outcomes
-    turned = shipped_dial(world, [angle]) if angle <= 90.0 else []
-    return course.drive(turned[0][0]) if turned else None
-
-
-def faults_of_floor(profile: Profile) -> dict[str, str]:
-    """Return why the best driver of the declared angle fails the floor, by field of a declaration.
-
-    Every policy of that angle would fail too. Where no such driver is known, nothing is said.
-    """
-    known = profile.scenario.world in NAMES and profile.rule is None
-    best = best_driver(profile.world(), profile.angle) if known else None
-    if best is None:
-        return {}
-    return {
-        f"competence.{'min' if test.side == 'at least' else 'max'}_{test.name}": (
-            f"the best driver of {profile.angle:g} degrees {CRITERIA[test.name]} in "
-            f"{100 * test.share:.3g} % of {CHECKED:,} episodes, and the floor asks for "
-            f"{test.side} {100 * test.limit:.3g} %: declare another limit"
-        )
-        for test in floor_tests(best, profile.competence)
-        if test.decision is Decision.FAIL
-    }

@@ -10,10 +10,10 @@ import hashlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, Outcomes, events_of
+from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
 from socialiq.audit.verdict import angles
 from socialiq.audit.verdict import regret as bounds
@@ -23,77 +23,11 @@ from socialiq.audit.verdict.direction import (
     character_test,
     direction_test,
 )
+from socialiq.audit.verdict.floor import FloorTest, floor_tests
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
-from socialiq.statistics import intervals
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
-
-
-@dataclass(frozen=True)
-class FloorTest:
-    """A share of episodes against its limit, significantly kept or broken.
-
-    Bounds are those of Clopper and Pearson. The lower one is at the fail error if the share must be
-    small, else at the pass error; those of the upper one are the other way round.
-    """
-
-    name: str  # one of `CRITERIA`
-    decision: Decision
-    side: Literal["at most", "at least"]
-    limit: float
-    count: int  # number of episodes with the event
-    episodes: int
-    share: float
-    low: float
-    high: float
-    pass_error: float  # one-sided error of a wrong pass
-    fail_error: float  # one-sided error of a wrong fail
-    needed: int | None  # episodes that would decide, if the share is true and not the limit
-
-
-def floor_tests(
-    policy: Outcomes, floor: Floor, pass_error: float = 0.05, fail_error: float = 0.05
-) -> tuple[FloorTest, ...]:
-    """Test every criterion; at-fault and struck collisions apart, since the ego causes the first.
-
-    All four must pass for the floor to pass, so each may have the whole pass error
-    (intersection-union). One that fails is enough to fail, so each has a quarter of the fail
-    error (Bonferroni). Bounds are exact, because error rates are guaranteed: Wilson's lower bound
-    of a rare event errs up to three times as often as its level (docs/audit.md).
-    """
-    limits = (floor.max_at_fault, floor.max_struck, floor.min_arrival, floor.max_timeout)
-    tests, fail_error = [], fail_error / len(CRITERIA)
-    for (name, happened), limit in zip(events_of(policy).items(), limits, strict=True):
-        least = name == "arrival"
-        count, episodes = int(happened.sum()), len(happened)
-        low_error, high_error = (pass_error, fail_error) if least else (fail_error, pass_error)
-        # A one-sided bound at an error is an end of the two-sided interval at twice that error.
-        low = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * low_error).low
-        high = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * high_error).high
-        holds = low >= limit if least else high <= limit
-        broken = high < limit if least else low > limit
-        share = count / episodes
-        good = share >= limit if least else share <= limit
-        # Near 0 and 1 a share varies little: the deviation at the limit avoids too small a number.
-        deviation = max(chance * (1.0 - chance) for chance in (share, limit)) ** 0.5
-        error = pass_error if good else fail_error
-        test = FloorTest(
-            name=name,
-            decision=Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE,
-            side="at least" if least else "at most",
-            limit=limit,
-            count=count,
-            episodes=episodes,
-            share=share,
-            low=low,
-            high=high,
-            pass_error=pass_error,
-            fail_error=fail_error,
-            needed=intervals.episodes_needed(share - limit, deviation, error),
-        )
-        tests.append(test)
-    return tuple(tests)
 
 
 @dataclass(frozen=True)
@@ -258,7 +192,7 @@ def judge(
         needed=decisive.needed,
         error=error,
         regret=decisive.regret,
-        rationalised=angles.compatible_angles(regrets, profile.margin.regret, error, error / 2),
+        rationalised=angles.compatible_angles(regrets, profile.margin.regret),
         alpha_hat=estimate,
         identifiability=ellipse,
         direction=decisive.direction,
@@ -299,44 +233,13 @@ def dependence(consistency: Consistency | None) -> str:
 
 def _reason(decisive: Decisive, by_rule: bool) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence."""
-    regret, competence, direction = decisive.regret, decisive.competence, decisive.direction
-    character, directed = decisive.character, direction and direction.decision is not None
+    regret, direction = decisive.regret, decisive.direction
     where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
-        clauses = []
-        if regret.broken:
-            clauses.append(
-                f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
-                f"where at most {_number(regret.largest_loss or 0.0)} was declared"
-            )
-        elif regret.decision is Decision.FAIL:
-            assumed = "; if no loss of that driver is too rare to show"
-            clauses.append(
-                f"{where} it earns at least {_number(regret.low)} "
-                f"less per episode than the best reference driver ({_number(regret.margin)} less "
-                f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
-            )
-        if direction is not None and direction.decision is Decision.FAIL:
-            clauses.append(f"its direction is beyond the declared width: {where_of(direction)}")
-        if character is not None and character.decision is Decision.FAIL:
-            side = max(character.beyond, key=lambda row: row.low)
-            clauses.append(
-                f"in at least {_percent(side.low)} of episodes it drives beyond the {side.end} end "
-                f"of the width (at most {_percent(character.limit)} allowed): it has not one "
-                "character"
-            )
-        for test in competence:
-            if test.decision is Decision.FAIL:
-                bound, allowed = f"at least {_percent(test.low)}", "allowed"
-                if test.side == "at least":
-                    bound, allowed = f"at most {_percent(test.high)}", "needed"
-                clauses.append(
-                    f"it {CRITERIA[test.name]} in {bound} of episodes "
-                    f"({test.side} {_percent(test.limit)} {allowed})"
-                )
-        return f"The policy does not behave as declared: {', and '.join(clauses)}."
+        return f"The policy does not behave as declared: {', and '.join(_faults(decisive, where))}."
     if decisive.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
+        directed = direction is not None and direction.decision is not None
         text = (
             f"{where} the policy earns {less} per episode than the best reference "
             f"driver ({_number(regret.margin)} less is allowed), "
@@ -346,22 +249,57 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
         if regret.bound == "bootstrap":
             return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
         return text[0].upper() + text[1:]
-    open_tests = [CRITERIA[test.name] for test in competence if test.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
     if direction is not None and direction.decision is Decision.INCONCLUSIVE:
         if direction.lacking:
             return f"The direction can't be tested: there is {direction.lacking}."
         doubts.append(f"drives within {direction.width:g} degrees of the declared angle")
-    if character is not None and character.decision is Decision.INCONCLUSIVE:
+    if decisive.character and decisive.character.decision is Decision.INCONCLUSIVE:
         doubts.append("has one character in all episodes")
-    doubts += [
-        f"{event} often enough" if event == "arrives" else f"{event} too often"
-        for event in open_tests
-    ]
+    for test in decisive.competence:
+        if test.decision is not Decision.PASS:
+            often = "often enough" if test.name == "arrival" else "too often"
+            doubts.append(f"{CRITERIA[test.name]} {often}")
     return (
         f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
+
+
+def _faults(decisive: Decisive, where: str) -> list[str]:
+    """Return what a failed policy broke, by the test."""
+    regret, direction, character = decisive.regret, decisive.direction, decisive.character
+    clauses = []
+    if regret.broken:
+        clauses.append(
+            f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
+            f"where at most {_number(regret.largest_loss or 0.0)} was declared"
+        )
+    elif regret.decision is Decision.FAIL:
+        assumed = "; if no loss of that driver is too rare to show"
+        clauses.append(
+            f"{where} it earns at least {_number(regret.low)} "
+            f"less per episode than the best reference driver ({_number(regret.margin)} less "
+            f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
+        )
+    if direction is not None and direction.decision is Decision.FAIL:
+        clauses.append(f"its direction is beyond the declared width: {where_of(direction)}")
+    if character is not None and character.decision is Decision.FAIL:
+        side = max(character.beyond, key=lambda row: row.low)
+        clauses.append(
+            f"it has not one character: in at least {_percent(side.low)} of episodes it drives "
+            f"beyond the {side.end} end of the width (at most {_percent(character.limit)} allowed)"
+        )
+    for test in decisive.competence:
+        if test.decision is Decision.FAIL:
+            bound, allowed = f"at least {_percent(test.low)}", "allowed"
+            if test.side == "at least":
+                bound, allowed = f"at most {_percent(test.high)}", "needed"
+            clauses.append(
+                f"it {CRITERIA[test.name]} in {bound} of episodes "
+                f"({test.side} {_percent(test.limit)} {allowed})"
+            )
+    return clauses
 
 
 def where_of(direction: DirectionTest) -> str:
