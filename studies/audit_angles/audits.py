@@ -33,7 +33,8 @@ Shares = Bool[np.ndarray, "share episode"]
 def declaration(world: str, angle: float) -> Profile:
     """Return the default declaration of an angle in degrees."""
     usual, floor = USUAL[world], floor_at(angle)
-    margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
+    loss = None if usual.clip else possible_loss(make(world), angle)
+    margin = Margin(usual.margin, None, loss, usual.width, usual.beyond)
     return declare(angle, "a study", world, margin, DAY, competence=floor, clip=usual.clip)
 
 
@@ -62,7 +63,7 @@ class Audits(NamedTuple):
     profile: Profile
     references: tuple[Outcomes, ...]  # with clipped rewards
     line: list[Driver]
-    limit: Callable[[float], float]  # largest loss of an episode at an angle in degrees
+    limit: Callable[[float], Any]  # largest loss of an episode at an angle in degrees
 
     @staticmethod
     def of(world: str, declared: float, pool: Mapping[str, Driven]) -> "Audits":
@@ -108,8 +109,10 @@ class Audits(NamedTuple):
 
     def holds(self, driver: Outcomes, tests: Sequence[str] = TESTS) -> bool:
         """Whether a driver's true values, those of the pool, are within the limits of tests."""
-        found = dict(zip(TESTS, self.measured(driver), strict=True))
+        found: dict[str, np.ndarray] = dict(zip(TESTS, self.measured(driver), strict=True))
         means = {name: found[name].mean(axis=1) for name in tests}
+        if "direction" in means and not (means["direction"] < 0.0).all():
+            return False  # a driver on an end is not within
         return all((mean <= np.array(self.limits[name])).all() for name, mean in means.items())
 
     def shares(self, driver: Outcomes, episodes: int, audits: int, seed: int) -> Row:

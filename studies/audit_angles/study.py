@@ -13,7 +13,6 @@ from socialiq.learners.settings import check_counts
 from socialiq.types import Row
 from socialiq.worlds.registry import GRIDWORLDS
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
-from socialiq_lab.tables import matching
 from studies.audit_angles.audits import TESTS, Audits
 from studies.audit_angles.drivers import (
     ANGLES,
@@ -24,8 +23,6 @@ from studies.audit_angles.drivers import (
     drive_optima,
     mixtures,
 )
-
-NEIGHBOUR = 15.0  # degrees
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
@@ -58,7 +55,11 @@ def power_rows(
                 continue
             true = "" if driven.true is None else driven.true
             label: Row = {"world": world, "declared": declared, "policy": name}
-            label |= {"kind": driven.kind, "true": true}
+            label |= {
+                "kind": driven.kind,
+                "true": true,
+                "inside": int(audits.holds(driven.outcomes)),
+            }
             for episodes in config.lengths:
                 how = episodes, config.audits, config.first_seed
                 rows.append({**label, "episodes": episodes, **audits.shares(driven.outcomes, *how)})
@@ -100,20 +101,18 @@ def worst_rows(pool: Mapping[str, Driven], seed: int) -> list[Row]:
 
 
 def _summary(power: list[Row], worst: list[Row]) -> dict[str, Any]:
-    """Return the smallest share of passes at the driver's angle and the largest far from it."""
+    """Return the smallest share of passes at the drivers' angle, and the largest of wrong passes.
+
+    Wrong is a pass of a driver whose values in the whole pool are not within the declaration.
+    """
     found: dict[str, Any] = {"worst": {}}
-    for episodes in sorted({row["episodes"] for row in power}):
-        rows = matching(power, episodes=episodes)
-        known = [row for row in rows if row["true"] != ""]
-        own = [row for row in known if row["true"] == row["declared"]]
-        far = [row for row in known if abs(row["true"] - row["declared"]) >= NEIGHBOUR]
-        kinds: dict[str, Any] = {}
-        for kind in sorted({f"{row['world']}, {row['kind']}" for row in known}):
-            ours = [row["passed"] for row in own if f"{row['world']}, {row['kind']}" == kind]
-            theirs = [row["passed"] for row in far if f"{row['world']}, {row['kind']}" == kind]
-            kinds[kind] = {"own_angle_least": min(ours, default=None)}
-            kinds[kind]["far_most"] = max(theirs, default=None)
-        found[f"{episodes} episodes"] = kinds
+    for row in power:
+        kinds = found.setdefault(f"{row['episodes']} episodes", {})
+        share = kinds.setdefault(f"{row['world']}, {row['kind']}", {"own_angle": {}, "wrong": 0.0})
+        if row["true"] == row["declared"]:
+            share["own_angle"].setdefault(row["policy"], row["passed"])
+        if not row["inside"]:
+            share["wrong"] = max(share["wrong"], row["passed"])
     for row in worst:
         found["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
     return found

@@ -82,7 +82,7 @@ def learner_angle_rows(margin: Margin) -> list[Row]:
             calibrated = float(np.interp(alpha_hat, achieved, angles))
             far = abs(calibrated - MODES[mode])
             row |= {"calibrated": calibrated, "distance": far}
-            row["within_margin"] = int(far <= margin.degrees)
+            row["within_margin"] = int(far <= (margin.degrees or 0.0))
         rows.append(row)
     return rows
 

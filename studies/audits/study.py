@@ -67,10 +67,10 @@ def audit_rows(
     """Declare and audit each policy, all of one world, in a folder; return a row for each."""
     rows, profile = [], folder / "profile.toml"
     for policy in tracked(policies, on_stage, f"audits, {policies[0].world}", "audits"):
-        usual, limits = USUAL[policy.world], {"competence": policy.floor}
+        usual, floor = USUAL[policy.world], policy.floor
         margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
         who = "the study of audits", policy.world
-        declared = declare(policy.declared, *who, margin, DAY, clip=usual.clip, **limits)
+        declared = declare(policy.declared, *who, margin, DAY, competence=floor, clip=usual.clip)
         # Without the template's comments, whose wording would otherwise determine the episodes.
         lines = [line for line in declared.source.splitlines() if line and line[:1] != b"#"]
         profile.write_bytes(b"\n".join(lines))

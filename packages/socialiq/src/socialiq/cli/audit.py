@@ -142,18 +142,9 @@ def _print_verdict(report: Mapping[str, Any]) -> None:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
     if sentence := views.not_excluded(report):
         sys.stdout.write(f"{sentence.replace('°', ' degrees')}\n")
-    rows = [
-        {
-            "test": test.short,
-            "result": views.outcome(test.decision),
-            "estimate": test.estimate,
-            "low": test.low,
-            "high": test.high,
-            "asked for": test.demand,
-        }
-        for test in views.tested(report)
-    ]
-    print_table([{name: text.replace("−", "-") for name, text in row.items()} for row in rows])
+    rows = [{key: row[key].replace("−", "-") for key in row if key != "name"}
+            for row in views.tested(report)]  # fmt: skip
+    print_table(rows)
     sys.stdout.write(f"{views.other_passes(report)}\n")
     if report["shift"]:
         sys.stdout.write(f"{report['shift']['sentence']}\n")

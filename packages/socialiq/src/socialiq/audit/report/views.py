@@ -120,7 +120,10 @@ def meaning(angle: Real) -> str:
 
 def outcome(decision: str) -> str:
     """Return the decision of a test in words."""
-    return {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}[decision]
+    return _OUTCOMES[decision]
+
+
+_OUTCOMES = {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}
 
 
 def headline(report: Mapping[str, Any]) -> str:
@@ -145,58 +148,50 @@ def not_excluded(report: Mapping[str, Any]) -> str:
     return f"Angles not excluded: {between(direction['above'], direction['below'])}."
 
 
-class Tested(NamedTuple):
-    """A row of the table of tests; `short` is its name in 17 characters."""
+def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
+    tests, angle = report["tests"], degrees(report["declaration"]["angle"])
+    regret, direction, character = (tests[key] for key in ("regret", "direction", "character"))
 
-    short: str
-    name: str
-    decision: str
-    estimate: str
-    low: str
-    high: str
-    demand: str
+    def row(
+        test: str, name: str, found: Mapping[str, Any], value: Any, most: str
+    ) -> dict[str, str]:
+        cells = {"estimate": value(found.get("regret", found.get("share")))}
+        cells |= {end: value(found[end]) for end in ("low", "high")}
+        return {"test": test, "name": name, "result": outcome(found["decision"]), **cells} | {
+            "asked for": most
+        }
 
-
-_SHORT = {
-    "at_fault": "at-fault collision",
-    "struck": "struck",
-    "arrival": "arrival",
-    "timeout": "out of time",
-}
-
-
-def tested(report: Mapping[str, Any]) -> list[Tested]:
-    """Return the rows of all tests that decide, in words."""
-    tests, declared = report["tests"], report["declaration"]
-    regret, direction, by_rule = tests["regret"], tests["direction"], "angle_rule" in declared
-    name = f"reward below the best reference driver's at {degrees(declared['angle'])}, per episode"
-    name = "decision loss at the declared rule, per episode" if by_rule else name
-    short = "decision loss" if by_rule else "reward below best"
-    values = (number(regret[key]) for key in ("regret", "low", "high"))
-    margin = f"at most {number(regret['margin'])}"
-    rows = [Tested(short, name, regret["decision"], *values, margin)]
+    names = "reward below best", f"reward below the best reference driver's at {angle}, per episode"
+    if "angle_rule" in report["declaration"]:
+        names = "decision loss", "decision loss at the declared rule, per episode"
+    rows = [row(*names, regret, number, f"at most {number(regret['margin'])}")]
     if direction is not None and direction["decision"] is not None:
-        ends = between(direction["low"], direction["high"])
-        found = between(direction["above"], direction["below"])
+        ends = [between(direction[low], direction[high]) for low, high in _RANGES]
         name = "direction, by the reference drivers of the angles"
-        rows.append(Tested("direction", name, direction["decision"], found, "", "", ends))
-    for row in tests["character"]["beyond"] if tests["character"] else ():
-        name = f"drives beyond the {row['end']} end of the width"
-        cells = (percent(row[key]) for key in ("share", "low", "high"))
-        limit = f"at most {percent(tests['character']['limit'])}"
-        decision = tests["character"]["decision"]
-        rows.append(Tested(f"beyond, {row['end']}", name, decision, *cells, limit))
+        cells = {"estimate": ends[0], "low": "", "high": "", "asked for": ends[1]}
+        result = outcome(direction["decision"])
+        rows.append({"test": "direction", "name": name, "result": result, **cells})
+    for side in character["beyond"] if character else ():
+        name = f"drives beyond the {side['end']} end of the width"
+        most = f"at most {percent(character['limit'])}"
+        kept = {**side, "decision": character["decision"]}
+        rows.append(row(f"beyond, {side['end']}", name, kept, percent, most))
     return rows + [
-        Tested(
-            _SHORT[test["name"]],
+        row(
+            test["name"].replace("_", " "),
             CRITERIA[test["name"]],
-            test["decision"],
-            *(percent(test[key]) for key in ("share", "low", "high")),
+            test,
+            percent,
             f"{test['side']} {percent(test['limit'])}",
         )
         for test in tests["competence"]
         if is_known(report, test["name"])
     ]
+
+
+_RANGES = (("above", "below"), ("low", "high"))
+"""Ends of the angles that are not excluded, and of the declared width."""
 
 
 def compatible(report: Mapping[str, Any]) -> str:
@@ -297,6 +292,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
         headline=headline(report),
         not_excluded=not_excluded(report),
         tested=tested(report),
+        results={words: decision for decision, words in _OUTCOMES.items()},
         **variables,
     )
 

@@ -16,6 +16,7 @@ a; at the intersection the shipped dial comes first.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -186,12 +187,13 @@ def _differences(
     profile: Profile, policy: Outcomes, drivers: Sequence[Driver]
 ) -> tuple[Float[np.ndarray, "driver episode"], Float[np.ndarray, " driver"]]:
     """Return each driver's D(a) in every episode in units of the most that it can be, and that."""
-    clip, world = profile.clip, None if profile.clip else profile.world()
-    values, limits = np.zeros((len(drivers), len(policy.totals))), np.ones(len(drivers))
+    clip, values = profile.clip, np.zeros((len(drivers), len(policy.totals)))
+    if not drivers:  # making an environment may run code
+        return values, np.ones(0)
+    largest = clip.largest_loss if clip else functools.partial(possible_loss, profile.world())
+    limits = np.ones(len(drivers))
     for row, driver in enumerate(drivers):
-        limits[row] = (
-            clip.largest_loss(driver.across) if clip else possible_loss(world, driver.across)
-        )
+        limits[row] = largest(driver.across) or np.inf
         values[row] = driver.outcomes.values(driver.across) - policy.values(driver.across)
     # Of an absolute value of at most 1, but for rounding.
     return (values / limits[:, None]).clip(-1.0, 1.0), limits

@@ -93,21 +93,19 @@ def decide(
     measures how much). In the evidence the driver is the policy; its regrets may be known already.
     `directed` has the reference drivers of all angles; by default the evidence has them.
     """
-    margin, angle, along = profile.margin, profile.angle, ()
+    margin, angle, direction, character = profile.margin, profile.angle, None, None
     evidence, share = clipped(profile, evidence), error / 2
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
     else:
         share = error / 2 if margin.width is None else error / 4
         driven = evidence if directed is None else clipped(profile, directed)
-        along = (
-            direction_test(profile, driven, error, error / 8, ends_only),
-            character_test(profile, driven, error, error / 8),
-        )
+        direction = direction_test(profile, driven, error, error / 8, ends_only)
+        character = character_test(profile, driven, error, error / 8)
     regrets = regrets or Regrets(evidence, seed, resamples, profile.largest_loss)
     regret = bounds.regret_test(regrets, angle, margin.regret, error, share)
     regret = replace(regret, angle=profile.angle)
-    return join_tests(regret, evidence.policy, profile.competence, error, *along)
+    return join_tests(regret, evidence.policy, profile.competence, error, direction, character)
 
 
 def join_tests(
