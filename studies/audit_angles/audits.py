@@ -117,17 +117,17 @@ class Audits(NamedTuple):
 
     def shares(self, driver: Outcomes, episodes: int, audits: int, seed: int) -> Row:
         """Return the shares of audits that pass, with a 99 % interval, and that keep each test."""
-        kept = self.kept(driver, episodes, audits, seed)
-        passed = int(np.logical_and.reduce(list(kept.values())).sum())
+        tested = self.tested(driver, episodes, audits, seed)
+        passed = int(np.logical_and.reduce(list(tested.values())).sum())
         share = intervals.wilson(passed, audits, 0.99)
         row: Row = {"passed": share.value, "low": share.low, "high": share.high}
-        return row | {name: float(by_audit.mean()) for name, by_audit in kept.items()}
+        return row | {name: float(by_audit.mean()) for name, by_audit in tested.items()}
 
-    def kept(
+    def tested(
         self, driver: Outcomes, episodes: int, audits: int, seed: int
     ) -> dict[str, Bool[np.ndarray, " audit"]]:
         """Return which audits keep each test; audit k is drawn from the pool by seed + k."""
-        found, rows = self.measured(driver), drawn(len(driver.length), episodes, audits, seed)
+        found, rows = self.measured(driver), resampled(len(driver.length), episodes, audits, seed)
 
         def below(values: np.ndarray, level: float) -> Bool[np.ndarray, " audit"]:
             series = values[:, rows].reshape(-1, episodes).clip(-1.0, 1.0)
@@ -147,7 +147,9 @@ class Audits(NamedTuple):
 
 
 @functools.lru_cache(maxsize=2)
-def drawn(pool: int, episodes: int, audits: int, seed: int) -> Int64[np.ndarray, "audit episode"]:
+def resampled(
+    pool: int, episodes: int, audits: int, seed: int
+) -> Int64[np.ndarray, "audit episode"]:
     """Draw the episodes of audits from a pool, with replacement."""
     rngs = (np.random.default_rng(seed + number) for number in range(audits))
     return np.array([rng.integers(pool, size=episodes) for rng in rngs])

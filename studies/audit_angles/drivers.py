@@ -117,15 +117,15 @@ def mixtures(
     draw = np.random.default_rng(seed).random(len(next(iter(pool.values())).outcomes.length))
     for first, second in itertools.combinations(whole, 2):
         for share in shares:
-            one, two = pool[first].outcomes, pool[second].outcomes
+            pair = pool[first].outcomes, pool[second].outcomes
             name = f"{100 * share:g} % {first}, else {second}"
-            yield name, Driven(_mixed(name, one, two, draw < share), "mixture", None)
+            yield name, Driven(_mixed(name, *pair, draw < share), "mixture", None)
 
 
-def _mixed(name: str, one: Outcomes, two: Outcomes, first: np.ndarray) -> Outcomes:
+def _mixed(name: str, driver: Outcomes, second: Outcomes, first: np.ndarray) -> Outcomes:
     columns: Mapping[str, Float[np.ndarray, "episode ..."]] = {
-        part: np.where(first[:, None] if part == "totals" else first, getattr(one, part), other)
+        part: np.where(first[:, None] if part == "totals" else first, getattr(driver, part), rest)
         for part in ("totals", "ending", "contact", "length")
-        for other in [getattr(two, part)]
+        for rest in [getattr(second, part)]
     }
     return Outcomes(name, **columns)

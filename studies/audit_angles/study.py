@@ -68,8 +68,8 @@ def power_rows(
 
 _STRUCK = ("at_fault", "struck")
 MEASURES = ("at_fault", "collisions", "r_social", "distance")
-"""What a policy that passes can have at worst: shares of episodes, the mean effect on others, and
-the distance in degrees of an angle that it was made for."""
+"""Measures of the worst policy that passes: shares of episodes, the mean effect on others, and the
+distance in degrees of the angle that it was made for."""
 
 
 def worst_rows(pool: Mapping[str, Driven], seed: int) -> list[Row]:

@@ -4,20 +4,21 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.audit.conftest import outcomes
 
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.profile import Clip
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import decide
 from socialiq.statistics.intervals import clopper_pearson
-from studies.audit_angles.audits import Audits, declaration, drawn, most_events
+from studies.audit_angles.audits import Audits, declaration, most_events, resampled
 from studies.audit_angles.drivers import Driven, Rash, drive_optima, mixtures
 from studies.audit_angles.study import worst_rows
 
 EPISODES, AUDITS = 300, 8
 
 
-def driven(outcomes, name, angle, rng, kind="dial"):
+def driven(name, angle, rng, kind="dial"):
     """A driver of the intersection by a made-up front, which arrives in all but a few episodes."""
     radians = np.deg2rad(angle)
     totals = 4.0 * np.array([np.cos(radians), np.sin(radians)]) + 0.7 * rng.normal(size=(2000, 2))
@@ -27,10 +28,10 @@ def driven(outcomes, name, angle, rng, kind="dial"):
 
 
 @pytest.fixture(scope="module")
-def pool(outcomes):
+def pool():
     rng = np.random.default_rng(0)
-    dials = {f"dial_{a:g}": driven(outcomes, f"dial_{a:g}", a, rng) for a in range(0, 91, 15)}
-    return dials | {"weak": driven(outcomes, "weak", 40.0, rng, "weaker dial")}
+    dials = {f"dial_{a:g}": driven(f"dial_{a:g}", a, rng) for a in range(0, 91, 15)}
+    return dials | {"weak": driven("weak", 40.0, rng, "weaker dial")}
 
 
 def one_audit(audits, driver, rows):
@@ -53,9 +54,9 @@ def one_audit(audits, driver, rows):
 @pytest.mark.parametrize("name", ["dial_45", "dial_30", "dial_60", "dial_0", "weak"])
 def test_many_audits_at_once_are_single_audits(pool, name):
     audits, driver = Audits.of("intersection", 45.0, pool), pool[name].outcomes
-    kept = audits.kept(driver, EPISODES, AUDITS, 5)
+    kept = audits.tested(driver, EPISODES, AUDITS, 5)
     every = np.array([kept[test] for test in ("regret", "direction", "floor", "character")]).T
-    for rows, row in zip(drawn(2000, EPISODES, AUDITS, 5), every.tolist(), strict=True):
+    for rows, row in zip(resampled(2000, EPISODES, AUDITS, 5), every.tolist(), strict=True):
         if name in ("dial_45", "dial_30", "dial_60"):  # its own row is one of the references
             row[0] = True
             assert [True, *one_audit(audits, driver, rows)[1:]] == row

@@ -83,8 +83,9 @@ class Audit(Printing):
     no_log: bool = False
     """Keep no audit log; the report says so."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A further driver to compare with: a file (a dial gives one for every 15 degrees), or
-    python:MODULE:ATTRIBUTE. In an environment of your own at least one is needed."""
+    """A further driver to compare with: a file (a dial gives one for every 15 degrees, and for
+    every 5 near the declared angle), or python:MODULE:ATTRIBUTE. In an environment of your own at
+    least one is needed."""
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
     code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)

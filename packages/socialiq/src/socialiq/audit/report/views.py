@@ -154,11 +154,11 @@ def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     regret, direction, character = (tests[key] for key in ("regret", "direction", "character"))
 
     def row(
-        test: str, name: str, found: Mapping[str, Any], value: Any, most: str
+        test: str, name: str, result: Mapping[str, Any], value: Any, most: str
     ) -> dict[str, str]:
-        cells = {"estimate": value(found.get("regret", found.get("share")))}
-        cells |= {end: value(found[end]) for end in ("low", "high")}
-        return {"test": test, "name": name, "result": outcome(found["decision"]), **cells} | {
+        cells = {"estimate": value(result.get("regret", result.get("share")))}
+        cells |= {end: value(result[end]) for end in ("low", "high")}
+        return {"test": test, "name": name, "result": outcome(result["decision"]), **cells} | {
             "asked for": most
         }
 

@@ -84,7 +84,7 @@ def ends_of(drivers: Sequence[Driver], angle: float, width: float | None) -> lis
 
 Way = Literal["social", "egoistic", "not known"]
 _WAYS: tuple[Way, Way] = ("social", "egoistic")
-"""Where a policy within the width lies of the drivers of the low and of the high end."""
+"""Sides of the drivers of the low and of the high end on which a policy within them lies."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,6 @@ def direction_test(
     compared = [row for row in drivers if known and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
-    lacking = f"no reference driver of {missing[0]:g} degrees" if missing else ""
     ways, beyond = (_ways(values, error) for error in (pass_error, fail_error / 2))
     rows = [(compared.index(row), way) for row, way in zip(tested, _WAYS, strict=True) if row]
     decision = None if width is None else Decision.INCONCLUSIVE
@@ -170,7 +169,7 @@ def direction_test(
         width=width,
         low=ends[0],
         high=ends[1],
-        lacking=lacking,
+        lacking=f"no reference driver of {missing[0]:g} degrees" if missing else "",
         above=first[-1].high if first else None,
         below=last[-1].low if last else None,
         sides=tuple(
