@@ -23,14 +23,18 @@ def driven(name, angle, rng, kind="dial"):
     radians = np.deg2rad(angle)
     totals = 4.0 * np.array([np.cos(radians), np.sin(radians)]) + 0.7 * rng.normal(size=(2000, 2))
     ending = np.where(rng.random(2000) < 0.01, 2, 1)
-    made = outcomes(name, totals, ending, np.ones(2000), angles=(angle,) if kind == "dial" else ())
+    made = outcomes(
+        name, totals, ending, np.ones(2000), angles=(1.0 * angle,) if kind == "dial" else ()
+    )
     return Driven(made, kind, angle, kind == "dial")
 
 
 @pytest.fixture(scope="module")
 def pool():
     rng = np.random.default_rng(0)
-    dials = {f"dial_{a:g}": driven(f"dial_{a:g}", a, rng) for a in range(0, 91, 15)}
+    dials = {
+        f"dial_{a:g}": driven(f"dial_{a:g}", a, rng) for a in np.arange(0.0, 91.0, 15.0).tolist()
+    }
     return dials | {"weak": driven("weak", 40.0, rng, "weaker dial")}
 
 
