@@ -153,14 +153,13 @@ def _road_of(arrays: dict[str, np.ndarray], cycles: dict[int, Cycle]) -> RoadNet
             right[index],
             tuple(number for (number,) in of["successor"]),
             tuple(number for (number,) in of["predecessor"]),
-            *(_beside(of[side]) for side in ("adjacent_left", "adjacent_right")),
+            *(
+                (of[side][-1][0], bool(of[side][-1][1])) if of[side] else None
+                for side in ("adjacent_left", "adjacent_right")
+            ),
             speed_limit=float(arrays["speed_limit"][index]),
             sign=Sign(int(arrays["sign"][index])),
             stop_line=np.reshape(of["stop_line"][-1], (2, 2)) if of["stop_line"] else None,
             cycle=cycles.get(identity),
         )
     return RoadNetwork(lanelets)
-
-
-def _beside(rows: list[Any]) -> tuple[int, bool] | None:
-    return (rows[-1][0], bool(rows[-1][1])) if rows else None

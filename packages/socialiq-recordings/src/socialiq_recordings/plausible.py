@@ -149,15 +149,10 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     return tracks.select(good), refused
 
 
-def _steps(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows that a row of the same track follows, and the displacements, m."""
-    row = np.flatnonzero(np.diff(tracks.track) == 0)
-    return row, tracks.x[row + 1] - tracks.x[row], tracks.y[row + 1] - tracks.y[row]
-
-
 def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
-    (row, dx, dy), speed = _steps(tracks), np.hypot(tracks.vx, tracks.vy)
-    driven, stated = np.hypot(dx, dy) / tracks.dt, (speed[row] + speed[row + 1]) / 2
+    row, speed = np.flatnonzero(np.diff(tracks.track) == 0), np.hypot(tracks.vx, tracks.vy)
+    driven = np.hypot(np.diff(tracks.x)[row], np.diff(tracks.y)[row]) / tracks.dt
+    stated = (speed[row] + speed[row + 1]) / 2
     further = (driven - stated) * tracks.dt
     for step in np.flatnonzero(further > error.jump(tracks.dt)):
         if reasons[tracks.track[row[step]]] == "":

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.conflicts.ways import InTime, Way
-from socialiq_recordings.road.routes import Polyline
+from socialiq_recordings.road.paths import Polyline
 
 
 def seen(track: int, first: int, frames: int) -> Way:

@@ -12,7 +12,7 @@ from socialiq_recordings.conflicts.ways import (
     projected,
     recorded,
 )
-from socialiq_recordings.road.routes import Polyline
+from socialiq_recordings.road.paths import Polyline
 
 
 def way(along, speed=10.0, first=0):

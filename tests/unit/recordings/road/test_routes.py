@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from socialiq_recordings.road.routes import Arc, Polyline, path_of
+from socialiq_recordings.road.paths import Arc, Polyline, path_of
 
 CORNER = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 5.0]])
 

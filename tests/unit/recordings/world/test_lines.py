@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.road.routes import Polyline
+from socialiq_recordings.road.paths import Polyline
 from socialiq_recordings.world import lines
 
 

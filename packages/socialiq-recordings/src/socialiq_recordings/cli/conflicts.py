@@ -5,44 +5,37 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.physics import corners
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
-from socialiq_recordings.cli.files import load_identified, not_used, sources_of
+from socialiq_recordings.cli.files import OfDistinct, not_used, sources_of
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
 from socialiq_recordings.conflicts.measures import rows_of
 from socialiq_recordings.conflicts.ways import BEHIND
-from socialiq_recordings.identity.identify import Duplicates, Identified, pairs_once
+from socialiq_recordings.identity.identify import Identified, pairs_once
 from socialiq_recordings.road.routes import Scene
 
 MOST_PICTURES = 200  # largest number of pictures of a call
 
 
 @dataclass(frozen=True)
-class FindConflicts(Printing):
+class FindConflicts(OfDistinct):
     """List conflicts of recorded vehicles with PET, TTC, gaps and required decelerations.
 
     Example: socialiq data conflicts junction.safetensors --out conflicts --pictures 20
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, or its folders."""
     out: Path | None = None
     """Folder to write: conflicts, counts by recording, pictures."""
-    road: Path | None = None
-    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
-    duplicates: Duplicates = "drop"
-    """Conflicts whose moments are in several recordings: count each once, keep all, or refuse."""
     largest_pet: float = ConflictConfig.near
     """Seconds between two vehicles in an area above which they are in no conflict."""
     horizon: float = ConflictConfig.horizon
@@ -65,9 +58,7 @@ class FindConflicts(Printing):
         config = ConflictConfig(self.largest_pet, self.horizon, self.queued)
         if self.out is not None:
             check_target(self.out, self.replace)
-        recordings, identified = load_identified(
-            self.recordings, self.road, self.duplicates, self.json
-        )
+        recordings, identified = self.load()
         every = [Encounters(Scene(recording), config) for recording in recordings]
         cases = _cases(every, identified, self.duplicates == "drop")
         conflicts = [row for _, _, row in cases]
@@ -92,7 +83,7 @@ class FindConflicts(Printing):
             "vehicles": len({row["ego_vehicle"] for row in conflicts}),
             "chains": len({row["chain"] for row in conflicts}),
         }
-        summary |= not_used([e.scene for e in every], every)
+        summary |= not_used(every)
         if self.out is not None:
             provenance = {
                 "conflicts": dataclasses.asdict(config),

@@ -33,7 +33,7 @@ from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_o
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import NO_ROAD, STEP, RoadNetwork, every_step, shapely
-from socialiq_recordings.road.routes import OFF_THE_MAP, VEHICLES, Scene
+from socialiq_recordings.road.routes import OFF_THE_MAP, VEHICLES
 from socialiq_recordings.simulated import signs_of_simulation
 
 
@@ -261,51 +261,61 @@ def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recordin
         frame = str([source.get(name) for name in ("utm_origin", "origin")])
         if frame not in maps:
             maps[frame] = map_of(road, source)
-            say_faults(road, maps[frame])
+            if faults := maps[frame].faults:
+                first = ", ".join(f"{name}: {one_line(why, 100)}" for name, why in faults[:3])
+                say(f"{road}: {len(faults)} elements or errors are left out: {first}")
         tracks = dataclasses.replace(recording.tracks, source=source | stated)
         recordings[number] = Recording(tracks, maps[frame])
     return recordings
 
 
-def say_faults(path: Path, road: RoadNetwork) -> None:
-    """Say on standard error which elements of a map are left out."""
-    if road.faults:
-        first = ", ".join(f"{name}: {one_line(why, 100)}" for name, why in road.faults[:3])
-        say(f"{path}: {len(road.faults)} elements or errors are left out: {first}")
-
-
-def not_used(
-    recorded: Sequence[Recording | Scene], every: Sequence[Encounters] = ()
-) -> dict[str, dict[str, int]]:
+def not_used(recorded: Sequence[Recording | Encounters]) -> dict[str, dict[str, int]]:
     """Return under `not_used` the number of road users that take no part, by kind; none: nothing.
 
     These are pedestrians, bicycles and others, and vehicles that are beside the map's lanelets.
     """
     driven = {kind.name.lower() for kind in VEHICLES}
-    rows = [{"users": users_of(recording.tracks)} for recording in recorded]
+    every = [encounters for encounters in recorded if isinstance(encounters, Encounters)]
+    scenes = [seen.scene if isinstance(seen, Encounters) else seen for seen in recorded]
+    rows = [{"users": users_of(scene.tracks)} for scene in scenes]
     counts = {name: n for name, n in sum_of(rows, "users").items() if name not in driven}
     beside = sum(len(encounters.scene.vehicles) - len(encounters.ways) for encounters in every)
     counts |= {"vehicle without a way on the map": beside} if beside else {}
     return {"not_used": counts} if counts else {}
 
 
-def load_identified(
-    paths: tuple[Path, ...], road: Path | None, duplicates: Duplicates, quiet: bool
-) -> tuple[list[Recording], Identified]:
-    """Return the recordings of some files and what they have in common, which is said unless quiet.
+@dataclass(frozen=True, kw_only=True)
+class OfRecordings(Printing):
+    """Base of commands on recordings with a road."""
 
-    Raises:
-        UserError: If there is none, one can't be read, or moments in common are refused.
-    """
-    recordings = load_all(paths, road)
-    for recording in recordings:  # what can be refused, before the slow work
-        if not recording.road.lanelets:
-            raise UserError(f"{one_line(recording.tracks.recording, 60)}: {NO_ROAD}")
-    shapely()
-    identified = identity.identify_distinct(recordings, duplicates)
-    if not quiet:
-        remark(recordings, identified)
-    return recordings, identified
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`, or its folders."""
+    road: Path | None = None
+    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfDistinct(OfRecordings):
+    """Base of commands that count moments once though several recordings show them."""
+
+    duplicates: Duplicates = "drop"
+    """Moments that are in several recordings: count each once, keep all, or refuse."""
+
+    def load(self) -> tuple[list[Recording], Identified]:
+        """Return the recordings and what they have in common, which is said.
+
+        Raises:
+            UserError: If there is none, one can't be read, or moments in common are refused.
+        """
+        recordings = load_all(self.recordings, self.road)
+        for recording in recordings:  # what can be refused, before the slow work
+            if not recording.road.lanelets:
+                raise UserError(f"{one_line(recording.tracks.recording, 60)}: {NO_ROAD}")
+        shapely()
+        identified = identity.identify_distinct(recordings, self.duplicates)
+        if not self.json:
+            remark(recordings, identified)
+        return recordings, identified
 
 
 def remark(recordings: Sequence[Recording], identified: Identified) -> None:

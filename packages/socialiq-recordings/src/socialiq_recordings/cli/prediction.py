@@ -5,19 +5,18 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
-from socialiq.cli.output import Display, Printing, print_json, print_table, say
+from socialiq.cli.output import Display, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
-from socialiq_recordings.cli.files import load_identified, not_used, sources_of
-from socialiq_recordings.identity.identify import Duplicates
+from socialiq_recordings.cli.files import OfDistinct, not_used, sources_of
 from socialiq_recordings.prediction import learned, scores, study
 from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
@@ -39,24 +38,18 @@ LIMITS = (
 
 
 @dataclass(frozen=True)
-class Predict(Printing):
+class Predict(OfDistinct):
     """Fit driver models and predict held-out drivers: next acceleration, position after 3 s.
 
     Example: socialiq data predict a.safetensors b.safetensors --out prediction
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, or its folders."""
     out: Path | None = None
     """Folder to write: scores, contrasts of models, folds, the test of angles, a figure."""
     holdout: tuple[Holdout, ...] = ()
     """Held-out things; by default all that these recordings allow."""
     models: tuple[str, ...] = ()
     """Names of models; by default all. The trivial ones are always beside them."""
-    road: Path | None = None
-    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
-    duplicates: Duplicates = "drop"
-    """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
     updates: int = learned.Training.updates
     """Gradient steps of each learned policy."""
     seed: int = 0
@@ -75,9 +68,7 @@ class Predict(Printing):
             ensembles()  # a missing library is said before the slow work
         if self.out is not None:
             check_target(self.out, self.replace)
-        recordings, identified = load_identified(
-            self.recordings, self.road, self.duplicates, self.json
-        )
+        recordings, identified = self.load()
         situations = situations_of(recordings, identified, self.duplicates == "drop")
         prediction = study.predict(situations, config)
         held_out = {str(row["holdout"]) for row in prediction.folds}
@@ -256,21 +247,15 @@ _Simulation = tyro.conf.OmitArgPrefixes[power.PowerConfig]
 
 
 @dataclass(frozen=True)
-class Power(Printing):
+class Power(OfDistinct):
     """Simulate drivers of known angles at recorded moments: what is found, and what it would take.
 
     Example: socialiq data power a.safetensors b.safetensors --out power
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, or its folders."""
     out: Path | None = None
     """Folder to write: shares of detections, sizes needed, a figure."""
     simulation: _Simulation = dataclasses.field(default_factory=power.PowerConfig)
-    road: Path | None = None
-    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
-    duplicates: Duplicates = "drop"
-    """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
     replace: bool = False
     """Replace earlier results in the folder."""
 
@@ -278,9 +263,7 @@ class Power(Printing):
         """Read, simulate, count, write, print."""
         if self.out is not None:
             check_target(self.out, self.replace)
-        recordings, identified = load_identified(
-            self.recordings, self.road, self.duplicates, self.json
-        )
+        recordings, identified = self.load()
         situations = situations_of(recordings, identified, self.duplicates == "drop")
         sample = trait.sample_of(study.choices(situations, self.simulation.seed))
         rows = self._rows(sample)

@@ -7,11 +7,11 @@ import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.cli.output import print_json, print_table, say
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -20,7 +20,7 @@ from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Ending, Row
 from socialiq_recordings import census
-from socialiq_recordings.cli.files import load_all, not_used, remark
+from socialiq_recordings.cli.files import OfRecordings, load_all, not_used, remark
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
 from socialiq_recordings.world.recorded_world import LEVELS, Lights, WorldConfig
@@ -67,7 +67,7 @@ _Choices = tyro.conf.OmitArgPrefixes[Choices]
 
 
 @dataclass(frozen=True)
-class MakeWorld(Printing):
+class MakeWorld(OfRecordings):
     """Make recorded junctions an environment: calibrated drivers, that enter as the recorded did.
 
     The file is driven in by its name: socialiq evaluate POLICY --world W --episodes 100, or
@@ -76,12 +76,8 @@ class MakeWorld(Printing):
     Example: socialiq data world junction.safetensors --out world.safetensors
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, with a road, or its folders."""
     out: Path
     """World to write; must not exist."""
-    road: Path | None = None
-    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     choices: _Choices = dataclasses.field(default_factory=Choices)
     demonstrations: Path | None = None
     """Demonstrations file to write: the recorded drivers' decisions in this world's form."""
@@ -135,7 +131,7 @@ class MakeWorld(Printing):
         summary |= {
             name: provenance[name] for name in ("vehicles", "egos", "closures", "calibration")
         }
-        summary |= not_used([e.scene for e in built.every], built.every)
+        summary |= not_used(built.every)
         summary["contacts"] = compare.contacts(built, self.seed, self.repeats)
         replayed = replay(built.world, self.every) if self.demonstrations is not None else None
         if self.report is not None:
@@ -160,7 +156,7 @@ class MakeWorld(Printing):
 
 
 @dataclass(frozen=True)
-class ToDemonstrations(Printing):
+class ToDemonstrations(OfRecordings):
     """Write the decisions of recorded drivers as demonstrations, in the form of their world.
 
     The same table as `data world --demonstrations`, without the world.
@@ -168,12 +164,8 @@ class ToDemonstrations(Printing):
     Example: socialiq data demonstrations junction.safetensors --out human.safetensors
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, with a road, or its folders."""
     out: Path
     """Demonstrations file to write; must not exist."""
-    road: Path | None = None
-    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     choices: _Choices = dataclasses.field(default_factory=Choices)
     every: float = 0.0
     """Seconds between the beginnings of a vehicle's episodes, which then overlap; 0: one episode
@@ -192,9 +184,7 @@ class ToDemonstrations(Printing):
         sha256 = demonstration_files.save(self.out, replayed.table, replace=False)
         if self.json:
             head = {"file": str(self.out), "sha256": sha256}
-            every = built.every
-            left = not_used([e.scene for e in every], every)
-            print_json(head | quality | left | {"recordings": counts})
+            print_json(head | quality | not_used(built.every) | {"recordings": counts})
             return 0
         _show_counts(counts, str(self.out))
         print_table([{"quantity": name, "value": value} for name, value in quality.items()])
@@ -202,18 +192,14 @@ class ToDemonstrations(Printing):
 
 
 @dataclass(frozen=True)
-class TakeCensus(Printing):
+class TakeCensus(OfRecordings):
     """Locate recorded drivers in the plane of the two rewards, with confidence regions.
 
     Example: socialiq data census junction.safetensors --out census
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, with a road, or its folders."""
     out: Path | None = None
     """Folder to write: every driver, the counts, the summary, a picture."""
-    road: Path | None = None
-    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     choices: _Choices = dataclasses.field(default_factory=Choices)
     confidence: float = 0.95
     """Confidence of all intervals."""
@@ -234,7 +220,7 @@ class TakeCensus(Printing):
         population = census.population_of(rows, built.identified, self.seed, self.confidence)
         counts = _counts_of(built, replayed)
         summary = {"population": population, "limits": list(census.LIMITS)}
-        summary |= not_used([e.scene for e in built.every], built.every)
+        summary |= not_used(built.every)
         if self.out is not None:
             provenance = {
                 "choices": dataclasses.asdict(self.choices),

@@ -15,14 +15,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64
 
 from socialiq.errors import UserError
 from socialiq.physics import wrapped
 from socialiq_recordings.conflicts import ways as motion
 from socialiq_recordings.conflicts.ways import InTime, Occupancy, Way
 from socialiq_recordings.road.network import Conflict, Lanes, shapely
-from socialiq_recordings.road.routes import OFF_THE_MAP, Polyline, Scene
+from socialiq_recordings.road.paths import Polyline
+from socialiq_recordings.road.routes import OFF_THE_MAP, Scene
 
 
 @dataclass(frozen=True)
@@ -180,15 +181,6 @@ def held(scene: Scene, way: Way, frame: int) -> bool:
     return False
 
 
-def times_at(
-    ways: tuple[Way, Way], area: Area, frames: Int64[np.ndarray, " frame"]
-) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
-    """Return the times of two vehicles in their area at their speeds of each of some frames."""
-    sides = zip(ways, area.entry, area.exit, strict=True)
-    first, second = (motion.projections(*side, frames) for side in sides)
-    return first, second
-
-
 @dataclass(frozen=True, eq=False)
 class Meeting:
     """Conflict of an ordered pair."""
@@ -196,15 +188,25 @@ class Meeting:
     ego: Way  # way of the vehicle whose conflict it is
     other: Way  # way of the other vehicle
     area: Area  # their conflict area, the ego first
-    ego_times: Occupancy  # the ego's times in the area, recorded or else projected
-    other_times: Occupancy  # the other's
     complete: bool  # whether the times that PET needs were recorded
     frames: np.ndarray  # frames at which both are present and neither has left the area
 
     @cached_property
     def times(self) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
         """Times of the ego and of the other in the area at their speeds of each of the frames."""
-        return times_at((self.ego, self.other), self.area, self.frames)
+        sides = zip((self.ego, self.other), self.area.entry, self.area.exit, strict=True)
+        ego_times, other_times = (motion.projections(*side, self.frames) for side in sides)
+        return ego_times, other_times
+
+    @cached_property
+    def ego_times(self) -> Occupancy:
+        """The ego's times in the area, recorded or else projected."""
+        return motion.expected(self.ego, self.area.entry[0], self.area.exit[0])
+
+    @cached_property
+    def other_times(self) -> Occupancy:
+        """The other's times."""
+        return motion.expected(self.other, self.area.entry[1], self.area.exit[1])
 
     @property
     def ego_first(self) -> bool | None:
@@ -215,8 +217,7 @@ class Meeting:
 
     def swapped(self) -> Meeting:
         """Return the conflict with the roles of both vehicles exchanged."""
-        vehicles, times = (self.other, self.ego), (self.other_times, self.ego_times)
-        swapped = Meeting(*vehicles, self.area.swapped(), *times, self.complete, self.frames)
+        swapped = Meeting(self.other, self.ego, self.area.swapped(), self.complete, self.frames)
         swapped.__dict__["times"] = self.times[::-1]
         return swapped
 
@@ -306,19 +307,18 @@ class Encounters:
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
             met = self.first_in_line(way, area.entry[late], frame, ways[1 - late].track)
             met = met and not held(self.scene, way, frame)
-        if not met and not self._on_course(*ways, area, frames):
-            return None
-        ego_times, other_times = (motion.expected(*side) for side in sides)
-        return Meeting(*ways, area, ego_times, other_times, complete, frames)
+        meeting = Meeting(*ways, area, complete, frames)
+        return meeting if met or self._on_course(meeting) else None
 
-    def _on_course(self, ego: Way, partner: Way, area: Area, frames: np.ndarray) -> bool:
+    def _on_course(self, meeting: Meeting) -> bool:
         """Whether two vehicles would once be in the area close in time, and are first in line."""
-        times = times_at((ego, partner), area, frames)
-        first, second = (Occupancy(*times_of.T) for times_of in times)
+        ego, partner, frames = meeting.ego, meeting.other, meeting.frames
+        first, second = (Occupancy(*times.T) for times in meeting.times)
         soon = np.maximum(first.enters, second.enters) <= frames * ego.dt + self.config.horizon
         close = soon & (motion.apart(first, second) <= self.config.near)
         if close.any() and not self.config.queued:
-            for way, entry, ignored in zip((ego, partner), area.entry, (partner, ego), strict=True):
+            sides = zip((ego, partner), meeting.area.entry, (partner, ego), strict=True)
+            for way, entry, ignored in sides:
                 close &= ~self._held_up(way, entry, ignored.track)[frames - way.first]
         return any(not self.held(ego, partner, frame) for frame in frames[close].tolist())
 

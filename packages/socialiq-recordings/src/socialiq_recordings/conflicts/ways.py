@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.physics import wrapped
-from socialiq_recordings.road.routes import AHEAD, Polyline, Scene, on_segments
+from socialiq_recordings.road.paths import Polyline, on_segments
+from socialiq_recordings.road.routes import AHEAD, Scene
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions
 BEHIND = 10.0  # m of straight line before the first state
@@ -123,10 +124,10 @@ def _along(
         count = starts.searchsorted(coordinate + 8.0, side="right") - low
         rows, columns = np.arange(len(low)), np.arange(count.max())
         segment = np.minimum(low[:, None] + columns, len(starts) - 1)
-        bounds = np.zeros(segment.shape), line.lengths[segment]
-        bounds[0][count > 1, 0], bounds[1][rows, count - 1] = -np.inf, np.inf
-        at = points[begin:, :1], points[begin:, 1:]
-        inside, _, distance = on_segments(*at, *line.segments[:4, segment], *bounds)
+        low_end, high_end = np.zeros(segment.shape), line.lengths[segment]
+        low_end[count > 1, 0], high_end[rows, count - 1] = -np.inf, np.inf
+        pieces = [*line.segments[:4, segment], low_end, high_end]
+        inside, _, distance = on_segments(points[begin:, :1], points[begin:, 1:], *pieces)
         piece = np.where(columns < count[:, None], distance, np.inf).argmin(axis=1)
         before = np.cumsum(line.lengths[segment], axis=1)[rows, piece - 1] * (piece > 0)
         reached = starts[low] + np.maximum(before + inside[rows, piece], 0.0)

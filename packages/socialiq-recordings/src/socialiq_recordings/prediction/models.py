@@ -184,22 +184,14 @@ def _of_mean(mean: Model, task: Task, errors: np.ndarray | None = None) -> Fitte
     return Fitted(lambda situations, last: Forecast.at(mean(situations, last)), spread)
 
 
-def _constant_speed(task: Task) -> Fitted:
-    return _of_mean(lambda situations, _: np.zeros(len(situations)), task)
-
-
 def _last_acceleration(task: Task) -> Fitted:
     """Return the model of a fitted share of the last second's acceleration."""
     share = _share(_last(task.train), task.train.acceleration)
     return _of_mean(lambda situations, _: share * _last(situations), task)
 
 
-def _idm_literature(task: Task) -> Fitted:
-    return _of_mean(lambda situations, _: next_second(following.literature(), situations), task)
-
-
-def _idm_fitted(task: Task) -> Fitted:
-    return _of_mean(lambda situations, _: next_second(task.idm, situations), task)
+def _idm(parameters: following.Parameters) -> Model:
+    return lambda situations, _: next_second(parameters, situations)
 
 
 def _idm_residual(task: Task) -> Fitted:
@@ -229,18 +221,6 @@ def _idm_by_driver(task: Task) -> Fitted:
     trained = mean_of(task.train.rows(task.first))
     errors = np.where(task.first, off, task.train.acceleration - trained(task.train, task.residual))
     return _of_mean(mean_of(task.own), task, errors)._replace(personal=True)
-
-
-def _boosting(task: Task) -> Fitted:
-    return _boosted(task, lambda situations, _: features(situations))
-
-
-def _boosting_residual(task: Task) -> Fitted:
-    """Return gradient boosting of the situation, the last acceleration and the last residual."""
-    return _boosted(
-        task,
-        lambda situations, last: np.column_stack([features(situations), _last(situations), last]),
-    )
 
 
 def _boosted(task: Task, inputs: Model) -> Fitted:
@@ -288,13 +268,15 @@ def _share(numbers: np.ndarray, target: np.ndarray) -> float:
 
 
 MODELS: dict[str, Callable[[Task], Fitted]] = {
-    "constant speed": _constant_speed,
+    "constant speed": lambda task: _of_mean(lambda moments, _: np.zeros(len(moments)), task),
     "last acceleration": _last_acceleration,
-    "IDM, literature": _idm_literature,
-    "IDM, fitted": _idm_fitted,
+    "IDM, literature": lambda task: _of_mean(_idm(following.literature()), task),
+    "IDM, fitted": lambda task: _of_mean(_idm(task.idm), task),
     "IDM, by driver": _idm_by_driver,
     "IDM, last residual": _idm_residual,
-    "boosting": _boosting,
-    BASE: _boosting_residual,
+    "boosting": lambda task: _boosted(task, lambda moments, _: features(moments)),
+    BASE: lambda task: _boosted(
+        task, lambda moments, last: np.column_stack([features(moments), _last(moments), last])
+    ),
 }
 """Models that are fitted fold by fold; `learned` trains the policies of all folds at once."""
