@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -111,7 +112,7 @@ def whole_number(text: str) -> int:
     Raises:
         ValueError: If the text is none, or the number is larger.
     """
-    if "_" in text or not text.isascii():  # which `int` reads as digits
+    if not re.fullmatch(r"\s*[+-]?\d{1,1000}\s*", text, re.ASCII):
         raise ValueError(f"'{one_line(text, 20)}' is not a whole number")
     number = int(text)
     if not -(2**63) <= number < 2**63:

@@ -107,7 +107,7 @@ class Matcher:
     ) -> tuple[float, Int64[np.ndarray, " state"]]:
         """Return the distance to which lanelets are needed, m, and the cheapest sequence."""
         if np.isinf(misfit.min(axis=1, initial=np.inf)).any():
-            return np.inf, near[:0]
+            return np.inf, np.zeros(len(misfit), np.int64)  # further ones are needed
         at = {index: column for column, index in enumerate(near.tolist())}
         price = np.full((len(near), len(near)), GAP)  # of a step to each lanelet, from each
         for row, index in enumerate(at):
