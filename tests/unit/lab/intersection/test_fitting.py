@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.road_training import CHUNK, Checks
+from socialiq.learners.callbacks import Report
 from socialiq.learners.state import History
 from socialiq.results_folder import from_csv
 from socialiq_lab.intersection.training import CHECKPOINT, CURVE, fit
@@ -52,7 +53,7 @@ def test_a_job_writes_policies_and_the_curve_of_checks_and_removes_the_checkpoin
 
     def train(callbacks: Any, chunk: int) -> Any:
         assert callbacks.resume and callbacks.checkpoint == tmp_path / CHECKPOINT
-        callbacks.on_report(SimpleNamespace(done=chunk, total=4 * chunk))
+        callbacks.on_report(Report(chunk, 4 * chunk, 1.0, 0.0, {}, {}, ()))
         return Trained()
 
     monitor = Checks().monitor(CHUNK, lambda _state, _done: {}) if checked else None
