@@ -1,7 +1,7 @@
-"""Table of the commands, and their help pages and options by their sources.
+"""Table of the commands, and their help pages by their sources.
 
-A command's module may import a learner or a simulator, which takes seconds. The help page and a
-mistyped option don't wait for that.
+A command's module may import a learner or a simulator, which takes seconds. The help page doesn't
+wait for that.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 _PACKAGES = ("socialiq", "socialiq_recordings", "socialiq_lab")
-_PLAIN = ("str", "int", "float", "bool", "tuple", "Path", "Literal", "Annotated", "Any", "tyro")
-"""Names in an annotation that make no options of their own."""
 
 COMMANDS = {
     "solve": "socialiq.cli.solve:Solve",
@@ -100,11 +98,6 @@ def summary(name: str) -> str:
     return ((definition and ast.get_docstring(definition)) or "").partition("\n")[0]
 
 
-def options_of(name: str) -> list[str] | None:
-    """Return a command's options by its source, or None where only an import gives them."""
-    return _options(*COMMANDS[name].split(":"))
-
-
 def help_page(group: str = "") -> str:
     """Return the help page of the program, or of a group of commands."""
     names = [name for name in COMMANDS if name.startswith(f"{group} " if group else "")]
@@ -168,97 +161,10 @@ def learner_settings() -> frozenset[str]:
     return frozenset(names)
 
 
-def _options(module: str, name: str) -> list[str] | None:
-    """Return the options that the parser makes of a dataclass; None where it isn't understood."""
-    module, name = _defined(module, name)
-    alias = _assigned(module, name)
-    if alias is not None:
-        return _options_below(module, alias)
-    definition = _class(module, name)
-    if definition is None:
-        return None
-    names: list[str] = []
-    for base in definition.bases:
-        inherited = _options(module, ast.unparse(base))
-        if inherited is None:
-            return None
-        names += inherited
-    for field in definition.body:
-        if not isinstance(field, ast.AnnAssign) or not isinstance(field.target, ast.Name):
-            continue
-        if field.target.id == "_":  # `_: KW_ONLY` separates fields and is none
-            continue
-        below = _options_below(module, field.annotation)
-        if below is None:
-            return None
-        nodes = [n for n in ast.walk(field.annotation) if isinstance(n, ast.Name | ast.Attribute)]
-        words = [ast.unparse(node) for node in nodes]
-        aliases = [alias for word in words if (alias := _assigned(*_defined(module, word)))]
-        nodes = [node for tree in (field.annotation, *aliases) for node in ast.walk(tree)]
-        marks = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
-        option = field.target.id.replace("_", "-")
-        for node in ast.walk(field.annotation):  # `tyro.conf.arg(name=...)` renames it
-            for word in node.keywords if isinstance(node, ast.Call) else ():
-                if word.arg == "name" and isinstance(word.value, ast.Constant):
-                    option = str(word.value.value)
-        if below:
-            prefix = "" if "OmitArgPrefixes" in marks else f"{option}."
-            names += [prefix + nested for nested in below]
-        elif "Positional" not in marks:
-            is_true = isinstance(field.value, ast.Constant) and field.value.value is True
-            names.append(f"no-{option}" if is_true else option)
-    return list(dict.fromkeys(names))
-
-
-def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
-    """Return the options of the dataclasses in an annotation; none for plain types."""
-    nodes = list(ast.walk(annotation))
-    parents = {node.value: node for node in nodes if isinstance(node, ast.Attribute)}
-    metadata = {
-        inner
-        for node in nodes
-        if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated"
-        for extra in getattr(node.slice, "elts", [])[1:]
-        for inner in ast.walk(extra)
-    }
-    names: list[str] = []
-    for node in nodes:
-        if not isinstance(node, ast.Name) or node.id in _PLAIN or node in metadata:
-            continue
-        name = ast.unparse(parents.get(node, node))  # as `Config` or `module.Config`
-        alias = _assigned(*_defined(module, name))
-        below = _options(module, name)
-        if below is None and alias is None:
-            return None
-        names += below or ()
-    return names
-
-
 def _class(module: str, name: str) -> ast.ClassDef | None:
     tree = _source(module)
     classes = (node for node in tree.body if isinstance(node, ast.ClassDef)) if tree else ()
     return next((node for node in classes if node.name == name), None)
-
-
-def _assigned(module: str, name: str) -> ast.expr | None:
-    """Return what a module assigns to a name."""
-    for node in tree.body if (tree := _source(module)) else ():
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
-            return node.value
-    return None
-
-
-def _defined(module: str, name: str) -> tuple[str, str]:
-    """Return the module that a name is imported from and its name there, or the module itself."""
-    first, _, attribute = name.partition(".")
-    tree = _source(module)
-    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)] if tree else []
-    for node in imports:
-        for alias in node.names:
-            if first == (alias.asname or alias.name):
-                origin = str(node.module)
-                return (f"{origin}.{alias.name}", attribute) if attribute else (origin, alias.name)
-    return module, name
 
 
 @functools.cache

@@ -138,12 +138,7 @@ def parse(arguments: list[str] | None) -> Any:
         name = " ".join(line[:length])
         if name not in commands.COMMANDS:
             continue
-        # A mistyped option is refused before anything else is imported.
-        program, names = f"socialiq {name}", commands.options_of(name)
-        unknown = None if names is None else words.unknown_option(program, line[length:], names)
-        if unknown:
-            raise unknown
-        command = _options_of(commands.command_class(name), program, line[length:])
+        command = _options_of(commands.command_class(name), f"socialiq {name}", line[length:])
         if "--json" in every:
             if not hasattr(command, "json"):
                 raise UserError(f"socialiq {name} prints no result: leave --json out")
