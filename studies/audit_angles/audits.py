@@ -132,12 +132,12 @@ class Audits(NamedTuple):
         def below(values: np.ndarray, level: float) -> Bool[np.ndarray, " audit"]:
             series = values[:, rows].reshape(-1, episodes).clip(-1.0, 1.0)
             shown = betting.significantly_below(series, np.array([level]), 1.0, ERROR)
-            return shown[:, 0].reshape(-1, audits).all(axis=0)
+            return np.asarray(shown[:, 0].reshape(-1, audits).all(axis=0))
 
         def within(happened: Shares, limits: Sequence[float]) -> Bool[np.ndarray, " audit"]:
             largest = np.array([most_events(limit, episodes) for limit in limits])
             counts = np.array([events[rows].sum(axis=1) for events in happened])
-            return (counts <= largest[:, None]).all(axis=0)
+            return np.asarray((counts <= largest[:, None]).all(axis=0))
 
         tests = (below, below, within, within)
         return {
