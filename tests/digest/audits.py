@@ -97,8 +97,8 @@ def audited_network(folder: Path) -> Hashes:
     words = ("--updates", 6, "--hidden", 8, "--value-term", "value_expert")
     call("train", "iq-learn", data, *words, "--out", folder / "run")
     (path,) = (folder / "run").glob("*.safetensors")
-    path.rename(folder / path.name)
-    return audited("crossing7", path.name, (), folder)
+    path.rename(folder / "policy_0.safetensors")
+    return audited("crossing7", "policy_0.safetensors", (), folder)
 
 
 def audited_at_junction(folder: Path) -> Hashes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -89,11 +90,24 @@ def actions_of(path: Path, sizes: tuple[int, int], angle: float | None, states: 
     return of_array(actions)
 
 
+def networks_of(folder: Path) -> dict[str, Path]:
+    """Return files of networks by kind and number, in the order of run.json if there is one."""
+    record = folder / "run.json"
+    if not record.is_file():
+        return {path.stem: path for path in sorted(folder.glob("*.safetensors"))}
+    run = json.loads(record.read_text())
+    rows = {"policy": run.get("policies", ()), "dial": run.get("dials", ())}
+    return {
+        f"{kind}_{number}": folder / row["file"]
+        for kind in rows
+        for number, row in enumerate(rows[kind])
+    }
+
+
 def of_networks(folder: Path) -> Hashes:
     """Return a hash of the arrays of each file of networks in a folder, and of its metrics."""
     hashes = {
-        f"weights/{path.stem}": of_arrays(load_file(path))
-        for path in sorted(folder.glob("*.safetensors"))
+        f"weights/{name}": of_arrays(load_file(path)) for name, path in networks_of(folder).items()
     }
     metrics = folder / "metrics.csv"
     return hashes | ({"metrics": of_csv(metrics)} if metrics.is_file() else {})

@@ -6,7 +6,14 @@ import functools
 from pathlib import Path
 
 import numpy as np
-from tests.digest.commands import actions_of, call, collected, observations, of_networks
+from tests.digest.commands import (
+    actions_of,
+    call,
+    collected,
+    networks_of,
+    observations,
+    of_networks,
+)
 from tests.digest.digest import Hashes, Item
 
 SMALL = ("--updates", 6, "--hidden", 8, "--set", "batch_size=8")
@@ -90,8 +97,8 @@ def hashes_of(folder: Path, sizes: tuple[int, int], angle: float | None) -> Hash
     if sizes[1] == 3 and sizes[0] < 20:
         states = np.abs(np.rint(3.0 * states)).astype(np.float32)  # integers, as gridworlds show
     actions = {
-        f"actions/{path.stem}": actions_of(path, sizes, angle, states)
-        for path in sorted(folder.glob("*.safetensors"))
+        f"actions/{name}": actions_of(path, sizes, angle, states)
+        for name, path in networks_of(folder).items()
     }
     return of_networks(folder) | actions
 
