@@ -8,7 +8,10 @@ from pathlib import Path
 import jaxtyping
 import pytest
 
-from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
+from socialiq.audit.report.content import content
+from socialiq.audit.report.folder import MANIFEST, REPORT, STATEMENT, sealed, views_of
+from socialiq.audit.report.recompute import audited_of
+from socialiq.audit.report.verify import content_of, read_report
 from socialiq.cli.main import main
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
@@ -67,6 +70,12 @@ def reseal_fixture() -> Callable[..., Path]:
     return reseal
 
 
+def recomputed(folder: Path) -> dict:
+    """Return the report that follows from a folder's files."""
+    report = read_report(folder / REPORT)
+    return json.loads(json.dumps(content(audited_of(content_of(folder), report))))
+
+
 def reseal(folder: Path, copy: Path, change: Callable[[dict], object], **files: bytes) -> Path:
     """Copy a folder with a changed report, make its pages again, change files, hash everything."""
     shutil.copytree(folder, copy)
@@ -76,6 +85,6 @@ def reseal(folder: Path, copy: Path, change: Callable[[dict], object], **files: 
     change(report)
     found |= {"report.json": (json.dumps(report, indent=2) + "\n").encode(), **views_of(report)}
     found |= {name.replace("_", "."): one for name, one in files.items()}
-    for name, content in sealed(found, report).items():
-        (copy / name).write_bytes(content)
+    for name, written in sealed(found, report).items():
+        (copy / name).write_bytes(written)
     return copy

@@ -53,12 +53,12 @@ def place(tmp_path_factory):
 
 @pytest.fixture
 def audited(place, tmp_path):
-    def run(rule):
+    def run(rule, *more):
         policy, out = tmp_path / "policy.py", tmp_path / "out"
         policy.write_text(POLICY.replace("RULE", rule))
         command = [sys.executable, "-I", "-S", str(policy), str(place / "table.json")]
         words = [f"process:{shlex.join(command)}", "--profile", str(place / "profile.toml")]
-        status = main(["audit", *words, "--episodes", "300", "--out", str(out)])
+        status = main(["audit", *words, "--episodes", "300", "--out", str(out), *more])
         return status, json.loads((out / "report.json").read_text())
 
     return run
@@ -91,6 +91,15 @@ def test_another_does_not_pass(audited, rule, found_by):
     if status == 3:
         assert "answers depend on" in report["verdict"]["reason"]
         assert report["verdict"]["needed"] is None
+
+
+def test_a_policy_that_draws_is_asked_again(audited):
+    """With --soft nothing was asked again, and such a policy passed without a caveat."""
+    often = "__import__('random').random() < 0.98"
+    status, report = audited(often, "--soft")
+    assert status == 0 and report["consistency"]["repeated"]["queries"] > 100
+    status, report = audited(f"len(rows) > 1 and {often}", "--soft")
+    assert status == 3 and "answers depend on the batch" in report["verdict"]["reason"]
 
 
 def test_a_policy_that_drives_as_declared_in_large_batches_alone_does_not_pass(audited):

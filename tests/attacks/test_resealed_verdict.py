@@ -8,10 +8,8 @@ import io
 import json
 
 import pytest
+from tests.attacks.conftest import recomputed
 
-from socialiq.audit.report.folder import REPORT
-from socialiq.audit.report.recompute import recomputed
-from socialiq.audit.report.verify import content_of, read_report
 from socialiq.cli.main import main
 
 
@@ -103,12 +101,12 @@ def test_episodes_made_up_consistently_need_a_rerun(failed, reseal, tmp_path, ca
     """The verdict of a pass follows from them, so only running them again, or its signer, helps."""
     forged = changed_rows(failed, better)
     made_up = reseal(failed, tmp_path / "made up", lambda _: None, episodes_csv=forged)
-    fresh = json.loads(json.dumps(recomputed(content_of(made_up), read_report(made_up / REPORT))))
+    fresh = recomputed(made_up)
     copy = reseal(made_up, tmp_path / "forged", lambda report: report.update(fresh))
     assert fresh["verdict"]["decision"] == "pass"
     capsys.readouterr()
     assert main(["audit", "verify", str(copy)]) == 0
-    assert "not checked: whether the episodes were run" in capsys.readouterr().out
+    assert "left to believe: the episodes and answers of the policy" in capsys.readouterr().out
     assert main(["audit", "verify", str(copy), "--rerun"]) == 1
     assert "episodes.csv differs in the rerun" in capsys.readouterr().err
 

@@ -126,7 +126,7 @@ def test_its_disk_is_small_and_its_own(tmp_path, place):
 def test_its_environment_is_empty(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET_OF_THE_AUDITOR", "1")
     names = "sorted(set(os.environ) - {'LC_CTYPE', 'PWD'})"
-    assert found(tmp_path, names) == "['HOME', 'LANG', 'PATH', 'USER']"
+    assert found(tmp_path, names) == "['HOME', 'LANG', 'PATH']"
 
 
 def test_it_has_no_rights(tmp_path, user):
@@ -233,10 +233,69 @@ def test_python_needs_no_permission(tmp_path):
     sees = pytest.raises(UserError, match=r"\['theirs.py', 'weights.npy'\]")
     with load_policy(f"{name}:looks", 2, 3, **isolated) as loaded, sees:
         loaded.policy.predict(OBSERVATIONS)
-    with load_policy(f"{name}:imports", 2, 3, **isolated) as loaded:
-        assert loaded.policy.predict(OBSERVATIONS[:2])[0].tolist() == [1, 1]
+    library = pytest.raises(UserError, match=r"ModuleNotFoundError: No module named 'socialiq\.nn'")
+    with load_policy(f"{name}:imports", 2, 3, **isolated) as loaded, library:
+        loaded.policy.predict(OBSERVATIONS[:2])
     with pytest.raises(UserError, match=r"FileNotFoundError.*weights\.npy"):
         load_policy(f"{name}:policy", 2, 3, isolation=isolation_of("required"))
+
+
+def test_nothing_tells_that_it_is_watched(tmp_path):
+    told = found(tmp_path, "(dict(os.environ), os.listdir('/'), sys.argv)")
+    assert not [word for word in ("bwrap", "socialiq", "launch", "enter", "USER") if word in told]
+    assert found(tmp_path, "open('/proc/1/cmdline').read()") == "PermissionError"
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "fcntl.flock(open(PLACE), fcntl.LOCK_EX)",
+        "fcntl.lockf(open(PLACE), fcntl.LOCK_SH)",
+        "fcntl.fcntl(open(PLACE), fcntl.F_SETLEASE, fcntl.F_RDLCK)",
+        "fcntl.fcntl(os.open('/usr', 0), fcntl.F_NOTIFY, 1)",
+        "os.posix_fadvise(os.open(PLACE, 0), 0, 0, os.POSIX_FADV_DONTNEED)",
+        "os.preadv(os.open(PLACE, 0), [bytearray(1)], 0, os.RWF_NOWAIT)",
+        "1 + libc.inotify_init1(0)",
+        "1 + libc.syscall(250, 0, -3, 1)",
+        "1 + libc.syscall(425, 8, bytes(120))",
+    ],
+)
+@pytest.mark.parametrize("place", ["'/usr/bin/env'", "'/dev/null'", "sys.argv[0]"])
+def test_it_can_not_talk_to_another_over_a_file_that_both_read(tmp_path, call, place):
+    """Attack: a second process, which is asked the same again, learned so what the first knew."""
+    if "PLACE" not in call and place != "sys.argv[0]":
+        return
+    setting = f"[libc := __import__('ctypes').CDLL(None), fcntl := __import__('fcntl'), {call}][2]"
+    told = found(tmp_path, setting.replace("PLACE", place))
+    assert told in ("OSError", "PermissionError", "0")
+
+
+def test_what_runs_is_what_was_hashed(tmp_path):
+    """Attack: the weights are swapped after the commitment, and back before the second hash."""
+    weights = tmp_path / "weights"
+    weights.write_text("careful")
+    with started(tmp_path, "open(sys.argv[1]).read()", [weights]) as loaded:
+        weights.write_text("hasty")
+        with pytest.raises(UserError, match="found careful"):
+            loaded.policy.predict(OBSERVATIONS)
+
+
+@pytest.mark.parametrize("mode", ["required", "none"])
+def test_a_planted_compiled_file_is_not_run(tmp_path, mode):
+    """Attack: a compiled file that names no source runs in place of the hashed one."""
+    import importlib.util
+    import marshal
+
+    policy = tmp_path / "theirs.py"
+    policy.write_text("def policy(observations):\n    return [2 for _ in observations]\n")
+    planted = Path(importlib.util.cache_from_source(str(policy)))
+    planted.parent.mkdir()
+    code = compile("def policy(observations): return [1 for _ in observations]", "x", "exec")
+    unchecked = importlib.util.MAGIC_NUMBER + (1).to_bytes(4, "little") + bytes(8)
+    planted.write_bytes(unchecked + marshal.dumps(code))
+    more = {"isolation": isolation_of(mode), "allow_code": True}
+    with load_policy(f"python:{policy}:policy", 2, 3, **more) as loaded:
+        assert loaded.policy.predict(OBSERVATIONS[:2])[0].tolist() == [2, 2]
 
 
 def test_compiled_files_of_a_package_are_not_seen(tmp_path, monkeypatch):

@@ -39,7 +39,7 @@ def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("log")
     for seed in (1, 2):
         look(folder, seed)
-    return folder / SUBJECT.file_name
+    return SUBJECT.path_in(folder)
 
 
 def test_a_line_by_hand(path):
@@ -72,8 +72,8 @@ def test_an_owner_by_another_spelling_is_the_same():
     assert {Subject(one, "ab" * 32).sha256 for one in same} == {SUBJECT.sha256}
     for other in (Subject("Other Cars", "ab" * 32), Subject("Example Cars", "cd" * 32)):
         assert other.sha256 != SUBJECT.sha256
-    assert Subject("../..", "ab" * 32).file_name.startswith("owner-")
-    assert Subject("A" * 500, "ab" * 32).file_name.startswith("a" * 40 + "-")
+    assert Subject("../..", "ab" * 32).path_in(Path()).name.startswith("owner-")
+    assert Subject("A" * 500, "ab" * 32).path_in(Path()).name.startswith("a" * 40 + "-")
 
 
 def edits(lines: list[bytes]):
@@ -204,7 +204,7 @@ def test_processes_at_once_extend_one_chain(tmp_path):
     words = [sys.executable, "-c", WRITER, str(tmp_path)]
     writers = [subprocess.Popen([*words, name]) for name in "abc"]
     assert [one.wait() for one in writers] == [0, 0, 0]
-    entries = read(tmp_path / SUBJECT.file_name, SUBJECT.sha256)
+    entries = read(SUBJECT.path_in(tmp_path), SUBJECT.sha256)
     assert sorted((one["commitment"], one["seed"]) for one in entries) == [
         (name, seed) for name in "abc" for seed in range(5)
     ]

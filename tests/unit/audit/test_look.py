@@ -17,7 +17,7 @@ NONCE = Nonce("5a" * 32)
 
 
 def kinds(folder, plan):
-    return [one["kind"] for one in read(folder / plan.subject.file_name, plan.subject.sha256)]
+    return [one["kind"] for one in read(plan.subject.path_in(folder), plan.subject.sha256)]
 
 
 def test_without_a_log_there_is_no_look(plan):
@@ -64,10 +64,10 @@ def test_the_result_belongs_to_its_commitment(tmp_path, plan):
     first, second = (open_look(tmp_path, plan()).look for _ in range(2))
     assert first is not None and second is not None
     record(tmp_path, plan().subject, first, "fail", "99" * 32)
-    entry = read(tmp_path / plan().subject.file_name)[-1]
+    entry = read(plan().subject.path_in(tmp_path))[-1]
     assert (entry["kind"], entry["commitment"]) == (RESULT, first.entry)
     assert (entry["decision"], entry["report_sha256"]) == ("fail", "99" * 32)
-    assert second.before == read(tmp_path / plan().subject.file_name)[1]["sha256"]
+    assert second.before == read(plan().subject.path_in(tmp_path))[1]["sha256"]
 
 
 def test_a_nonce_opens_its_commitment_once(tmp_path, plan):
@@ -138,7 +138,7 @@ def test_a_look_whose_share_is_too_small_is_refused_before_it_counts(tmp_path, p
         open_look(tmp_path, plan(confidence=0.998))
     with pytest.raises(UserError, match="agree with the auditor on a new log"):
         open_look(tmp_path, plan(confidence=0.998))
-    text = (tmp_path / plan().subject.file_name).read_text()
+    text = (plan().subject.path_in(tmp_path)).read_text()
     assert [json.loads(line)["kind"] for line in text.splitlines()].count(COMMITMENT) == 4
 
 

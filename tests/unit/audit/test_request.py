@@ -51,9 +51,10 @@ def dial(folder, features=CROSSING.n_features, high=90.0):
     return path
 
 
-def references_of(*arguments):
+def references_of(world, specs, policy, trust):
     with contextlib.ExitStack() as closing:
-        return resolve_references(*arguments, closing, dial_angles(45.0, 15.0))
+        angles = dial_angles(45.0, 15.0)
+        return resolve_references(world, specs, policy.as_json(), trust, closing, angles)
 
 
 def named(references):
@@ -144,7 +145,7 @@ def test_references_in_python_end_when_they_are_closed(tmp_path):
     specs = [f"python:{tmp_path / 'theirs.py'}:never"]
     with contextlib.ExitStack() as closing:
         trust = Trust(allow_code=True)
-        found = resolve_references(CROSSING, specs, OTHER, trust, closing, ())
+        found = resolve_references(CROSSING, specs, OTHER.as_json(), trust, closing, ())
         seen = np.zeros((1, CROSSING.n_features), np.float32)
         assert named(found.drivers) == ["never"]
         assert found.drivers[0].policy.predict(seen)[0].tolist() == [0]

@@ -149,7 +149,7 @@ def test_verify_says_what_was_checked_and_what_was_not(passed, capsys):
     assert first == f"{passed} is consistent: what it says follows from its episodes"
     assert checked.startswith("checked: hashes of ")
     assert checked.endswith("verdict and numbers, recomputed from 300 episodes")
-    assert left.startswith("not checked: whether the episodes were run, and how the")
+    assert left.startswith("left to believe: the episodes and answers of the policy")
     assert "claims of the auditor (timing, command" in left
     assert main(["audit", "verify", str(passed), "--rerun", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

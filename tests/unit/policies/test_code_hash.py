@@ -69,14 +69,43 @@ def test_everything_below_a_folder_counts(tmp_path):
     assert len(set(seen)) == len(seen)
 
 
-def test_compiled_files_are_left_out_and_named(tmp_path):
+def test_compiled_files_are_left_out_and_not_copied(tmp_path):
     folder = tmp_path / "policy"
     (folder / "__pycache__").mkdir(parents=True)
     named = files_named_by(["sh"], [str(folder)])
     before = hash_files([], named)
     (folder / "__pycache__" / "policy.pyc").write_bytes(b"compiled")
-    assert hash_files([], named).sha256 == before.sha256
-    assert before.caches == (folder / "__pycache__",)
+    copied = hash_files([], named, tmp_path)
+    assert copied.sha256 == before.sha256
+    assert list(copied.paths[folder].iterdir()) == []
+
+
+def test_the_copy_has_exactly_the_hashed_bytes(tmp_path):
+    folder, copies = tmp_path / "policy", tmp_path / "copies"
+    (folder / "deep").mkdir(parents=True)
+    copies.mkdir()
+    (folder / "deep" / "weights").write_bytes(b"1")
+    (folder / "link").symlink_to("deep/weights")
+    (folder / "program").touch(mode=0o700)
+    named = files_named_by(["no such"], [str(folder)])
+    copied = hash_files([], named, copies)
+    (folder / "deep" / "weights").write_bytes(b"2")
+    copy = copied.paths[folder]
+    assert (copy / "link").read_bytes() == b"1" and (copy / "link").is_symlink()
+    assert (copy / "program").stat().st_mode & 0o777 == 0o755
+    assert hash_files([], [(named[0][0], copy)]).sha256 == copied.sha256
+
+
+@pytest.mark.parametrize("place", ["pyvenv.cfg", "lib/python3.11/os.py"])
+def test_the_folder_of_another_python_is_hashed(tmp_path, place):
+    """Attack: such a file beside a program made its whole folder visible, and nothing hashed it."""
+    for name in ("bin/tool", "hidden", place):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch(mode=0o755)
+    command = [str(tmp_path / "bin" / "tool")]
+    before = hash_files(command, files_named_by(command)).sha256
+    (tmp_path / "hidden").write_text("weights")
+    assert hash_files(command, files_named_by(command)).sha256 != before
 
 
 def test_a_link_that_leaves_its_folder_is_refused(tmp_path):

@@ -7,14 +7,14 @@ import json
 import pytest
 
 from socialiq.audit.look import Look, Opened, draw, reveal, spend
-from socialiq.audit.report.content import seeds_of
+from socialiq.audit.report.content import content, seeds_of
 from socialiq.audit.report.folder import evidence_path, files_of
 from socialiq.audit.report.recompute import (
+    audited_of,
     differences,
+    differences_of,
     faults_of_seeds,
     opened_of,
-    recomputed,
-    recomputed_differences,
 )
 from socialiq.audit.seeds import Commitment, Nonce, Round
 from socialiq.errors import UserError
@@ -26,13 +26,17 @@ def files(report, audited):
     return files_of(report, audited.profile, audited.evidence)
 
 
+def recomputed_differences(files, read):
+    return differences_of(audited_of(files, read), read)
+
+
 @pytest.fixture
 def read(files):
     return json.loads(files["report.json"])
 
 
 def test_the_report_follows_from_its_episodes_to_the_last_digit(files, read):
-    fresh = json.loads(json.dumps(recomputed(files, read)))
+    fresh = json.loads(json.dumps(content(audited_of(files, read))))
     for name in ("timing", "versions", "machine"):
         del fresh[name], read[name]
     assert fresh == read
@@ -49,7 +53,7 @@ def test_every_number_of_the_report_is_recomputed(files, read):
         *above, last = place
         inner = at(wrong, above)
         inner[last] += 1
-    fresh = recomputed(files, read)
+    fresh = content(audited_of(files, read))
     from socialiq.audit.report.recompute import differences
 
     found = set(differences(wrong, json.loads(json.dumps(fresh)), frozenset(), 1e-9))

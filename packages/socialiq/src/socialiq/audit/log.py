@@ -37,6 +37,9 @@ _WAIT = 60.0  # seconds for another process that is writing
 
 _PURPOSE = "socialiq audit log 1"
 
+_INVISIBLE = re.compile("FILLER|MODIFIER LETTER|TATWEEL")
+"""Names of letters that no one reads as letters: fillers of Hangul, raised commas, strokes."""
+
 
 class Subject(NamedTuple):
     """Owner and scenario of a log; every look at it counts, whatever policy or profile it names.
@@ -54,21 +57,35 @@ class Subject(NamedTuple):
         return Subject(profile.owner, profile.scenario.sha256)
 
     @property
-    def sha256(self) -> str:
-        """SHA-256 of the subject; the first line of its log follows it.
+    def plain_owner(self) -> str:
+        """Letters and digits of the owner's name, without case.
 
-        Of the name only letters and digits count, without case, so that spaces, punctuation and
-        invisible characters don't make another owner.
+        So spaces, punctuation and invisible characters, some of which Unicode counts as letters,
+        don't make another owner.
         """
         name = unicodedata.normalize("NFKC", self.owner).casefold()
-        plain = "".join(letter for letter in name if letter.isalnum()) or name
-        return _sha256(f"{_PURPOSE}\n{plain}\n{self.scenario_sha256}\n")
+        letters = filter(str.isalnum, name)
+        plain = (one for one in letters if not _INVISIBLE.search(unicodedata.name(one, "")))
+        return "".join(plain) or name
 
     @property
-    def file_name(self) -> str:
-        """Name of its log: the owner's, as far as a file name allows, and the hash."""
-        plain = re.sub(r"[^a-z0-9]+", "-", self.owner.lower())[:40].strip("-") or "owner"
-        return f"{plain}-{self.sha256[:16]}.jsonl"
+    def sha256(self) -> str:
+        """SHA-256 of the subject; the first line of its log follows it."""
+        return _sha256(f"{_PURPOSE}\n{self.plain_owner}\n{self.scenario_sha256}\n")
+
+    def path_in(self, folder: Path) -> Path:
+        """Return the path of its log, whose name ends in the hash: the one that is there, or a new.
+
+        Raises:
+            UserError: If there are several, which have to be counted together.
+        """
+        ending = f"-{self.sha256[:16]}.jsonl"
+        paths = sorted(folder.glob(f"*{ending}"))
+        if len(paths) > 1:
+            names = " and ".join(path.name for path in paths)
+            raise UserError(f"{names} in {folder} are logs of one owner: agree on one of them")
+        plain = re.sub(r"[^a-z0-9]+", "-", self.plain_owner)[:40].strip("-") or "owner"
+        return paths[0] if paths else folder / f"{plain}{ending}"
 
 
 class AuditLog:
@@ -145,7 +162,7 @@ def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
     Raises:
         UserError: As `read`, or if it can't be written or another process doesn't release it.
     """
-    path = folder / subject.file_name
+    path = folder / f"{subject.sha256[:16]}.jsonl"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         held = filelock.FileLock(path.with_suffix(".lock")).acquire(timeout=_WAIT)
@@ -156,6 +173,7 @@ def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
     except OSError as error:
         raise _not_written(path, error) from error
     with held:
+        path = subject.path_in(folder)
         entries = read(path, subject.sha256) if path.exists() else []
         yield AuditLog(path, subject.sha256, entries)
 

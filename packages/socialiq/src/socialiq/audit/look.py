@@ -102,10 +102,10 @@ def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
             "new log"
         )
     sha256 = source.get("nonce_sha256")
-    if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in log.commitments):
-        # It may be known by now.
+    if sha256 and any(sha256 in path.read_text() for path in log.path.parent.glob("*.jsonl")):
+        # It may be known by now; the folder may have the logs of other owners too.
         raise UserError(
-            f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
+            f"{log.path.parent} names this nonce already: ask the auditor for the hash of a new one"
         )
     entry = log.append(logs.COMMITMENT, {**plan.fields(), "seed": dict(source)})
     return _look(log, plan, entry)
@@ -192,6 +192,8 @@ def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | Non
         if isinstance(origin, Nonce | Round):
             entry = _committed(log, plan, origin)
             look = _look(log, plan, entry)
+            if isinstance(origin, Nonce):
+                origin.reveal_for(look.entry)
             seed_draw = reveal(plan.commitment, look.entry, origin)
         else:
             look = _commit(log, plan, {"source": "system entropy"})

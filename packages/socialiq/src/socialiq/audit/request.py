@@ -158,7 +158,7 @@ class References(NamedTuple):
 def resolve_references(
     world: World,
     specs: Sequence[str | Path],
-    policy: Record,
+    policy: Mapping[str, Any],
     trust: Trust,
     closing: contextlib.ExitStack,
     angles: Sequence[float],
@@ -173,8 +173,8 @@ def resolve_references(
     for spec in specs:
         drivers += _named(str(spec), world, trust, closing, angles)
     records = {driver.name: record for driver, record in drivers}
-    audited, names = policy.as_json(), (*world.references, *records)
-    itself = [name for name in names if is_itself(name, records.get(name), audited)]
+    names = (*world.references, *records)
+    itself = [name for name in names if is_itself(name, records.get(name), policy)]
     return References([driver for driver, _ in drivers], records, itself)
 
 
@@ -314,7 +314,12 @@ def rule_of(name: str, world: World, seed: int = 0) -> Loaded:
 
     With continuous actions a rule accelerates and does not steer; the seed is of the random driver.
     """
-    sha256 = hashlib.sha256(f"rule {name}\n{package_sha256()}\n".encode()).hexdigest()
+    sha256 = rule_sha256(name, package_sha256())
     covers = "the rule's name and this package's code"
     record = Record(RULE, name, sha256, covers, Interface.of(world), False)
     return Loaded(world.driver(name, seed), record)
+
+
+def rule_sha256(name: str, package: str) -> str:
+    """Return the hash of a rule-based driver: it covers its name and the package's hash."""
+    return hashlib.sha256(f"rule {name}\n{package}\n".encode()).hexdigest()

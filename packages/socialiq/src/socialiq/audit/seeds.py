@@ -9,7 +9,7 @@ import math
 import os
 import re
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +18,7 @@ from jaxtyping import Int64
 
 from socialiq.errors import UserError
 from socialiq.foreign import optional
-from socialiq.storage import read_json
+from socialiq.storage import read_json, write_atomically
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _LARGEST = 64 * 1024  # bytes of a file
@@ -26,14 +26,39 @@ _LARGEST = 64 * 1024  # bytes of a file
 
 @dataclass(frozen=True)
 class Nonce:
-    """A secret of 256 bits, as 64 hexadecimal digits."""
+    """A secret of 256 bits, as 64 hexadecimal digits, and the auditor's file that holds it."""
 
     value: str
+    file: Path | None = field(default=None, compare=False)
 
     @property
     def sha256(self) -> str:
         """SHA-256 of the secret's 32 bytes: what the owner is told."""
         return hashlib.sha256(bytes.fromhex(self.value)).hexdigest()
+
+    def reveal_for(self, entry: str) -> None:
+        """Note in its file the hash of the commitment that it is revealed for, before it is used.
+
+        A report publishes the nonce, so that any later commitment can be made with its knowledge.
+
+        Raises:
+            UserError: If it was revealed for another commitment, or the file can't be written.
+        """
+        if self.file is None:
+            return
+        if self.commitment not in (None, entry):
+            raise UserError(
+                f"{self.file} was revealed for another commitment, and may be known: draw a new "
+                "one with `socialiq audit nonce`"
+            )
+        text = json.dumps({"nonce": self.value, "commitment": entry}) + "\n"
+        write_atomically(self.file, text.encode())
+        self.file.chmod(0o600)
+
+    @property
+    def commitment(self) -> str | None:
+        """Hash of the commitment that the file says it was revealed for."""
+        return None if self.file is None else read_json(self.file, _LARGEST).get("commitment")
 
 
 def write_nonce(path: Path) -> Nonce:
@@ -59,7 +84,7 @@ def read_nonce(path: Path) -> Nonce:
     value = content.get("nonce") if isinstance(content, dict) else None
     if not isinstance(value, str) or not _SHA256.fullmatch(value):
         raise UserError(f"{path} has no nonce: `socialiq audit nonce --out FILE` writes one")
-    return Nonce(value)
+    return Nonce(value, path)
 
 
 CHAIN = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971"

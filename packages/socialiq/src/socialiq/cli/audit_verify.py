@@ -17,6 +17,7 @@ from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import recompute, signature, verify, words
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
 from socialiq.audit.request import Request
+from socialiq.audit.seeds import read_nonce
 from socialiq.cli.audit import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
 from socialiq.cli.words import refuse_unused
@@ -40,6 +41,8 @@ class Verify(Printing):
 
     folder: Annotated[Path, tyro.conf.Positional]
     """Report folder, of `socialiq audit --out`."""
+    all_episodes: bool = False
+    """Drive all episodes of the reference drivers again, not a sample."""
     rerun: bool = False
     """Run all episodes again, which needs policy and references with the same hashes."""
     policy: str = ""
@@ -48,13 +51,15 @@ class Verify(Printing):
     """The environment, if that of the declaration runs code: a report may come from
     an untrusted source, so you name it yourself."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Paths of the user's references."""
+    """Paths of the user's references: with them these are driven again too."""
     code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
     threads: int = 1
     """Number of threads of the simulation."""
     log: Path | None = None
     """The file of the audit log that you hold, to check that the report is one of its looks, and
     which."""
+    nonce: Path | None = None
+    """The file of your nonce, to check that it was drawn by you and revealed for this audit."""
     key: Path | None = None
     """The signer's public key, a PEM file, to check that the report is signed by it; with --policy
     also the signature FILE.sig of the policy, if there is one."""
@@ -63,10 +68,10 @@ class Verify(Printing):
         """Check, optionally rerun, and print what was checked and what differs."""
         if not self.rerun:
             unused = ("policy",) if self.key is None else ()
-            refuse_unused(self, (*unused, "world", "reference", "threads"), "--rerun")
+            refuse_unused(self, (*unused, "world", "threads"), "--rerun")
             refuse_unused(self.code, [field.name for field in fields(self.code)], "--rerun")
         key = None if self.key is None else signature.read_public_key(self.key)
-        findings = verify.check_folder(self.folder)
+        findings = verify.check_folder(self.folder, self.reference, self.all_episodes)
         faults, checked = findings.faults, list(findings.checked)
         if key is not None and not faults:
             faults = signature.faults_of_signature(verify.content_of(self.folder), key)
@@ -81,6 +86,9 @@ class Verify(Printing):
         if self.log is not None and not faults:
             faults = verify.faults_by_log(self.folder, self.log)
             checked.append("audit log")
+        if self.nonce is not None and not faults:
+            faults = verify.faults_by_nonce(self.folder, read_nonce(self.nonce))
+            checked.append("auditor's nonce")
         if self.rerun and not faults:
             faults = self._again()
             checked.append("episodes, run again")
@@ -95,11 +103,12 @@ class Verify(Printing):
             for line in _shortened(faults):
                 complain(line)
             if not faults:
-                self._print(findings.not_checked, checked, claims)
+                self._print(findings, checked, claims)
         return 1 if faults else 3 if findings.not_checked else 0
 
-    def _print(self, unknown: list[str], checked: list[str], claims: list[str]) -> None:
-        """Print what was checked, and what was not."""
+    def _print(self, findings: verify.Findings, checked: list[str], claims: list[str]) -> None:
+        """Print what was checked, and what is left to believe."""
+        unknown, report = findings.not_checked, verify.read_report(self.folder / REPORT)
         if unknown:
             line = (
                 f"is not checked as a whole: this version of socialiq would not write "
@@ -110,13 +119,15 @@ class Verify(Printing):
             again = ", and so does a rerun of the episodes" if self.rerun else ""
             line = f"is consistent: what it says follows from its episodes{again}"
         sys.stdout.write(f"{self.folder} {line}\nchecked: {'; '.join(checked)}\n")
-        left = [] if self.rerun else [_NOT_RUN]
+        left = [] if self.rerun else [*findings.believed, "how the vehicles moved (--rerun)"]
+        if self.nonce is None and report["seeds"]["nonce"] is not None:
+            left.append("who drew the nonce, and for whom (--nonce)")
         if self.key is None:
             signed = (self.folder / SIGNATURES).is_file()
             how = "--key checks its signatures" if signed else "it is not signed"
             left.append(f"who wrote it ({how})")
         left.append(f"claims of the auditor ({', '.join(claims)})")
-        sys.stdout.write(f"not checked: {'; '.join(left)}\n")
+        sys.stdout.write(f"left to believe: {'; '.join(left)}\n")
 
     def _again(self) -> list[str]:
         """Run the audit again and compare; a report, maybe untrusted, doesn't choose the code."""
@@ -154,8 +165,6 @@ class Verify(Printing):
         paths = [*differing, *recompute.differences(report, fresh)]
         return [f"{path} differs in the rerun" for path in paths]
 
-
-_NOT_RUN = "whether the episodes were run, and how the vehicles moved (--rerun runs them again)"
 
 _MOST_LINES = 12
 

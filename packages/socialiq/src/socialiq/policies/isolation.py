@@ -1,9 +1,10 @@
 """A policy's code: the hash of its files, and the command line of its sandbox (bubblewrap).
 
 A sandboxed process has its own processes, network, interprocess communication, host name and files.
-It sees the system's programs and libraries, the folder of its interpreter, and what its hash
-covers, all read-only; two small folders in memory are writable. Its environment is empty. Nothing
-that it starts outlives it.
+It sees the system's programs and libraries, the folder of the audit's interpreter without this
+library, and a private copy of exactly what its hash covers, all read-only; two small folders in
+memory are writable. Its environment is empty. Nothing that it starts outlives it. Calls that would
+tell two sandboxes of each other by a file that both read are refused (`launchers.enter`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import secrets
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -35,16 +36,18 @@ NONE = "none"
 
 _PROGRAM = "bwrap"
 _LAUNCHERS = Path(__file__).with_name("launchers.py")
+_LIBRARY = Path(__file__).parents[1]
 _SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 _SETTINGS = ("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime")
 _WRITABLE = ("/tmp", "/dev/shm")
 _ENVIRONMENT = {
     "PATH": "/usr/local/bin:/usr/bin:/bin",
     "HOME": "/tmp",
-    "USER": "policy",
     "LANG": "C.UTF-8",
 }
 _SECONDS = 20  # of the trial
+
+_BLOCK = 1024 * 1024  # bytes that are read at once
 
 MOST_FILES = 100_000
 """Largest number of files below the named folders."""
@@ -59,23 +62,23 @@ class CodeHash(NamedTuple):
     Attributes:
         sha256: SHA-256 over words, paths and contents.
         covers: Description for people.
-        paths: The named files and folders, absolute.
-        caches: Folders below them that are not covered.
+        paths: The named files and folders, absolute, and the copy of each, if there is one.
     """
 
     sha256: str
     covers: str
-    paths: tuple[Path, ...]
-    caches: tuple[Path, ...]
+    paths: Mapping[Path, Path]
 
 
 def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[tuple[str, Path]]:
     """Return the files and folders that a command names, and those that the user names besides.
 
-    They are its program, its words, and what follows the first "=" of a word (`--option=FILE`).
+    They are its program, its words, and what follows the first "=" of a word (`--option=FILE`); of
+    another Python than the audit's or the system's the whole folder.
     """
     program = Path(shutil.which(command[0]) or command[0])
     entries = [(command[0], program)] if program.is_file() else []
+    entries += [(str(folder), folder) for folder in _interpreters(program.absolute())]
     for word in command[1:]:
         path = next(filter(_is_there, (word, word.partition("=")[2])), "")
         entries += [(word, Path(path))] if path else []
@@ -95,24 +98,32 @@ def _is_there(word: str) -> bool:
     return bool(word) and (os.path.isfile(word) or os.path.isdir(word))  # noqa: PTH112, PTH113
 
 
-def hash_files(words: Sequence[str], labelled: Sequence[tuple[str, Path]]) -> CodeHash:
+def hash_files(
+    words: Sequence[str], labelled: Sequence[tuple[str, Path]], copies: Path | None = None
+) -> CodeHash:
     """Hash words, and files and folders with their paths; each part is preceded by its length.
 
     Args:
         words: Words of the specification, in their order.
         labelled: Files and folders, each with the word that names it.
+        copies: Folder for a copy of the bytes that are hashed, readable by all users.
 
     Raises:
         UserError: If a file can't be read, a folder has too many files, or a link leaves it.
     """
-    digest, caches, files, size = hashlib.sha256(), [], 0, 0
+    digest, files, size, paths = hashlib.sha256(), 0, 0, {}
     for word in words:
         _add(digest, "word", word)
-    for word, path in labelled:
+    roots = [path.resolve() for _, path in labelled]
+    for number, (word, path) in enumerate(labelled):
         _add(digest, "path", word)
+        copy = None if copies is None else copies / str(number) / path.name
+        paths.setdefault(path.absolute(), copy or path)
         try:
-            below = _below(path, path.resolve(), "", caches)
-            for entry in [_file(path, "")] if path.is_file() else below:
+            if copy is not None:
+                copy.parent.mkdir(mode=0o755)
+            below = [_file(path, "", copy)] if path.is_file() else _below(path, roots, "", copy)
+            for entry in below:
                 _add(digest, entry.kind, entry.name, entry.content)
                 files, size = files + (entry.kind == "file"), size + entry.size
                 if files > MOST_FILES:
@@ -124,11 +135,10 @@ def hash_files(words: Sequence[str], labelled: Sequence[tuple[str, Path]]) -> Co
             name = one_line(str(error.filename or path))
             raise UserError(f"cannot read {name}: {error.strerror}") from error
     covers = (
-        f"the words, and whole the {files} files ({size:,} bytes) that they name; "
-        "not what programs load besides: the interpreter's folder and shared libraries"
+        f"the words, and whole the {files} files ({size:,} bytes) that they name; not what "
+        "programs load besides: the folder of the audit's interpreter and shared libraries"
     )
-    paths = tuple(dict.fromkeys(path.absolute() for _, path in labelled))
-    return CodeHash(digest.hexdigest(), covers, paths, tuple(caches))
+    return CodeHash(digest.hexdigest(), covers, paths)
 
 
 class _Entry(NamedTuple):
@@ -140,32 +150,44 @@ class _Entry(NamedTuple):
     size: int = 0
 
 
-def _below(folder: Path, root: Path, prefix: str, caches: list[Path]) -> Iterator[_Entry]:
-    """Yield what is in a folder in the order of the names; collect its caches."""
+def _below(folder: Path, roots: Sequence[Path], prefix: str, copy: Path | None) -> Iterator[_Entry]:
+    """Yield what is in a folder in the order of the names, without caches; copy it."""
+    if copy is not None:
+        copy.mkdir(mode=0o755)
     for path in sorted(folder.iterdir()):
-        name = f"{prefix}{path.name}"
+        name, target = f"{prefix}{path.name}", None if copy is None else copy / path.name
         if path.is_symlink():
-            if not path.resolve().is_relative_to(root):
+            seen = (*roots, *_visible(), *map(Path, _SYSTEM))
+            if not any(path.resolve().is_relative_to(root) for root in seen):
                 raise UserError(
                     f"{one_line(str(path))} is a link that leaves the policy's folder: replace it "
                     "by what it points to"
                 )
+            if target is not None:
+                target.symlink_to(path.readlink())
             yield _Entry("link", name, str(path.readlink()))
         elif path.is_dir() and path.name == CACHE:
-            caches.append(path.absolute())
+            continue
         elif path.is_dir():
             yield _Entry("folder", name)
-            yield from _below(path, root, f"{name}/", caches)
+            yield from _below(path, roots, f"{name}/", target)
         elif path.is_file():
-            yield _file(path, name)
+            yield _file(path, name, target)
         else:
             raise UserError(f"{one_line(str(path))} is not a plain file: leave it out")
 
 
-def _file(path: Path, name: str) -> _Entry:
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        return _Entry("file", name, hashlib.file_digest(file, "sha256").hexdigest(), size)
+def _file(path: Path, name: str, copy: Path | None) -> _Entry:
+    """Hash a file, and write the same bytes into its copy."""
+    digest, size = hashlib.sha256(), 0
+    with path.open("rb") as file, open(copy or os.devnull, "wb") as written:  # noqa: PTH123
+        while block := file.read(_BLOCK):
+            digest.update(block)
+            written.write(block)
+            size += len(block)
+    if copy is not None:
+        copy.chmod(0o755 if path.stat().st_mode & 0o111 else 0o644)
+    return _Entry("file", name, digest.hexdigest(), size)
 
 
 def _add(digest: Any, *texts: str) -> None:
@@ -212,7 +234,7 @@ def isolation_of(mode: str) -> Isolation:
 def _tried(program: str) -> Isolation:
     """Start an empty sandbox once: a system can have the program and forbid its use."""
     trial = [sys.executable, "-I", "-S", "-c", "pass"]
-    command = sandboxed(trial, CodeHash("", "", (), ()), program)
+    command = sandboxed(trial, CodeHash("", "", {}), program)
     try:
         version = subprocess.run([program, "--version"], capture_output=True, timeout=_SECONDS)
         outcome = subprocess.run(command, capture_output=True, timeout=_SECONDS)
@@ -224,21 +246,18 @@ def _tried(program: str) -> Isolation:
     return Isolation(one_line(version.stdout.strip()))
 
 
-def sandboxed(
-    command: Sequence[str], covered: CodeHash, program: str = _PROGRAM, folders: Iterable[Path] = ()
-) -> list[str]:
+def sandboxed(command: Sequence[str], covered: CodeHash, program: str = _PROGRAM) -> list[str]:
     """Return the command that runs a command in a sandbox.
 
     The user root of the system runs it as a user without rights, of a number that no other has;
     any other user in a namespace of its own. In both the number of processes is limited (the
-    latter from Linux 5.14 on). A file that the user without rights can't read is refused, and a
-    version manager's shim, which needs files of the manager.
+    latter from Linux 5.14 on). A version manager's shim, which needs files of the manager, is
+    refused.
 
     Args:
         command: Program and arguments; its program is found outside of the sandbox.
-        covered: Files and folders that it sees, at their paths.
+        covered: Files and folders whose copies it sees, at their paths.
         program: Path of bubblewrap.
-        folders: Further folders that it sees.
     """
     first = Path(shutil.which(command[0]) or command[0]).absolute()
     if first.parent.name == "shims":
@@ -246,15 +265,7 @@ def sandboxed(
             f"{one_line(str(first))} is a shim of a version manager, and a sandbox has no manager: "
             f"name the program itself (pyenv which {one_line(first.name)})"
         )
-    here = Path.cwd()
-    root = os.geteuid() == 0
-    for path in covered.paths if root else ():
-        mode, needed = path.stat().st_mode, 0o5 if path.is_dir() else 0o4
-        if mode & needed != needed:
-            raise UserError(
-                f"{one_line(str(path))} is closed to other users, and root runs a policy as one: "
-                "open it with chmod a+rX"
-            )
+    here, root = Path.cwd(), os.geteuid() == 0
     system: list[str] = []
     for path in map(Path, _SYSTEM):
         if path.is_symlink():
@@ -262,21 +273,21 @@ def sandboxed(
         elif path.is_dir():
             system += ["--ro-bind", str(path), str(path)]
     system += [word for name in _SETTINGS for word in ("--ro-bind-try", name, name)]
-    interpreters = (*_interpreters(first), *_interpreters(Path(sys.executable)))
     user = 2_000_000_000 + secrets.randbelow(100_000_000) if root else -1
+    sources = {path: path for path in _visible()} | dict(covered.paths)
     return [
         program,
         *(_AS_ROOT if root else ("--unshare-all", "--cap-drop", "ALL")),
         *("--die-with-parent", "--new-session", "--clearenv"),
         *(word for pair in _ENVIRONMENT.items() for word in ("--setenv", *pair)),
         *system,
-        *("--proc", "/proc", "--dev", "/dev"),
+        # The first process is bubblewrap, whose command line has this library's paths.
+        *("--proc", "/proc", "--ro-bind", "/dev/null", "/proc/1/cmdline", "--dev", "/dev"),
         *(word for path in _WRITABLE for word in _memory(path)),
-        *_bound((*interpreters, *folders, *covered.paths), here),
-        *(word for cache in covered.caches for word in _memory(str(cache))),
-        *("--ro-bind", str(_LAUNCHERS), "/launchers.py", "--chdir", str(here)),
-        *("--remount-ro", "/dev", "--remount-ro", "/"),
-        *(os.path.realpath(sys.executable), "-I", "-S", "/launchers.py", "enter"),
+        *_bound(sources, here),
+        *_masked(sources),
+        *("--chdir", str(here), "--remount-ro", "/dev", "--remount-ro", "/"),
+        *(os.path.realpath(sys.executable), "-I", "-S", "-c", _LAUNCHERS.read_text(), "enter"),
         *(str(user), str(PROCESSES), str(DISK), str(first), *command[1:]),
     ]
 
@@ -292,25 +303,40 @@ def _memory(path: str) -> tuple[str, ...]:
     return ("--perms", "1777", "--size", str(DISK), "--tmpfs", path)
 
 
+def _visible() -> tuple[Path, ...]:
+    """Return the folders of the audit's interpreter: its virtual environment, and its base."""
+    return tuple(dict.fromkeys(map(Path, (sys.prefix, sys.base_prefix))))
+
+
 def _interpreters(program: Path) -> Iterator[Path]:
-    """Return the folders of a Python that a program is, those of its virtual environment first."""
-    for path in (program, program.resolve()):
+    """Return the folders of a Python of the owner's: they may hold anything beside the programs."""
+    outside = (Path("/"), Path.home(), *_visible(), *map(Path, _SYSTEM))
+    for path in dict.fromkeys((program, program.resolve())):
         folder = path.parent.parent
-        if folder in (Path("/"), Path.home()):
+        if folder in outside or any(folder.is_relative_to(seen) for seen in outside[2:]):
             continue
         if (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib/python3*/os.py")):
             yield folder
 
 
-def _bound(paths: Iterable[Path], here: Path) -> Iterator[str]:
+def _masked(sources: Iterable[Path]) -> Iterator[str]:
+    """Return the arguments that hide this library where it is installed, with its answers."""
+    places = (Path(name) for name in ("/usr", "/usr/local", *map(str, sources)))
+    found = {path for place in places for path in place.glob("lib/python3*/*-packages/socialiq*")}
+    for path in sorted({*found, _LIBRARY}):
+        if path.is_dir() and any(map(path.is_relative_to, (*sources, *_SYSTEM))):
+            yield from ("--perms", "0555", "--tmpfs", str(path), "--remount-ro", str(path))
+
+
+def _bound(sources: Mapping[Path, Path], here: Path) -> Iterator[str]:
     """Return the arguments for files and folders at their paths, outer ones first."""
     visible = [Path(name) for name in _SYSTEM]
     folders, arguments = {here, *here.parents}, []
-    for path in sorted(set(paths)):
+    for path, source in sorted(sources.items()):
         if not any(path.is_relative_to(outer) for outer in visible):
             visible.append(path)
             folders.update(path.parents)
-            arguments += ["--ro-bind", os.path.realpath(path), str(path)]
+            arguments += ["--ro-bind", os.path.realpath(source), str(path)]
     # The folders in memory have their mode already; what is read-only has its folders.
     for folder in sorted(folders - set(map(Path, ("/", "/dev", "/proc", *_WRITABLE)))):
         if not any(folder.is_relative_to(outer) for outer in visible):

@@ -11,7 +11,8 @@ exec of the parent, where a program with threads may not run Python.
 
     python launchers.py enter USER PROCESSES BYTES COMMAND...
 
-is the first program in a sandbox: it sets limits and becomes the command. USER is the number of a
+is the first program in a sandbox: it sets limits, refuses some calls of the system, and becomes the
+command. USER is the number of a
 user without rights to become, or -1 to stay. PROCESSES is the largest number of processes and
 threads of that user, BYTES the largest size of a file.
 """
@@ -77,11 +78,57 @@ def enter(user: int, processes: int, size: int, command: list[str]) -> int:
         _limit(resource.RLIMIT_NPROC, processes)
     _limit(resource.RLIMIT_FSIZE, size)
     _limit(resource.RLIMIT_CORE, 0)
+    _refuse_calls()
     try:
         os.execv(command[0], command)
     except OSError as error:
         print(f"{command[0]}: {error.strerror}", file=sys.stderr)
     return 127
+
+
+_REFUSED = {
+    "x86_64": (0xC000003E, 72, (73, 221, 248, 249, 250, 253, 294, 300, 327, 425, 451)),
+    "aarch64": (0xC00000B7, 25, (26, 32, 217, 218, 219, 223, 262, 286, 425, 451)),
+}
+"""Numbers of the architecture, of fcntl, and of refused calls, by machine: flock, fadvise64,
+add_key, request_key, keyctl, inotify_init, inotify_init1, fanotify_init, preadv2, io_uring_setup,
+cachestat. They tell of other processes by a file, a keyring or the page cache that both use."""
+
+_LOCKS = (5, 6, 7, 36, 37, 38, 1024, 1025, 1026)
+"""Commands of fcntl for locks, leases and notices of a folder."""
+
+
+def _refuse_calls() -> None:
+    """Let refused calls fail with ENOSYS, by a filter (seccomp) that no process can take off."""
+    import ctypes
+
+    architecture, fcntl, refused = _REFUSED[os.uname().machine]
+    load, equal, at_least, end = 0x20, 0x15, 0x35, 0x06
+    # Fields of a call: its number at byte 0, the architecture at 4, the second argument at 24.
+    lines = [(load, 4), (equal, architecture), (end, 0x80000000), (load, 0)]
+    tests = [(at_least, 0x40000000), *((equal, number) for number in refused)]
+    locks = [(equal, command) for command in _LOCKS]
+    allow, refuse = (end, 0x7FFF0000), (end, 0x00050000 | 38)
+    lines += [*tests, (equal, fcntl), allow, (load, 24), *locks, allow, refuse]
+    program = b""
+    for place, (code, value) in enumerate(lines):
+        if (code, value) == (equal, architecture) or (
+            place > 3 and (code, value) == (equal, fcntl)
+        ):
+            yes = 1
+        else:
+            yes = len(lines) - 2 - place if code in (equal, at_least) else 0
+        program += code.to_bytes(2, sys.byteorder) + bytes((yes, 0))
+        program += value.to_bytes(4, sys.byteorder)
+    buffer = ctypes.create_string_buffer(program)
+
+    class Filter(ctypes.Structure):
+        _fields_ = [("count", ctypes.c_ushort), ("lines", ctypes.c_void_p)]
+
+    system = ctypes.CDLL(None, use_errno=True)
+    what = Filter(len(lines), ctypes.addressof(buffer))
+    if system.prctl(38, 1, 0, 0, 0) or system.prctl(22, 2, ctypes.byref(what), 0, 0):
+        raise OSError(ctypes.get_errno(), "this system filters no calls")
 
 
 if __name__ == "__main__":

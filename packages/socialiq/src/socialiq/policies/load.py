@@ -6,7 +6,8 @@ import contextlib
 import inspect
 import json
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
@@ -210,34 +211,40 @@ def _load_code(
     isolation = isolation or NOT_ASKED
     command = command_of_python(words, source) if is_python else command_of(words.strip())
 
-    def hashed() -> code.CodeHash:
+    def hashed(copies: Path | None) -> code.CodeHash:
         if is_python:
-            return hash_of_python(words, source, files)
-        return code.hash_files(command, code.files_named_by(command, files))
+            return hash_of_python(words, source, files, copies)
+        return code.hash_files(command, code.files_named_by(command, files), copies)
 
     def check_unchanged() -> None:
-        if hashed().sha256 != covered.sha256:
+        if hashed(None).sha256 != covered.sha256:
             raise UserError(
                 f"{source} changed while it was audited: audit files that stay as they are"
             )
 
-    covered, started = hashed(), command
-    if isolation.works:
-        folders = (OWN_FOLDER,) if is_python else ()
-        started = code.sandboxed(command, covered, folders=folders)
-    policy, details, child = start_process(started, source, world, limits)
+    with contextlib.ExitStack() as closing:
+        # What runs is a copy of exactly the hashed bytes, where it can be put in their place.
+        place = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
+        covered = hashed(place if isolation.works or is_python else None)
+        started = command
+        if isolation.works:
+            started = code.sandboxed(command, covered)
+        elif is_python:
+            started = command_of_python(words, source, covered.paths)
+        policy, details, child = start_process(started, source, world, limits)
+        closing.callback(child.close)
+        close = closing.pop_all().close
     facts = (kind, source, covered.sha256, covered.covers, world, False, details, isolation)
-    return Loaded(policy, Record(*facts), child.close, check_unchanged)
+    return Loaded(policy, Record(*facts), close, check_unchanged)
 
 
-OWN_FOLDER = Path(__file__).parents[1]
-"""Folder of this package: its child program, and what a policy may import of it."""
-
-
-def hash_of_python(name: str, source: str, files: Sequence[str]) -> code.CodeHash:
+def hash_of_python(
+    name: str, source: str, files: Sequence[str], copies: Path | None = None
+) -> code.CodeHash:
     """Hash the files of `MODULE:ATTRIBUTE`: the module's file, or its whole top-level package.
 
-    MODULE may be a file's path that ends in .py; `files` are further files and folders.
+    MODULE may be a file's path that ends in .py; `files` are further files and folders; `copies` is
+    as for `isolation.hash_files`.
     """
     module, attribute = _split(name, source)
     # A file's name, not its path: the same policy in another folder has the same hash.
@@ -245,7 +252,8 @@ def hash_of_python(name: str, source: str, files: Sequence[str]) -> code.CodeHas
     if module.endswith(".py"):
         if not Path(module).is_file():
             raise UserError(f"no such file: {one_line(module)}")
-        return code.hash_files(words, [(words[1], Path(module)), *code.further_files(files)])
+        named = [(words[1], Path(module)), *code.further_files(files)]
+        return code.hash_files(words, named, copies)
     top = module.partition(".")[0]
     # This finder looks at names of files only; `find_spec` of a submodule would import its package.
     spec = PathFinder.find_spec(top) if top.isidentifier() else None
@@ -255,7 +263,7 @@ def hash_of_python(name: str, source: str, files: Sequence[str]) -> code.CodeHas
         )
     paths = list(spec.submodule_search_locations or ()) or [str(spec.origin)]
     entries = [(top, Path(path)) for path in paths]
-    return code.hash_files(words, [*entries, *code.further_files(files)])
+    return code.hash_files(words, [*entries, *code.further_files(files)], copies)
 
 
 def _split(name: str, source: str) -> tuple[str, str]:
@@ -268,14 +276,22 @@ def _split(name: str, source: str) -> tuple[str, str]:
     return module, attribute
 
 
-def command_of_python(name: str, source: str) -> list[str]:
-    """Return the command that runs `MODULE:ATTRIBUTE` as a process, with this interpreter."""
+def command_of_python(
+    name: str, source: str, copies: Mapping[Path, Path] | None = None
+) -> list[str]:
+    """Return the command that runs `MODULE:ATTRIBUTE` as a process, with this interpreter.
+
+    Of files that have a copy the copy is run.
+    """
+    copies = copies or {}
     module, attribute = _split(name, source)
     if module.endswith(".py"):
-        module = str(Path(module).absolute())
-    child = str(Path(__file__).with_name("python_child.py"))
-    paths = json.dumps([str(Path(path).absolute()) for path in sys.path])
-    return [sys.executable, "-I", "-B", child, module, attribute, paths]
+        path = Path(module).absolute()
+        module = json.dumps([str(copies.get(path, path)), str(path)])
+    child = Path(__file__).with_name("python_child.py").read_text()
+    places = [path.parent for path in copies.values()]
+    paths = json.dumps([str(Path(path).absolute()) for path in (*places, *sys.path)])
+    return [sys.executable, "-I", "-B", "-c", child, module, attribute, paths]
 
 
 def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:

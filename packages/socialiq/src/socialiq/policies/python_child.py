@@ -2,7 +2,8 @@
 
     python python_child.py PLACE ATTRIBUTE PATHS
 
-PLACE is a module's name, or the path of a file that ends in .py; ATTRIBUTE is a policy (it has
+PLACE is a module's name, or a JSON list of the file whose source is run (no compiled one, which may
+hold other code) and of the path that it has by name; ATTRIBUTE is a policy (it has
 `predict`), a class that makes one without arguments, or a function of observations; PATHS is a JSON
 list, the module search path. The module's code runs in this process alone.
 """
@@ -49,16 +50,17 @@ def main(source: str, attribute: str, paths: list[str]) -> int:
 
 
 def _module(source: str) -> Any:
-    if not source.endswith(".py"):
+    if not source.startswith("["):
         return importlib.import_module(source)
-    path = Path(source)
+    file, name = json.loads(source)
+    path = Path(name)
     sys.path.append(str(path.parent))
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     # Dataclasses look their module up there.
     sys.modules.setdefault(path.stem, module)
-    spec.loader.exec_module(module)
+    exec(compile(Path(file).read_bytes(), name, "exec"), module.__dict__)
     return module
 
 

@@ -12,7 +12,14 @@ from jaxtyping import Float32, Int64
 
 from socialiq.audit import request as requested
 from socialiq.audit.evidence import drive
-from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Recorder, Reference, joined
+from socialiq.audit.evidence.outcomes import (
+    AS_DECLARED,
+    Evidence,
+    Outcomes,
+    Recorder,
+    Reference,
+    joined,
+)
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.profile import Profile, other_traffic
 from socialiq.audit.profile.reader import load
@@ -59,7 +66,7 @@ class Collection:
         """Resolve the references in the world; their processes end with `closing`."""
         specs, by_rule = request.references, None
         angles = requested.dial_angles(profile.angle, profile.margin.width)
-        drivers = (world, specs, loaded.record, request.trust, closing, angles)
+        drivers = (world, specs, loaded.record.as_json(), request.trust, closing, angles)
         references = requested.resolve_references(*drivers)
         if profile.rule is not None:
             if loaded.record.kind == "dial":
@@ -87,11 +94,10 @@ class Collection:
     def collect(self, seeds: Seeds, side_by_side: int | None = None) -> Evidence:
         """Run all drivers in this process; ask a policy that is code again what it was asked.
 
-        Policies that are data run by this package's code, and drawn actions differ by design.
+        Policies that are data run by this package's code.
         """
-        request = self.request
-        checked = requested.is_code(request.policy) and not request.soft
-        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
+        request, policy = self.request, self.loaded.policy
+        policy = Recorder(policy) if requested.is_code(request.policy) else policy
         evidence = collect_evidence(
             self.world,
             policy,
@@ -105,6 +111,8 @@ class Collection:
         if isinstance(policy, Recorder):
             angle = self.profile.angle
             with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
+                if fresh.record.sha256 != self.loaded.record.sha256:
+                    raise UserError(f"{request.policy} changed while it was audited")
                 evidence = replace(evidence, consistency=policy.check(fresh.policy))
         self.loaded.check_unchanged()
         return evidence
@@ -195,32 +203,37 @@ def collect_evidence(
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
     """
-    drivers = [*(Reference(rule, world.driver(rule)) for rule in world.references), *references]
-    if not drivers and not world.is_exact:
+    if not references and not world.references and not world.is_exact:
         raise UserError(
             f"{world.name} has no reference drivers: name at least one with --reference DRIVER"
         )
     if isinstance(world, Environment):
         for seed in seeds[:REPEATED]:
             world.check_repeats(int(seed))
+    course = drive.Course(world, seeds, side_by_side, threads, by_rule)
+    return Evidence(
+        scenario=world.description,
+        seeds=seeds,
+        policy=course.drive(Reference("policy", policy), deterministic, drive.CANDIDATES),
+        references=drive_references(course, references),
+        strata=strata_of(course),
+        trivial=drive.trivial_drivers(course),
+    )
+
+
+def drive_references(course: drive.Course, references: Sequence[Reference]) -> tuple[Outcomes, ...]:
+    """Run the exact optima, the world's own references, further ones, and a declared rule's."""
+    world, by_rule = course.world, course.by_rule
+    drivers = [*(Reference(rule, world.driver(rule)) for rule in world.references), *references]
     if by_rule is not None and by_rule.dial is not None:
         drivers.append(Reference(AS_DECLARED, ContextPolicy.of(by_rule.dial, by_rule.rule)))
-    course = drive.Course(world, seeds, side_by_side, threads, by_rule)
-    audited = course.drive(Reference("policy", policy), deterministic, drive.CANDIDATES)
     compared = [
         *(drive.exact_optima(course) if world.is_exact else ()),
         *map(course.drive, drivers),
     ]
     if by_rule is not None and world.is_exact:
         compared.append(drive.exactly_as_declared(course, by_rule.rule))
-    return Evidence(
-        scenario=world.description,
-        seeds=seeds,
-        policy=audited,
-        references=tuple(compared),
-        strata=strata_of(course),
-        trivial=drive.trivial_drivers(course),
-    )
+    return tuple(compared)
 
 
 NO_CROSSING = "nobody crosses"  # codespell:ignore

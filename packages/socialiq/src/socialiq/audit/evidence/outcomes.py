@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8, Int64, Shaped
+from scipy.stats import binom
 
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
@@ -78,6 +79,11 @@ class Outcomes:
         env, social = self.totals.mean(axis=0).tolist()
         return RewardPair(env, social)
 
+    def drove_as(self, other: Outcomes) -> bool:
+        """Whether every episode is equal to that of another driver."""
+        names = ("totals", "ending", "contact", "length")
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
     def values(self, angle: float) -> Float[np.ndarray, " episode"]:
         """Return R(α) of each episode at an angle in degrees."""
         return np.asarray(score(exact_weights(angle), RewardPair(*self.totals.T)))
@@ -87,6 +93,9 @@ ALLOWED = 0.001
 """Largest share of differing answers in other batches. The last bits of a network's output depend
 on the size of the batch, which changes about one action in a million; a policy of exact ties may
 exceed the share, and has to break them by rule."""
+
+CHANCE = 1e-6
+"""Chance that an honest policy that draws is found to depend on something else."""
 
 NEAR = 1e-4
 """Largest difference of two equal continuous actions, in halves of the range of each number. Sums
@@ -106,6 +115,8 @@ _ORDER = 8104  # makes these draws independent of other draws
 class Answers(NamedTuple):
     """Number of observations that were asked again, and of those with another action than before.
 
+    Of drawn actions: number of those whose draws tell something, and of those in which draws differ
+    more between two pairs than within them.
     Continuous actions are others where a number differs by more than `NEAR`.
     """
 
@@ -135,12 +146,19 @@ class Consistency(NamedTuple):
             return None
         return Consistency(*(Answers(**report[name]) for name in Consistency._fields))
 
-    @property
-    def dependences(self) -> list[str]:
-        """Influences on the answers besides the observation; none for an honest policy."""
-        dependences = ["the time or the number of requests"] if self.repeated.differing else []
-        elsewhere = [self.shuffled, self.single]
-        if any(answers.differing > math.floor(ALLOWED * answers.queries) for answers in elsewhere):
+    def dependences(self, drawn: bool) -> list[str]:
+        """Return influences besides the observation, none for an honest policy.
+
+        Of drawn answers half differ by chance: more do with an error of at most `CHANCE`.
+        """
+
+        def differ(answers: Answers, allowed: float) -> bool:
+            if drawn:
+                return binom.sf(answers.differing - 1, answers.queries, 0.5) < CHANCE
+            return answers.differing > math.floor(allowed * answers.queries)
+
+        dependences = ["the time or the number of requests"] if differ(self.repeated, 0.0) else []
+        if any(differ(answers, ALLOWED) for answers in (self.shuffled, self.single)):
             dependences.append("the batch, the order or the process")
         return dependences
 
@@ -255,14 +273,14 @@ def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
 
 
 class Recorder:
-    """A deterministic policy without a memory that keeps some of its batches and answers.
+    """A policy without a memory that keeps some of its batches and answers.
 
-    They are spread evenly over all requests.
+    They are spread evenly over all requests. Actions that it draws are asked for twice at once.
     """
 
     def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-        self._batches: list[tuple[np.ndarray, np.ndarray]] = []
+        self._policy, self._drawn = policy, False
+        self._batches: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._asked, self._every = 0, 1
 
     def predict(
@@ -277,10 +295,12 @@ class Recorder:
         if self._asked % self._every == 0:
             # Copies: a simulator may use its arrays again. One observation, or a batch of two axes.
             batch = np.array(observation, np.float32, ndmin=2)
-            actions = np.array(chosen)
-            self._batches.append((batch, actions if np.ndim(observation) == 2 else actions[None]))
+            actions = np.array(chosen if np.ndim(observation) == 2 else np.asarray(chosen)[None])
+            self._drawn = not deterministic
+            again = self._policy.predict(batch, deterministic=False)[0] if self._drawn else actions
+            self._batches.append((batch, actions, np.asarray(again)))
             while (
-                sum(len(rows) for rows, _ in self._batches) > MOST_ROWS
+                sum(len(rows) for rows, *_ in self._batches) > MOST_ROWS
                 and len(self._batches) > FEWEST_BATCHES
             ):
                 self._batches, self._every = self._batches[::2], 2 * self._every
@@ -289,25 +309,44 @@ class Recorder:
 
     def check(self, fresh: Policy) -> Consistency:
         """Ask it again, and the same policy in a new process, which was not asked before."""
-        repeated = Answers(0, 0)
-        for batch, actions in self._batches:
-            repeated = repeated.plus(_asked(self._policy, batch, actions))
-        batch = np.concatenate([observations for observations, _ in self._batches])
-        actions = np.concatenate([answers for _, answers in self._batches])
+        batch, actions, again = (np.concatenate(kept) for kept in zip(*self._batches, strict=True))
+
+        def asked(policy: Policy, rows: np.ndarray, sizes: Sequence[int]) -> Answers:
+            answers = [
+                np.concatenate(
+                    [
+                        np.asarray(policy.predict(batch[part], deterministic=not self._drawn)[0])
+                        for part in np.split(rows, np.cumsum(sizes)[:-1])
+                    ]
+                )
+                for _ in range(1 + self._drawn)
+            ]
+            if not self._drawn:
+                far = np.abs(answers[0] - actions[rows]).reshape(len(rows), -1).max(axis=1)
+                return Answers(len(rows), int((far > (NEAR if far.dtype.kind == "f" else 0)).sum()))
+            # The energy distance of two pairs of draws: on average 0 if they are of one
+            # distribution, when it is as often positive as negative, else positive.
+            pairs = (actions[rows], again[rows], *answers)
+            apart = _distance(pairs[0], pairs[2]) + _distance(pairs[1], pairs[3])
+            apart -= _distance(*pairs[:2]) + _distance(*pairs[2:])
+            return Answers(int((apart != 0).sum()), int((apart > 0).sum()))
+
         rng = np.random.default_rng(_ORDER)
-        order = rng.permutation(len(batch))
-        single = Answers(0, 0)
-        for row in order[:SINGLE]:
-            single = single.plus(_asked(fresh, batch[row : row + 1], actions[row : row + 1]))
-        shuffled, order = Answers(0, 0), rng.permutation(len(batch))
-        while len(order):
-            size = int(rng.integers(2, LARGEST, endpoint=True))
-            rows, order = order[:size], order[size:]
-            shuffled = shuffled.plus(_asked(fresh, batch[rows], actions[rows]))
-        return Consistency(repeated, shuffled, single)
+        single, shuffled = (rng.permutation(len(batch)) for _ in range(2))
+        sizes: list[int] = []
+        while sum(sizes) < len(batch):
+            sizes.append(min(int(rng.integers(2, LARGEST + 1)), len(batch) - sum(sizes)))
+        return Consistency(
+            asked(self._policy, np.arange(len(batch)), [len(kept[0]) for kept in self._batches]),
+            asked(fresh, shuffled, sizes),
+            asked(fresh, single[:SINGLE], [1] * min(SINGLE, len(batch))),
+        )
 
 
-def _asked(policy: Policy, batch: np.ndarray, actions: Shaped[np.ndarray, "row ..."]) -> Answers:
-    again, _ = policy.predict(batch, deterministic=True)
-    far = np.abs(np.asarray(again) - actions) > (NEAR if actions.dtype.kind == "f" else 0)
-    return Answers(len(batch), int(far.reshape(len(batch), -1).any(axis=1).sum()))
+def _distance(
+    actions: Shaped[np.ndarray, "row ..."], others: Shaped[np.ndarray, "row ..."]
+) -> Float[np.ndarray, " row"]:
+    """Return how far drawn actions are from others: 0 or 1 for numbers of actions."""
+    if actions.dtype.kind == "f":
+        return np.linalg.norm(actions - others, axis=-1)
+    return (actions != others).astype(np.float64)

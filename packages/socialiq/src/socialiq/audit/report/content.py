@@ -16,6 +16,7 @@ from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
+from socialiq.audit.verdict.order import order_dependence
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
@@ -100,7 +101,9 @@ def results_of(audited: Audited) -> Results:
     line = {"error": error, "directed": audited.evidence[0]}
     discrimination = judged.discriminate(profile, compared, seed, **line)
     verdict = judge(profile, compared, seed, **line)
-    findings = [dependence(audited.consistency)]
+    findings = [dependence(audited.consistency, not audited.deterministic)]
+    if audited.consistency is not None:  # other policies run in this package's code
+        findings.append(order_dependence(audited.evidence[0]))
     if discrimination.excludes_nothing:
         findings.append(
             "The declaration excludes nothing: constant actions and random ones would pass it too. "
@@ -173,6 +176,9 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     # In an environment nothing is run again; a policy that draws its actions may draw others.
     repeated = traces if world in NAMES and audited.deterministic else []
     equal = sum(trace is not None for trace in repeated)
+    driven, references = audited.evidence[0].policy, audited.evidence[0].references
+    rows = [row for row in references if row.name not in audited.left_out]
+    equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
     return [
         *words.caveats_of_rule(profile.rule, profile.angle),
         *words.caveats_of_trivial(results.discrimination),
@@ -181,6 +187,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
         *words.caveats_of_clip(profile.clip, audited.evidence[0]),
         *words.caveats(audited.drawn, audited.look, audited.policy, world),
         *words.caveats_of_replay(equal, len(repeated)),
+        *words.caveats_of_equals(equals),
     ]
 
 
@@ -241,7 +248,7 @@ def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
         "seed": draw.seed,
         "source": draw.source,
         "worth": words.worth(draw),
-        "nonce": revealed if isinstance(revealed, Nonce) else None,
+        "nonce": {"value": revealed.value} if isinstance(revealed, Nonce) else None,
         "beacon": beacon,
         "episodes": episodes,
         "commitment_sha256": draw.commitment.sha256,

@@ -6,6 +6,7 @@ known. This module has the facts about the package's own worlds; an environment'
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -197,8 +198,12 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
 
 
 def mermaid(tree: list[Claim]) -> str:
-    """Return the tree as a Mermaid diagram, which contains no user-provided text."""
-    nodes = [f'  {claim.id}["{claim.id}: {claim.text}<br>({claim.status})"]' for claim in tree]
+    """Return the tree as a Mermaid diagram; the world's name in it may be a user's."""
+    texts = [re.sub(r"[^\w .,:/()'-]", lambda mark: f"#{ord(mark[0])};", one.text) for one in tree]
+    nodes = [
+        f'  {claim.id}["{claim.id}: {text}<br>({claim.status})"]'
+        for claim, text in zip(tree, texts, strict=True)
+    ]
     edges = [f"  {claim.id} --> {below}" for claim in tree for below in claim.below]
     return "\n".join(["flowchart TD", *nodes, *edges])
 

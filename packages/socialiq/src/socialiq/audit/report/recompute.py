@@ -36,7 +36,7 @@ from socialiq.to_json import to_json
 from socialiq.types import RewardPair
 
 TOLERANCE = 1e-9
-"""Largest relative difference of a recomputed number, for which see `recomputed_differences`."""
+"""Largest relative difference of a recomputed number, for which see `differences_of`."""
 
 _CLAIMED = frozenset(
     {"report.timing", "report.versions", "report.machine", "report.hashes.package"}
@@ -91,56 +91,51 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def recomputed_differences(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    """Return the places where a report differs from what follows from its episodes.
+def differences_of(audited: Audited, report: Mapping[str, Any]) -> list[str]:
+    """Return the places where a report differs from what follows from its data (`audited_of`).
 
     Texts, decisions and counts must be equal. Other numbers may differ by `TOLERANCE`: another
     processor or version of a library adds in another order, which changes their last digits. The
     sum of a million numbers then differs by some 1e-13 of itself, and a report shows three digits.
-    Files are the folder's by path; its report follows the schema.
-
-    Raises:
-        UserError: If its declaration can't be read, or its tables are not those of an audit.
     """
-    fresh = json.loads(json.dumps(recomputed(files, report)))
+    fresh = json.loads(json.dumps(content(audited)))
     return differences(report, fresh, _CLAIMED, TOLERANCE)
 
 
-def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the report that follows from the episodes; times and versions are this process's.
+def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited:
+    """Return the data of the audit that a report's files hold, by path; times are this process's.
 
-    Files, report and errors are those of `recomputed_differences`.
+    Raises:
+        UserError: If its declaration can't be read, or its tables are not those of an audit.
     """
     profile = parse(files[PROFILE], PROFILE)
     record, (draw, look) = report["policy"]["record"], opened_of(report)
     commitment = Commitment(record["sha256"], profile.sha256)
     draw = dataclasses.replace(draw, commitment=commitment)
-    traffic = _traffic(report, profile)
+    traffic = () if report["shift"] is None else other_traffic(profile)
+    if traffic and len(report["shift"]["traffic"]) != len(traffic):
+        raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
     evidence = _evidence_of(files, report, profile, draw, traffic)
     rows = [*report["references"], *report["left_out"]]
     left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
-    return content(
-        Audited(
-            profile=profile,
-            policy=record,
-            deterministic=report["policy"]["deterministic"],
-            drawn=draw,
-            look=look,
-            records={row["name"]: row["record"] for row in rows},
-            reference_files=report["reference_files"],
-            left_out=left_out,
-            evidence=evidence,
-            traffic=traffic,
-            consistency=Consistency.of(report["consistency"]),
-            films=files,
-            episodes=selected(evidence[0], profile.angle),
-            # The ways of the vehicles are not in the tables; a rerun drives them again.
-            traces={
-                kind: [row["trace"] for row in rows] for kind, rows in report["episodes"].items()
-            },
-            command=report["command"],
-            started=datetime.datetime.now(datetime.UTC),
-        )
+    return Audited(
+        profile=profile,
+        policy=record,
+        deterministic=report["policy"]["deterministic"],
+        drawn=draw,
+        look=look,
+        records={row["name"]: row["record"] for row in rows},
+        reference_files=report["reference_files"],
+        left_out=left_out,
+        evidence=evidence,
+        traffic=traffic,
+        consistency=Consistency.of(report["consistency"]),
+        films=files,
+        episodes=selected(evidence[0], profile.angle),
+        # The ways of the vehicles are not in the tables; a rerun drives them again.
+        traces={kind: [row["trace"] for row in rows] for kind, rows in report["episodes"].items()},
+        command=report["command"],
+        started=datetime.datetime.now(datetime.UTC),
     )
 
 
@@ -196,15 +191,6 @@ def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRu
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
     policy = dataclasses.replace(evidence.policy, contexts=contexts)
     return dataclasses.replace(evidence, policy=policy)
-
-
-def _traffic(report: Mapping[str, Any], profile: Profile) -> Sequence[Traffic]:
-    if report["shift"] is None:
-        return ()
-    traffic = other_traffic(profile)
-    if len(report["shift"]["traffic"]) != len(traffic):
-        raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
-    return traffic
 
 
 OF_A_RERUN = frozenset(f"report.{path}" for path in (*ALWAYS, *OF_CODE)) | {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -15,8 +15,14 @@ from socialiq.audit.look import of_revealed
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import folder as layout
 from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
-from socialiq.audit.report.recompute import faults_of_seeds, opened_of, recomputed_differences
-from socialiq.audit.seeds import Commitment
+from socialiq.audit.report.recompute import (
+    audited_of,
+    differences_of,
+    faults_of_seeds,
+    opened_of,
+)
+from socialiq.audit.report.references import check_references
+from socialiq.audit.seeds import Commitment, Nonce
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
@@ -129,15 +135,16 @@ class Findings:
     faults: list[str]
     not_checked: list[str] = field(default_factory=list)
     checked: list[str] = field(default_factory=list)
+    believed: list[str] = field(default_factory=list)
 
 
-def check_folder(folder: Path) -> Findings:
-    """Check the hashes of a folder, and that its files follow from each other.
+def check_folder(folder: Path, given: Sequence[str] = (), every: bool = False) -> Findings:
+    """Check the hashes of a folder, that its files follow from each other, and its references.
 
     Another version of this package may have written other pages and numbers from the same
     episodes; but anyone can write the hash of another version into a report. So what this version
     would not write is a fault, or, under another hash, not checked; another decision always is a
-    fault.
+    fault. `given` and `every` are as for `check_references`.
 
     Raises:
         UserError: As `content_of`, or if its report or declaration can't be read.
@@ -154,7 +161,8 @@ def check_folder(folder: Path) -> Findings:
     if damage:
         return Findings(damage)
     try:
-        numbers = recomputed_differences(files, report)
+        audited = audited_of(files, report)
+        numbers = differences_of(audited, report)
     except UserError as error:
         return Findings([str(error)])
     pages = [name for name, page in layout.views_of(report).items() if files.get(name) != page]
@@ -163,9 +171,13 @@ def check_folder(folder: Path) -> Findings:
     ours = report["hashes"]["package"] == package_sha256()
     if faults and (ours or DECISION in numbers):
         return Findings(faults)
+    again = check_references(audited, report["hashes"]["package"], given, every)
+    if again.faults and ours:
+        return Findings(again.faults)
     episodes = f"{report['seeds']['episodes']} episodes"
     checked = [f"hashes of {len(files) - 1} files", "statement", "declaration and commitment"]
     checked += [] if pages else ["pages"]
+    checked += [] if again.faults else ["references, run again"]
     checked += [] if numbers else [f"verdict and numbers, recomputed from {episodes}"]
     # Files that no audit writes.
     rows = [row for rows in report["episodes"].values() for row in rows]
@@ -173,7 +185,8 @@ def check_folder(folder: Path) -> Findings:
     expected = {REPORT, PROFILE, *SEALS, *layout.views_of(report), *(row["film"] for row in rows)}
     expected |= {layout.evidence_path(number) for number in range(len(traffic) + 1)}
     expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
-    return Findings([], [*pages, *numbers, *sorted(files.keys() - expected)], checked)
+    unknown = [*pages, *numbers, *again.faults, *again.unsure, *sorted(files.keys() - expected)]
+    return Findings([], unknown, checked, again.believed)
 
 
 DECISION = "report.verdict.decision"
@@ -218,6 +231,19 @@ def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[s
     return damage or faults_of_seeds(report)
 
 
+def faults_by_nonce(folder: Path, nonce: Nonce) -> list[str]:
+    """Return why a report's seed is not of a nonce of the auditor's, revealed for its commitment.
+
+    The report has no faults of its own.
+    """
+    draw, look = opened_of(read_report(folder / REPORT))
+    if draw.revealed != nonce:
+        return [f"{REPORT} has not the nonce of {nonce.file}"]
+    if look is None or nonce.commitment != look.entry:
+        return [f"the nonce of {nonce.file} was not revealed for the commitment in {REPORT}"]
+    return []
+
+
 def faults_by_log(folder: Path, path: Path) -> list[str]:
     """Return how a report differs from a log, nothing if it is the look that it claims to be.
 
@@ -255,6 +281,7 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
             entry["seed"],
             {"source": draw.source} if draw.revealed is None else of_revealed(draw.revealed),
         ),
+        "list of references": (sorted(entry["references"]), sorted(_hashes_of_references(report))),
         "seed": (seed and seed["seed"], report["seeds"]["seed"]),
     }
     differing += [
@@ -266,3 +293,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
     if result is None or result["report_sha256"] != sha256_of_file(folder / REPORT):
         differing.append(f"{path} has another result for look {number}, or none")
     return differing
+
+
+def _hashes_of_references(report: Mapping[str, Any]) -> list[str]:
+    rows = [*report["references"], *report["left_out"]]
+    return [row["record"]["sha256"] for row in rows if row["record"] is not None]

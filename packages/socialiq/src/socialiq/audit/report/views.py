@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -233,8 +234,10 @@ def options(values: dict[str, Any]) -> str:
 
 
 def code(text: str) -> Markdown:
-    """Return an indented block of code, in which Markdown has no markup."""
-    return Markdown(f"    {printable(text)}")
+    """Return a fenced block of code, in which Markdown has no markup; no text closes it."""
+    longest = max(map(len, re.findall("`+", text)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return Markdown(f"{fence}\n{printable(text)}\n{fence}")
 
 
 def blank(who: str) -> Markdown:

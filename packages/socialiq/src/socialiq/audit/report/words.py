@@ -160,6 +160,14 @@ def caveats_of_replay(replayed: int, chosen: int) -> list[Caveat]:
     return [Caveat("episodes", text)]
 
 
+def caveats_of_equals(names: Sequence[str]) -> list[Caveat]:
+    """Return a caveat if the policy is, by all it did, one of the reference drivers."""
+    if not names:
+        return []
+    text = f"The policy drove every episode exactly as a reference driver: {', '.join(names)}."
+    return [Caveat("episodes", text)]
+
+
 def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
     """Return what a declared rule means, besides an angle at which whole episodes are weighed."""
     if rule is None:

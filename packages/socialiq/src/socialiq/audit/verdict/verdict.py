@@ -212,18 +212,19 @@ def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
     return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
 
 
-def dependence(consistency: Consistency | None) -> str:
+def dependence(consistency: Consistency | None, drawn: bool) -> str:
     """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
 
     How it drove in the episodes is then no evidence about how it drives elsewhere.
     """
-    if consistency is None or not consistency.dependences:
+    dependences = consistency.dependences(drawn) if consistency is not None else []
+    if consistency is None or not dependences:
         return ""
     differing, queries = (
         sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
     )
     return (
-        f"The policy's answers depend on {' and on '.join(consistency.dependences)}: "
+        f"The policy's answers depend on {' and on '.join(dependences)}: "
         f"{differing:,} of {queries:,} repeated queries got another answer, so its episodes don't "
         "show how it drives elsewhere."
     )

@@ -1,0 +1,204 @@
+"""Check what a report says about its references: their list, records, optima and episodes.
+
+None of it needs the policy. A reference that is missing, weakened or passed off as the policy
+itself makes a bad policy look good, though every number follows from the table of episodes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int64
+
+from socialiq.audit import request
+from socialiq.audit.evidence import drive
+from socialiq.audit.evidence.collect import drive_references, strata_of
+from socialiq.audit.evidence.outcomes import ALLOWED, AS_DECLARED, Evidence, Outcomes, Reference
+from socialiq.audit.report.content import Audited
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.types import Ending
+from socialiq.worlds.registry import NAMES
+from socialiq.worlds.world import World
+
+SAMPLE = 100
+"""Episodes of each table that are driven again by default, drawn anew at each check, besides those
+in which a reference differs most from the policy. A change of one episode in twenty is missed once
+in 170 checks."""
+
+_ROUNDING = 1e-9  # relative, of recomputed rewards
+
+
+class Checked(NamedTuple):
+    """Results: faults, what another processor may explain, and what is left to believe."""
+
+    faults: list[str]
+    unsure: list[str]
+    believed: list[str]
+
+
+def check_references(
+    audited: Audited, package: str, given: Sequence[str] = (), every: bool = False
+) -> Checked:
+    """Drive the references again, by the audit's seeds, and compare them with a report's data.
+
+    Args:
+        audited: Data of the report: `recompute.audited_of`.
+        package: Hash of the package that wrote the report; the hash of a rule covers it.
+        given: The user's references, which a report does not hold; else they are left to believe.
+        every: Whether all episodes are driven again, not a sample.
+    """
+    profile, found = audited.profile, Checked([], [], [])
+    try:
+        world = profile.world()
+    except UserError:
+        if profile.scenario.world in NAMES:
+            raise
+        found.believed.append(f"{_POLICY}; all reference drivers of {profile.scenario.world}")
+        return found
+    with contextlib.ExitStack() as closing:
+        policy = _shipped_policy(audited, world, package, found)
+        for number, evidence in enumerate(audited.evidence):
+            there = audited.traffic[number - 1].world if number else world
+            rows = _sample(evidence, profile.angle, every)
+            course = _course(audited, there, evidence, rows, given)
+            known = request.resolve_references(there, given, audited.policy, _TRUST, closing)
+            driven = [*drive_references(course, known.drivers), *drive.trivial_drivers(course)]
+            _check_list(audited, evidence, driven, known.records, package, found)
+            driven += [] if policy is None else [course.drive(policy, audited.deterministic)]
+            _compare(evidence, rows, driven, strata_of(course), known.records, found)
+            if len(rows) < evidence.episodes and not number:
+                remaining = f"{evidence.episodes - len(rows)} of {evidence.episodes} episodes"
+                found.believed.append(f"{remaining} of the references (--all-episodes)")
+    return found
+
+
+_POLICY = "the episodes and answers of the policy (--rerun)"
+_TRUST = request.Trust()
+
+
+def _check_list(
+    audited: Audited,
+    evidence: Evidence,
+    driven: Sequence[Outcomes],
+    records: Mapping[str, Any],
+    package: str,
+    found: Checked,
+) -> None:
+    """Compare the references' names and records with those that the declaration's world has."""
+    names = {driver.name: driver for driver in evidence.references}
+    known = names.keys() & {driver.name for driver in driven}
+    for name in sorted(known):
+        if not _agree(audited.records.get(name), records.get(name), package):
+            found.faults.append(f"the record of {name} is not that of this reference")
+    users = sorted(names.keys() - known - ({AS_DECLARED} if audited.profile.rule else set()))
+    listed = [row.name for row in driven if row.name in known - {AS_DECLARED}]
+    if [*names][: len(listed)] != listed:  # the first of an angle is compared
+        found.faults.append("the references are in another order")
+    stems = [
+        spec.rpartition(":")[2] if request.is_code(spec) else one_line(Path(spec).stem)
+        for spec in audited.reference_files
+    ]
+    for name in users:
+        known_file = name in stems or name.rpartition(" at ")[0] in stems
+        if not known_file or names[name].expected is not None:
+            found.faults.append(f"no one named the reference {name}")
+    for name in known.union(users).intersection(audited.left_out):
+        if audited.deterministic and not names[name].drove_as(evidence.policy):
+            found.faults.append(f"{name} is left out as the policy itself, and drove otherwise")
+    line = f"the user's references {', '.join(users)} (--reference)"
+    if users and line not in found.believed:
+        found.believed.append(line)
+
+
+def _agree(told: Mapping[str, Any] | None, fresh: Mapping[str, Any] | None, package: str) -> bool:
+    """Whether two records as JSON are of one driver; a rule's hash covers the package's."""
+    if told is None or fresh is None:
+        return told is fresh
+    if fresh["kind"] == request.RULE:
+        fresh = {**fresh, "sha256": request.rule_sha256(fresh["source"], package)}
+    return all(told[name] == fresh[name] for name in ("kind", "source", "sha256"))
+
+
+def _shipped_policy(
+    audited: Audited, world: World, package: str, found: Checked
+) -> Reference | None:
+    """Return the policy if it is one of the package's, whose episodes can be driven again too."""
+    record, source = audited.policy, audited.policy["source"]
+    rule = record["kind"] == request.RULE
+    if audited.profile.rule or not (rule or source.startswith(request.ATLAS)):
+        found.believed.append(_POLICY)
+        return None
+    try:
+        if rule and source not in world.drivers:
+            raise UserError("no such rule")
+        loaded = request.resolve_policy(source, world, audited.profile.angle, _TRUST)
+    except UserError:
+        loaded = None
+    if loaded is None or not _agree(record, loaded.record.as_json(), package):
+        found.faults.append(f"the record of the policy is not that of {one_line(source)}")
+        return None
+    return Reference(audited.evidence[0].policy.name, loaded.policy)
+
+
+def _sample(evidence: Evidence, angle: float, every: bool) -> Int64[np.ndarray, " row"]:
+    """Return rows of the table: all, or some by chance and those of the largest differences."""
+    count = evidence.episodes
+    if every or count <= SAMPLE:
+        return np.arange(count)
+    values = evidence.policy.values(angle)
+    gains = [driver.values(angle) - values for driver in evidence.drivers[1:]]
+    rng = np.random.default_rng(secrets.randbits(128))
+    chosen = rng.choice(count, SAMPLE, replace=False).tolist()
+    return np.unique([*chosen, *(row for gain in gains for row in (gain.argmin(), gain.argmax()))])
+
+
+def _course(
+    audited: Audited, world: World, evidence: Evidence, rows: np.ndarray, given: Sequence[str]
+) -> drive.Course:
+    """Return the episodes of some rows, as many side by side as in the audit."""
+    side, rule = min(drive.SIDE_BY_SIDE, evidence.episodes), audited.profile.rule
+    dial = request.reference_dial(given) if rule and given and not world.is_exact else None
+    by_rule = drive.ByRule(rule, dial) if rule else None
+    return drive.Course(world, evidence.seeds[rows], side, 1, by_rule)
+
+
+def _compare(
+    evidence: Evidence,
+    rows: np.ndarray,
+    driven: Sequence[Outcomes],
+    strata: Mapping[str, np.ndarray],
+    records: Mapping[str, Any],
+    found: Checked,
+) -> None:
+    """Compare rows of a table with the same episodes of the drivers, and of their kinds."""
+    table = {driver.name: driver for driver in evidence.drivers}
+    labels = {name: column[rows].tolist() for name, column in evidence.strata.items()}
+    if labels != {name: column.tolist() for name, column in strata.items()}:
+        found.faults.append("the kinds of episodes are not those of their seeds")
+    for fresh in driven:
+        told = table.get(fresh.name)
+        if told is None:
+            found.faults.append(f"the driver {fresh.name} is missing")
+            continue
+        pairs = ((told.angles, fresh.angles), (told.expected or (), fresh.expected or ()))
+        if any(len(a) != len(b) or not np.allclose(a, b, _ROUNDING) for a, b in pairs):
+            found.faults.append(f"the exact numbers of {fresh.name} are others")
+        same = np.isclose(told.totals[rows], fresh.totals, _ROUNDING, _ROUNDING).all(axis=1)
+        same &= (told.ending[rows] == fresh.ending) & (told.length[rows] == fresh.length)
+        same &= (told.contact[rows] == fresh.contact) | (fresh.ending != Ending.COLLISION)
+        if told.lost is not None and fresh.lost is not None:
+            same &= np.isclose(told.lost[rows], fresh.lost, _ROUNDING, _ROUNDING)
+        count = int((~same).sum())
+        record = records.get(fresh.name)
+        network = record is not None and record["kind"] != request.RULE
+        # Another processor changes last digits of a network, and so about one action in a million.
+        few = network and count <= max(1, int(ALLOWED * len(rows)))
+        if count:
+            text = f"{fresh.name} drives {count} of {len(rows)} episodes otherwise than written"
+            (found.unsure if few else found.faults).append(text)
