@@ -236,6 +236,8 @@ class Place:
                     "scenario": {"sha256": profile.scenario.sha256},
                 },
                 "policy": {"deterministic": True},
+                "references": [],
+                "left_out": [{"record": None}],
                 "hashes": {"policy": "ab" * 32, "profile": profile.sha256},
                 "seeds": seeds_of(drawn, 60),
                 "look": look,
@@ -270,6 +272,11 @@ def test_a_log_may_have_grown_since(place, declared):
     profile = declared("crossing7", 0.0)
     open_look(place.folder, Plan(Commitment("00" * 32, "11" * 32), profile, 60, False, ()))
     assert faults_with(place) == ""
+
+
+def test_a_reference_that_was_not_committed_to_is_found(place):
+    place.report["references"] = [{"record": {"sha256": "cd" * 32}}]
+    assert "its list of references is not that of" in " ".join(faults_with(place))
 
 
 @pytest.mark.parametrize(

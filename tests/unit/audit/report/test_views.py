@@ -76,8 +76,8 @@ def test_the_page_is_whole_and_needs_nothing_else(drawn):
 def test_names_from_outside_are_no_markup(drawn, report):
     assert "<script>" not in drawn and "&lt;script&gt;" in drawn
     text = markdown(report)
-    # An indented block of code holds the command as it is: there Markdown reads no markup.
-    lines = [line for line in text.splitlines() if not line.startswith("    ")]
+    # A fenced block of code holds the command as it is: there Markdown reads no markup.
+    lines = re.sub("^(```+)\n.*?^\\1$", "", text, flags=re.M | re.S).splitlines()
     assert not any("<script>" in line or "`x`" in line or "[y]" in line for line in lines)
 
 

@@ -336,11 +336,11 @@ class Recorder:
         sizes: list[int] = []
         while sum(sizes) < len(batch):
             sizes.append(min(int(rng.integers(2, LARGEST + 1)), len(batch) - sum(sizes)))
-        return Consistency(
-            asked(self._policy, np.arange(len(batch)), [len(kept[0]) for kept in self._batches]),
-            asked(fresh, shuffled, sizes),
-            asked(fresh, single[:SINGLE], [1] * min(SINGLE, len(batch))),
+        repeated = asked(
+            self._policy, np.arange(len(batch)), [len(one[0]) for one in self._batches]
         )
+        alone = asked(fresh, single[:SINGLE], [1] * min(SINGLE, len(batch)))
+        return Consistency(repeated, asked(fresh, shuffled, sizes), alone)
 
 
 def _distance(
