@@ -270,6 +270,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         )
     entry = next(line for line in log.entries if line["sha256"] == look.entry)
     seed = log.following(SEED, look.entry)
+    rows = [*report["references"], *report["left_out"]]
+    references = sorted(row["record"]["sha256"] for row in rows if row["record"] is not None)
     claims = {
         "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
         "declaration": (entry["profile_sha256"], report["hashes"]["profile"]),
@@ -281,7 +283,7 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
             entry["seed"],
             {"source": draw.source} if draw.revealed is None else of_revealed(draw.revealed),
         ),
-        "list of references": (sorted(entry["references"]), sorted(_hashes_of_references(report))),
+        "list of references": (sorted(entry["references"]), references),
         "seed": (seed and seed["seed"], report["seeds"]["seed"]),
     }
     differing += [
@@ -293,8 +295,3 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
     if result is None or result["report_sha256"] != sha256_of_file(folder / REPORT):
         differing.append(f"{path} has another result for look {number}, or none")
     return differing
-
-
-def _hashes_of_references(report: Mapping[str, Any]) -> list[str]:
-    rows = [*report["references"], *report["left_out"]]
-    return [row["record"]["sha256"] for row in rows if row["record"] is not None]
