@@ -65,7 +65,9 @@ class Subject(NamedTuple):
         """
         name = unicodedata.normalize("NFKC", self.owner).casefold()
         letters = filter(str.isalnum, name)
-        plain = (one for one in letters if not _INVISIBLE.search(unicodedata.name(one, "")))
+        plain = (
+            letter for letter in letters if not _INVISIBLE.search(unicodedata.name(letter, ""))
+        )
         return "".join(plain) or name
 
     @property

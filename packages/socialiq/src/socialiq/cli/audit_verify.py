@@ -71,8 +71,8 @@ class Verify(Printing):
             refuse_unused(self, (*unused, "world", "threads"), "--rerun")
             refuse_unused(self.code, [field.name for field in fields(self.code)], "--rerun")
         key = None if self.key is None else signature.read_public_key(self.key)
-        given = () if self.rerun else self.reference  # a rerun drives them anyway
-        findings = verify.check_folder(self.folder, given, self.all_episodes)
+        specs = () if self.rerun else self.reference  # a rerun drives them anyway
+        findings = verify.check_folder(self.folder, specs, self.all_episodes)
         faults, checked = findings.faults, list(findings.checked)
         if key is not None and not faults:
             faults = signature.faults_of_signature(verify.content_of(self.folder), key)

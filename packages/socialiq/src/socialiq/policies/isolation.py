@@ -157,8 +157,8 @@ def _below(folder: Path, roots: Sequence[Path], prefix: str, copy: Path | None) 
     for path in sorted(folder.iterdir()):
         name, target = f"{prefix}{path.name}", None if copy is None else copy / path.name
         if path.is_symlink():
-            seen = (*roots, *_visible(), *map(Path, _SYSTEM))
-            if not any(path.resolve().is_relative_to(root) for root in seen):
+            visible = (*roots, *_visible(), *map(Path, _SYSTEM))
+            if not any(path.resolve().is_relative_to(root) for root in visible):
                 raise UserError(
                     f"{one_line(str(path))} is a link that leaves the policy's folder: replace it "
                     "by what it points to"
@@ -313,7 +313,7 @@ def _interpreters(program: Path) -> Iterator[Path]:
     outside = (Path("/"), Path.home(), *_visible(), *map(Path, _SYSTEM))
     for path in dict.fromkeys((program, program.resolve())):
         folder = path.parent.parent
-        if folder in outside or any(folder.is_relative_to(seen) for seen in outside[2:]):
+        if folder in outside or any(folder.is_relative_to(root) for root in outside[2:]):
             continue
         if (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib/python3*/os.py")):
             yield folder
@@ -321,9 +321,9 @@ def _interpreters(program: Path) -> Iterator[Path]:
 
 def _masked(sources: Iterable[Path]) -> Iterator[str]:
     """Return the arguments that hide this library where it is installed, with its answers."""
-    places = (Path(name) for name in ("/usr", "/usr/local", *map(str, sources)))
-    found = {path for place in places for path in place.glob("lib/python3*/*-packages/socialiq*")}
-    for path in sorted({*found, _LIBRARY}):
+    roots = (Path(name) for name in ("/usr", "/usr/local", *map(str, sources)))
+    installed = {path for root in roots for path in root.glob("lib/python3*/*-packages/socialiq*")}
+    for path in sorted({*installed, _LIBRARY}):
         if path.is_dir() and any(map(path.is_relative_to, (*sources, *_SYSTEM))):
             yield from ("--perms", "0555", "--tmpfs", str(path), "--remount-ro", str(path))
 

@@ -111,13 +111,13 @@ def _refuse_calls() -> None:
     allow, refuse = (end, 0x7FFF0000), (end, 0x00050000 | 38)
     lines += [*tests, (equal, fcntl), allow, (load, 24), *locks, allow, refuse]
     program = b""
-    for place, (code, value) in enumerate(lines):
+    for index, (code, value) in enumerate(lines):
         if (code, value) == (equal, architecture) or (
-            place > 3 and (code, value) == (equal, fcntl)
+            index > 3 and (code, value) == (equal, fcntl)
         ):
             yes = 1
         else:
-            yes = len(lines) - 2 - place if code in (equal, at_least) else 0
+            yes = len(lines) - 2 - index if code in (equal, at_least) else 0
         program += code.to_bytes(2, sys.byteorder) + bytes((yes, 0))
         program += value.to_bytes(4, sys.byteorder)
     buffer = ctypes.create_string_buffer(program)
@@ -126,8 +126,8 @@ def _refuse_calls() -> None:
         _fields_ = [("count", ctypes.c_ushort), ("lines", ctypes.c_void_p)]
 
     system = ctypes.CDLL(None, use_errno=True)
-    what = Filter(len(lines), ctypes.addressof(buffer))
-    if system.prctl(38, 1, 0, 0, 0) or system.prctl(22, 2, ctypes.byref(what), 0, 0):
+    filtering = Filter(len(lines), ctypes.addressof(buffer))
+    if system.prctl(38, 1, 0, 0, 0) or system.prctl(22, 2, ctypes.byref(filtering), 0, 0):
         raise OSError(ctypes.get_errno(), "this system filters no calls")
 
 

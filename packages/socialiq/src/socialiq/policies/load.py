@@ -224,8 +224,8 @@ def _load_code(
 
     with contextlib.ExitStack() as closing:
         # What runs is a copy of exactly the hashed bytes, where it can be put in their place.
-        place = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
-        covered = hashed(place if isolation.works or is_python else None)
+        folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
+        covered = hashed(folder if isolation.works or is_python else None)
         started = command
         if isolation.works:
             started = code.sandboxed(command, covered)
@@ -289,8 +289,8 @@ def command_of_python(
         path = Path(module).absolute()
         module = json.dumps([str(copies.get(path, path)), str(path)])
     child = Path(__file__).with_name("python_child.py").read_text()
-    places = [path.parent for path in copies.values()]
-    paths = json.dumps([str(Path(path).absolute()) for path in (*places, *sys.path)])
+    folders = [path.parent for path in copies.values()]
+    paths = json.dumps([str(Path(path).absolute()) for path in (*folders, *sys.path)])
     return [sys.executable, "-I", "-B", "-c", child, module, attribute, paths]
 
 

@@ -146,15 +146,15 @@ class Consistency(NamedTuple):
             return None
         return Consistency(*(Answers(**report[name]) for name in Consistency._fields))
 
-    def dependences(self, drawn: bool) -> list[str]:
+    def dependences(self, soft: bool) -> list[str]:
         """Return influences besides the observation, none for an honest policy.
 
         Of drawn answers half differ by chance: more do with an error of at most `CHANCE`.
         """
 
         def differ(answers: Answers, allowed: float) -> bool:
-            if drawn:
-                return binom.sf(answers.differing - 1, answers.queries, 0.5) < CHANCE
+            if soft:
+                return bool(binom.sf(answers.differing - 1, answers.queries, 0.5) < CHANCE)
             return answers.differing > math.floor(allowed * answers.queries)
 
         dependences = ["the time or the number of requests"] if differ(self.repeated, 0.0) else []
@@ -279,7 +279,7 @@ class Recorder:
     """
 
     def __init__(self, policy: Policy) -> None:
-        self._policy, self._drawn = policy, False
+        self._policy, self._soft = policy, False
         self._batches: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._asked, self._every = 0, 1
 
@@ -296,8 +296,8 @@ class Recorder:
             # Copies: a simulator may use its arrays again. One observation, or a batch of two axes.
             batch = np.array(observation, np.float32, ndmin=2)
             actions = np.array(chosen if np.ndim(observation) == 2 else np.asarray(chosen)[None])
-            self._drawn = not deterministic
-            again = self._policy.predict(batch, deterministic=False)[0] if self._drawn else actions
+            self._soft = not deterministic
+            again = self._policy.predict(batch, deterministic=False)[0] if self._soft else actions
             self._batches.append((batch, actions, np.asarray(again)))
             while (
                 sum(len(rows) for rows, *_ in self._batches) > MOST_ROWS
@@ -309,19 +309,21 @@ class Recorder:
 
     def check(self, fresh: Policy) -> Consistency:
         """Ask it again, and the same policy in a new process, which was not asked before."""
-        batch, actions, again = (np.concatenate(kept) for kept in zip(*self._batches, strict=True))
+        batch, actions, again = (
+            np.concatenate(column) for column in zip(*self._batches, strict=True)
+        )
 
-        def asked(policy: Policy, rows: np.ndarray, sizes: Sequence[int]) -> Answers:
+        def answers_of(policy: Policy, rows: np.ndarray, sizes: Sequence[int]) -> Answers:
             answers = [
                 np.concatenate(
                     [
-                        np.asarray(policy.predict(batch[part], deterministic=not self._drawn)[0])
+                        np.asarray(policy.predict(batch[part], deterministic=not self._soft)[0])
                         for part in np.split(rows, np.cumsum(sizes)[:-1])
                     ]
                 )
-                for _ in range(1 + self._drawn)
+                for _ in range(1 + self._soft)
             ]
-            if not self._drawn:
+            if not self._soft:
                 far = np.abs(answers[0] - actions[rows]).reshape(len(rows), -1).max(axis=1)
                 return Answers(len(rows), int((far > (NEAR if far.dtype.kind == "f" else 0)).sum()))
             # The energy distance of two pairs of draws: on average 0 if they are of one
@@ -336,11 +338,11 @@ class Recorder:
         sizes: list[int] = []
         while sum(sizes) < len(batch):
             sizes.append(min(int(rng.integers(2, LARGEST + 1)), len(batch) - sum(sizes)))
-        repeated = asked(
-            self._policy, np.arange(len(batch)), [len(one[0]) for one in self._batches]
+        repeated = answers_of(
+            self._policy, np.arange(len(batch)), [len(rows) for rows, *_ in self._batches]
         )
-        alone = asked(fresh, single[:SINGLE], [1] * min(SINGLE, len(batch)))
-        return Consistency(repeated, asked(fresh, shuffled, sizes), alone)
+        alone = answers_of(fresh, single[:SINGLE], [1] * min(SINGLE, len(batch)))
+        return Consistency(repeated, answers_of(fresh, shuffled, sizes), alone)
 
 
 def _distance(

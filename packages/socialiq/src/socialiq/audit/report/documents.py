@@ -199,7 +199,9 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
 
 def mermaid(tree: list[Claim]) -> str:
     """Return the tree as a Mermaid diagram; the world's name in it may be a user's."""
-    texts = [re.sub(r"[^\w .,:/()'-]", lambda mark: f"#{ord(mark[0])};", one.text) for one in tree]
+    texts = [
+        re.sub(r"[^\w .,:/()'-]", lambda mark: f"#{ord(mark[0])};", claim.text) for claim in tree
+    ]
     nodes = [
         f'  {claim.id}["{claim.id}: {text}<br>({claim.status})"]'
         for claim, text in zip(tree, texts, strict=True)

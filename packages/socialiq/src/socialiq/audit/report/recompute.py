@@ -112,8 +112,9 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
     record, (draw, look) = report["policy"]["record"], opened_of(report)
     commitment = Commitment(record["sha256"], profile.sha256)
     draw = dataclasses.replace(draw, commitment=commitment)
-    traffic = () if report["shift"] is None else other_traffic(profile)
-    if traffic and len(report["shift"]["traffic"]) != len(traffic):
+    shift = report["shift"]
+    traffic = () if shift is None else other_traffic(profile)
+    if shift is not None and len(shift["traffic"]) != len(traffic):
         raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
     evidence = _evidence_of(files, report, profile, draw, traffic)
     rows = [*report["references"], *report["left_out"]]

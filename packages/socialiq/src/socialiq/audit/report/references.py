@@ -27,7 +27,7 @@ from socialiq.worlds.registry import NAMES
 from socialiq.worlds.world import World
 
 SAMPLE = 100
-"""Episodes of each table that are driven again by default, drawn anew at each check, besides those
+"""Episodes of each table that are driven again by default, drawn again at each check, besides those
 in which a reference differs most from the policy. A change of one episode in twenty is missed once
 in 170 checks."""
 
@@ -43,39 +43,44 @@ class Checked(NamedTuple):
 
 
 def check_references(
-    audited: Audited, package: str, given: Sequence[str] = (), every: bool = False
+    audited: Audited, package: str, specs: Sequence[str] = (), all_episodes: bool = False
 ) -> Checked:
     """Drive the references again, by the audit's seeds, and compare them with a report's data.
 
     Args:
         audited: Data of the report: `recompute.audited_of`.
         package: Hash of the package that wrote the report; the hash of a rule covers it.
-        given: The user's references, which a report does not hold; else they are left to believe.
-        every: Whether all episodes are driven again, not a sample.
+        specs: The user's references, which a report does not hold; else they are left to believe.
+        all_episodes: Whether all episodes are driven again, not a sample.
     """
-    profile, found = audited.profile, Checked([], [], [])
+    profile, results = audited.profile, Checked([], [], [])
     try:
         world = profile.world()
     except UserError:
         if profile.scenario.world in NAMES:
             raise
-        found.believed.append(f"{_POLICY}; all reference drivers of {profile.scenario.world}")
-        return found
+        results.believed.append(f"{_POLICY}; all reference drivers of {profile.scenario.world}")
+        return results
     with contextlib.ExitStack() as closing:
-        policy = _shipped_policy(audited, world, package, found)
+        policy = _shipped_policy(audited, world, package, results)
         for number, evidence in enumerate(audited.evidence):
             there = audited.traffic[number - 1].world if number else world
-            rows = _sample(evidence, profile.angle, every)
-            course = _course(audited, there, evidence, rows, given)
-            known = request.resolve_references(there, given, audited.policy, _TRUST, closing)
-            driven = [*drive_references(course, known.drivers), *drive.trivial_drivers(course)]
-            _check_list(audited, evidence, driven, known.records, package, found)
+            rows = _sample(evidence, profile.angle, all_episodes)
+            course = _course(audited, there, evidence, rows, specs)
+            loaded_references = request.resolve_references(
+                there, specs, audited.policy, _TRUST, closing
+            )
+            driven = [
+                *drive_references(course, loaded_references.drivers),
+                *drive.trivial_drivers(course),
+            ]
+            _check_list(audited, evidence, driven, loaded_references.records, package, results)
             driven += [] if policy is None else [course.drive(policy, audited.deterministic)]
-            _compare(evidence, rows, driven, strata_of(course), known.records, found)
+            _compare(evidence, rows, driven, strata_of(course), loaded_references.records, results)
             if len(rows) < evidence.episodes and not number:
                 remaining = f"{evidence.episodes - len(rows)} of {evidence.episodes} episodes"
-                found.believed.append(f"{remaining} of the references (--all-episodes)")
-    return found
+                results.believed.append(f"{remaining} of the references (--all-episodes)")
+    return results
 
 
 _POLICY = "the episodes and answers of the policy (--rerun)"
@@ -88,51 +93,53 @@ def _check_list(
     driven: Sequence[Outcomes],
     records: Mapping[str, Any],
     package: str,
-    found: Checked,
+    results: Checked,
 ) -> None:
     """Compare the references' names and records with those that the declaration's world has."""
     names = {driver.name: driver for driver in evidence.references}
-    known = names.keys() & {driver.name for driver in driven}
-    for name in sorted(known):
+    ours = names.keys() & {driver.name for driver in driven}
+    for name in sorted(ours):
         if not _agree(audited.records.get(name), records.get(name), package):
-            found.faults.append(f"the record of {name} is not that of this reference")
-    users = sorted(names.keys() - known - ({AS_DECLARED} if audited.profile.rule else set()))
-    listed = [row.name for row in driven if row.name in known - {AS_DECLARED}]
+            results.faults.append(f"the record of {name} is not that of this reference")
+    users = sorted(names.keys() - ours - ({AS_DECLARED} if audited.profile.rule else set()))
+    listed = [row.name for row in driven if row.name in ours - {AS_DECLARED}]
     if [*names][: len(listed)] != listed:  # the first of an angle is compared
-        found.faults.append("the references are in another order")
+        results.faults.append("the references are in another order")
     stems = [
         spec.rpartition(":")[2] if request.is_code(spec) else one_line(Path(spec).stem)
         for spec in audited.reference_files
     ]
     for name in users:
-        known_file = name in stems or name.rpartition(" at ")[0] in stems
-        if not known_file or names[name].expected is not None:
-            found.faults.append(f"no one named the reference {name}")
-    for name in known.union(users).intersection(audited.left_out):
+        is_named = name in stems or name.rpartition(" at ")[0] in stems
+        if not is_named or names[name].expected is not None:
+            results.faults.append(f"no one named the reference {name}")
+    for name in ours.union(users).intersection(audited.left_out):
         if audited.deterministic and not names[name].drove_as(evidence.policy):
-            found.faults.append(f"{name} is left out as the policy itself, and drove otherwise")
+            results.faults.append(f"{name} is left out as the policy itself, and drove otherwise")
     line = f"the user's references {', '.join(users)} (--reference)"
-    if users and line not in found.believed:
-        found.believed.append(line)
+    if users and line not in results.believed:
+        results.believed.append(line)
 
 
-def _agree(told: Mapping[str, Any] | None, fresh: Mapping[str, Any] | None, package: str) -> bool:
+def _agree(
+    written: Mapping[str, Any] | None, fresh: Mapping[str, Any] | None, package: str
+) -> bool:
     """Whether two records as JSON are of one driver; a rule's hash covers the package's."""
-    if told is None or fresh is None:
-        return told is fresh
+    if written is None or fresh is None:
+        return written is fresh
     if fresh["kind"] == request.RULE:
         fresh = {**fresh, "sha256": request.rule_sha256(fresh["source"], package)}
-    return all(told[name] == fresh[name] for name in ("kind", "source", "sha256"))
+    return all(written[name] == fresh[name] for name in ("kind", "source", "sha256"))
 
 
 def _shipped_policy(
-    audited: Audited, world: World, package: str, found: Checked
+    audited: Audited, world: World, package: str, results: Checked
 ) -> Reference | None:
     """Return the policy if it is one of the package's, whose episodes can be driven again too."""
     record, source = audited.policy, audited.policy["source"]
     rule = record["kind"] == request.RULE
     if audited.profile.rule or not (rule or source.startswith(request.ATLAS)):
-        found.believed.append(_POLICY)
+        results.believed.append(_POLICY)
         return None
     try:
         if rule and source not in world.drivers:
@@ -141,15 +148,15 @@ def _shipped_policy(
     except UserError:
         loaded = None
     if loaded is None or not _agree(record, loaded.record.as_json(), package):
-        found.faults.append(f"the record of the policy is not that of {one_line(source)}")
+        results.faults.append(f"the record of the policy is not that of {one_line(source)}")
         return None
     return Reference(audited.evidence[0].policy.name, loaded.policy)
 
 
-def _sample(evidence: Evidence, angle: float, every: bool) -> Int64[np.ndarray, " row"]:
+def _sample(evidence: Evidence, angle: float, all_episodes: bool) -> Int64[np.ndarray, " row"]:
     """Return rows of the table: all, or some by chance and those of the largest differences."""
     count = evidence.episodes
-    if every or count <= SAMPLE:
+    if all_episodes or count <= SAMPLE:
         return np.arange(count)
     values = evidence.policy.values(angle)
     gains = [driver.values(angle) - values for driver in evidence.drivers[1:]]
@@ -159,11 +166,11 @@ def _sample(evidence: Evidence, angle: float, every: bool) -> Int64[np.ndarray, 
 
 
 def _course(
-    audited: Audited, world: World, evidence: Evidence, rows: np.ndarray, given: Sequence[str]
+    audited: Audited, world: World, evidence: Evidence, rows: np.ndarray, specs: Sequence[str]
 ) -> drive.Course:
     """Return the episodes of some rows, as many side by side as in the audit."""
     side, rule = min(drive.SIDE_BY_SIDE, evidence.episodes), audited.profile.rule
-    dial = request.reference_dial(given) if rule and given and not world.is_exact else None
+    dial = request.reference_dial(specs) if rule and specs and not world.is_exact else None
     by_rule = drive.ByRule(rule, dial) if rule else None
     return drive.Course(world, evidence.seeds[rows], side, 1, by_rule)
 
@@ -174,26 +181,26 @@ def _compare(
     driven: Sequence[Outcomes],
     strata: Mapping[str, np.ndarray],
     records: Mapping[str, Any],
-    found: Checked,
+    results: Checked,
 ) -> None:
     """Compare rows of a table with the same episodes of the drivers, and of their kinds."""
     table = {driver.name: driver for driver in evidence.drivers}
     labels = {name: column[rows].tolist() for name, column in evidence.strata.items()}
     if labels != {name: column.tolist() for name, column in strata.items()}:
-        found.faults.append("the kinds of episodes are not those of their seeds")
+        results.faults.append("the kinds of episodes are not those of their seeds")
     for fresh in driven:
-        told = table.get(fresh.name)
-        if told is None:
-            found.faults.append(f"the driver {fresh.name} is missing")
+        written = table.get(fresh.name)
+        if written is None:
+            results.faults.append(f"the driver {fresh.name} is missing")
             continue
-        pairs = ((told.angles, fresh.angles), (told.expected or (), fresh.expected or ()))
+        pairs = ((written.angles, fresh.angles), (written.expected or (), fresh.expected or ()))
         if any(len(a) != len(b) or not np.allclose(a, b, _ROUNDING) for a, b in pairs):
-            found.faults.append(f"the exact numbers of {fresh.name} are others")
-        same = np.isclose(told.totals[rows], fresh.totals, _ROUNDING, _ROUNDING).all(axis=1)
-        same &= (told.ending[rows] == fresh.ending) & (told.length[rows] == fresh.length)
-        same &= (told.contact[rows] == fresh.contact) | (fresh.ending != Ending.COLLISION)
-        if told.lost is not None and fresh.lost is not None:
-            same &= np.isclose(told.lost[rows], fresh.lost, _ROUNDING, _ROUNDING)
+            results.faults.append(f"the exact numbers of {fresh.name} are others")
+        same = np.isclose(written.totals[rows], fresh.totals, _ROUNDING, _ROUNDING).all(axis=1)
+        same &= (written.ending[rows] == fresh.ending) & (written.length[rows] == fresh.length)
+        same &= (written.contact[rows] == fresh.contact) | (fresh.ending != Ending.COLLISION)
+        if written.lost is not None and fresh.lost is not None:
+            same &= np.isclose(written.lost[rows], fresh.lost, _ROUNDING, _ROUNDING)
         count = int((~same).sum())
         record = records.get(fresh.name)
         network = record is not None and record["kind"] != request.RULE
@@ -201,4 +208,4 @@ def _compare(
         few = network and count <= max(1, int(ALLOWED * len(rows)))
         if count:
             text = f"{fresh.name} drives {count} of {len(rows)} episodes otherwise than written"
-            (found.unsure if few else found.faults).append(text)
+            (results.unsure if few else results.faults).append(text)

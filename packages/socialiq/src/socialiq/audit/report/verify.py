@@ -138,13 +138,13 @@ class Findings:
     believed: list[str] = field(default_factory=list)
 
 
-def check_folder(folder: Path, given: Sequence[str] = (), every: bool = False) -> Findings:
+def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = False) -> Findings:
     """Check the hashes of a folder, that its files follow from each other, and its references.
 
     Another version of this package may have written other pages and numbers from the same
     episodes; but anyone can write the hash of another version into a report. So what this version
     would not write is a fault, or, under another hash, not checked; another decision always is a
-    fault. `given` and `every` are as for `check_references`.
+    fault. `specs` and `all_episodes` are as for `check_references`.
 
     Raises:
         UserError: As `content_of`, or if its report or declaration can't be read.
@@ -171,7 +171,7 @@ def check_folder(folder: Path, given: Sequence[str] = (), every: bool = False) -
     ours = report["hashes"]["package"] == package_sha256()
     if faults and (ours or DECISION in numbers):
         return Findings(faults)
-    again = check_references(audited, report["hashes"]["package"], given, every)
+    again = check_references(audited, report["hashes"]["package"], specs, all_episodes)
     if again.faults and ours:
         return Findings(again.faults)
     episodes = f"{report['seeds']['episodes']} episodes"

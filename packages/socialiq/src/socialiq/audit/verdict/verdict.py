@@ -212,12 +212,12 @@ def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
     return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
 
 
-def dependence(consistency: Consistency | None, drawn: bool) -> str:
+def dependence(consistency: Consistency | None, soft: bool) -> str:
     """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
 
     How it drove in the episodes is then no evidence about how it drives elsewhere.
     """
-    dependences = consistency.dependences(drawn) if consistency is not None else []
+    dependences = consistency.dependences(soft) if consistency is not None else []
     if consistency is None or not dependences:
         return ""
     differing, queries = (
