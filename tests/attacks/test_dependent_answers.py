@@ -98,7 +98,7 @@ def test_a_policy_that_draws_is_asked_again(audited):
     often = "__import__('random').random() < 0.98"
     status, report = audited(often, "--soft")
     assert status == 0 and report["consistency"] is not None
-    status, report = audited(f"len(rows) > 1 and {often}", "--soft")
+    status, report = audited(f"len(rows) > 1 and {often}", "--soft", "--replace")
     assert status == 3 and "answers depend on the batch" in report["verdict"]["reason"]
 
 

@@ -79,10 +79,10 @@ class Outcomes:
         env, social = self.totals.mean(axis=0).tolist()
         return RewardPair(env, social)
 
-    def drove_as(self, other: Outcomes) -> bool:
-        """Whether every episode is equal to that of another driver."""
+    def drove_as(self, driver: Outcomes) -> bool:
+        """Whether every episode is equal to that of a driver."""
         names = ("totals", "ending", "contact", "length")
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+        return all(np.array_equal(getattr(self, name), getattr(driver, name)) for name in names)
 
     def values(self, angle: float) -> Float[np.ndarray, " episode"]:
         """Return R(α) of each episode at an angle in degrees."""
@@ -346,9 +346,9 @@ class Recorder:
 
 
 def _distance(
-    actions: Shaped[np.ndarray, "row ..."], others: Shaped[np.ndarray, "row ..."]
+    actions: Shaped[np.ndarray, "row ..."], drawn_again: Shaped[np.ndarray, "row ..."]
 ) -> Float[np.ndarray, " row"]:
     """Return how far drawn actions are from others: 0 or 1 for numbers of actions."""
     if actions.dtype.kind == "f":
-        return np.linalg.norm(actions - others, axis=-1)
-    return (actions != others).astype(np.float64)
+        return np.linalg.norm(actions - drawn_again, axis=-1)
+    return (actions != drawn_again).astype(np.float64)
