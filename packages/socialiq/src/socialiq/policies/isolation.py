@@ -246,7 +246,9 @@ def _tried(program: str) -> Isolation:
     return Isolation(one_line(version.stdout.strip()))
 
 
-def sandboxed(command: Sequence[str], covered: CodeHash, program: str = _PROGRAM) -> list[str]:
+def sandboxed(
+    command: Sequence[str], covered: CodeHash, program: str = _PROGRAM, library: bool = False
+) -> list[str]:
     """Return the command that runs a command in a sandbox.
 
     The user root of the system runs it as a user without rights, of a number that no other has;
@@ -258,6 +260,7 @@ def sandboxed(command: Sequence[str], covered: CodeHash, program: str = _PROGRAM
         command: Program and arguments; its program is found outside of the sandbox.
         covered: Files and folders whose copies it sees, at their paths.
         program: Path of bubblewrap.
+        library: Whether it sees this library, with which it could compute the best answers.
     """
     first = Path(shutil.which(command[0]) or command[0]).absolute()
     if first.parent.name == "shims":
@@ -274,7 +277,8 @@ def sandboxed(command: Sequence[str], covered: CodeHash, program: str = _PROGRAM
             system += ["--ro-bind", str(path), str(path)]
     system += [word for name in _SETTINGS for word in ("--ro-bind-try", name, name)]
     user = 2_000_000_000 + secrets.randbelow(100_000_000) if root else -1
-    sources = {path: path for path in _visible()} | dict(covered.paths)
+    folders = (*_visible(), *([_LIBRARY] if library else []))
+    sources = {path: path for path in folders} | dict(covered.paths)
     return [
         program,
         *(_AS_ROOT if root else ("--unshare-all", "--cap-drop", "ALL")),
@@ -285,7 +289,7 @@ def sandboxed(command: Sequence[str], covered: CodeHash, program: str = _PROGRAM
         *("--proc", "/proc", "--ro-bind", "/dev/null", "/proc/1/cmdline", "--dev", "/dev"),
         *(word for path in _WRITABLE for word in _memory(path)),
         *_bound(sources, here),
-        *_masked(sources),
+        *(() if library else _masked(sources)),
         *("--chdir", str(here), "--remount-ro", "/dev", "--remount-ro", "/"),
         *(os.path.realpath(sys.executable), "-I", "-S", "-c", _LAUNCHERS.read_text(), "enter"),
         *(str(user), str(PROCESSES), str(DISK), str(first), *command[1:]),

@@ -228,7 +228,7 @@ def _load_code(
         covered = hashed(folder if isolation.works or is_python else None)
         started = command
         if isolation.works:
-            started = code.sandboxed(command, covered)
+            started = code.sandboxed(command, covered, library=is_python and allow_code)
         elif is_python:
             started = command_of_python(words, source, covered.paths)
         policy, details, child = start_process(started, source, world, limits)
