@@ -63,12 +63,13 @@ def check_references(
         return results
     with contextlib.ExitStack() as closing:
         policy = _shipped_policy(audited, world, package, results)
+        angles = request.dial_angles(profile.angle, profile.margin.width)
         for number, evidence in enumerate(audited.evidence):
             there = audited.traffic[number - 1].world if number else world
             rows = _sample(evidence, profile.angle, all_episodes)
             course = _course(audited, there, evidence, rows, specs)
             loaded_references = request.resolve_references(
-                there, specs, audited.policy, _TRUST, closing
+                there, specs, audited.policy, _TRUST, closing, angles
             )
             driven = [
                 *drive_references(course, loaded_references.drivers),
