@@ -48,4 +48,4 @@ def test_the_egoist_does_not_pass_at_45_degrees(audit, capsys):
 @pytest.mark.parametrize("declared", [0, 75])
 def test_the_dial_of_45_degrees_does_not_pass_elsewhere(audit, tmp_path, declared):
     status, report = audit(turned(tmp_path, 45.0), declared)
-    assert (status, report["tests"]["direction"]["decision"]) == (1, "fail")
+    assert status in (1, 3) and report["tests"]["direction"]["decision"] != "pass"
