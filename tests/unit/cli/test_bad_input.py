@@ -330,7 +330,7 @@ def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
         "updates must be at least 1": (data, "--updates", -1),
         "add --angle": (data, "--budget", 0.1),
         "must be above 0": (data, "--angle", 45, "--budget", 0),
-        "train for more": ("--angle", 45, "--budget", 1, "--updates", 250),
+        "give more --updates": ("--angle", 45, "--budget", 1, "--updates", 250),
         "outside [0, 360)": (data, "--angle", 400),
     }
     for mend, options in mends.items():

@@ -303,7 +303,7 @@ def check_social(datasets: Sequence[Transitions]) -> None:
     if not any(np.any(data.returns("instantaneous", 1.0).social) for data in datasets):
         raise UserError(
             "the demonstrations have no social rewards, so a dial of them would drive alike at "
-            "every angle: import them with their pairs (r_env, r_social), or train a policy"
+            "every angle: give pairs (`r_env`, `r_social`), or train a policy without an angle"
         )
 
 
