@@ -166,7 +166,35 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     )
     SubElement(SubElement(root, "scenarioTags"), "intersection")
     _write_road(root, road, count(max(taken) + 1))
-    _write_obstacles(root, tracks)
+    along, across = tracks.along_and_across()
+    # A lateral part at the level of rounding is 0. Other readers require the states of a track to
+    # have the same fields, so a single sliding state gives its whole track a slip angle.
+    slides = np.zeros(tracks.n_tracks, bool)
+    np.logical_or.at(slides, tracks.track, np.abs(across) > 1e-9)
+    slips = slides[tracks.track]
+    speed = np.where(slips, np.hypot(along, across), along)
+    slip = np.arctan2(across, along)
+    for track, (first, end) in enumerate(zip(tracks.starts[:-1], tracks.starts[1:], strict=True)):
+        element = SubElement(root, "dynamicObstacle", id=str(tracks.identity[track]))
+        kind = RoadUser(int(tracks.road_user[track]))
+        _add(element, "type", "unknown" if kind == RoadUser.OTHER else kind.name.lower())
+        shape = SubElement(SubElement(element, "shape"), "rectangle")
+        _add(shape, "length", _decimal(tracks.length[track]))
+        _add(shape, "width", _decimal(tracks.width[track]))
+        inside = SubElement(element, "initialState")
+        trajectory = SubElement(element, "trajectory") if end > first + 1 else element
+        for row in range(first, end):
+            state = inside if row == first else SubElement(trajectory, "state")
+            _write_point(SubElement(state, "position"), tracks.x[row], tracks.y[row])
+            exact = {
+                "orientation": _decimal(tracks.heading[row]),
+                "time": str(tracks.frame[row]),
+                "velocity": _decimal(speed[row]),
+            }
+            if slips[row]:
+                exact["slipAngle"] = _decimal(slip[row])
+            for name, text in exact.items():
+                _add(SubElement(state, name), "exact", text)
     indent(root, " ")
     text = tostring(root, encoding="unicode")
     write_atomically(path, f"<?xml version='1.0' encoding='utf-8'?>\n{text}\n")
@@ -234,38 +262,6 @@ def _write_lanelet(root: Element, lanelet: Lanelet) -> Element:
         _add(inside, "lineMarking", "solid")
     _add(element, "laneletType", "urban")
     return element
-
-
-def _write_obstacles(root: Element, tracks: Tracks) -> None:
-    along, across = tracks.along_and_across()
-    # A lateral part at the level of rounding is 0. Other readers require the states of a track to
-    # have the same fields, so a single sliding state gives its whole track a slip angle.
-    slides = np.zeros(tracks.n_tracks, bool)
-    np.logical_or.at(slides, tracks.track, np.abs(across) > 1e-9)
-    slips = slides[tracks.track]
-    speed = np.where(slips, np.hypot(along, across), along)
-    slip = np.arctan2(across, along)
-    for track, (first, end) in enumerate(zip(tracks.starts[:-1], tracks.starts[1:], strict=True)):
-        element = SubElement(root, "dynamicObstacle", id=str(tracks.identity[track]))
-        kind = RoadUser(int(tracks.road_user[track]))
-        _add(element, "type", "unknown" if kind == RoadUser.OTHER else kind.name.lower())
-        shape = SubElement(SubElement(element, "shape"), "rectangle")
-        _add(shape, "length", _decimal(tracks.length[track]))
-        _add(shape, "width", _decimal(tracks.width[track]))
-        inside = SubElement(element, "initialState")
-        trajectory = SubElement(element, "trajectory") if end > first + 1 else element
-        for row in range(first, end):
-            state = inside if row == first else SubElement(trajectory, "state")
-            _write_point(SubElement(state, "position"), tracks.x[row], tracks.y[row])
-            exact = {
-                "orientation": _decimal(tracks.heading[row]),
-                "time": str(tracks.frame[row]),
-                "velocity": _decimal(speed[row]),
-            }
-            if slips[row]:
-                exact["slipAngle"] = _decimal(slip[row])
-            for name, text in exact.items():
-                _add(SubElement(state, name), "exact", text)
 
 
 def _write_point(parent: Element, x: float, y: float) -> None:

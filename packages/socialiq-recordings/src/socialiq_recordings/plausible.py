@@ -132,7 +132,16 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
             f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
             f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
         )
-    _check_jumps(tracks, error, reasons)
+    row, speed = np.flatnonzero(np.diff(tracks.track) == 0), np.hypot(tracks.vx, tracks.vy)
+    driven = np.hypot(np.diff(tracks.x)[row], np.diff(tracks.y)[row]) / tracks.dt
+    stated = (speed[row] + speed[row + 1]) / 2
+    further = (driven - stated) * tracks.dt
+    for step in np.flatnonzero(further > error.jump(tracks.dt)):
+        if reasons[tracks.track[row[step]]] == "":
+            reasons[tracks.track[row[step]]] = (
+                f"jumps {further[step]:.2f} m further than its speed allows after frame "
+                f"{tracks.frame[row[step]]}"
+            )
     _check_speeds(tracks, error, reasons)
     _check_directions(tracks, error, reasons)
     if (reasons == "").any():
@@ -147,19 +156,6 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
             f"{refused[0].reason}"
         )
     return tracks.select(good), refused
-
-
-def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
-    row, speed = np.flatnonzero(np.diff(tracks.track) == 0), np.hypot(tracks.vx, tracks.vy)
-    driven = np.hypot(np.diff(tracks.x)[row], np.diff(tracks.y)[row]) / tracks.dt
-    stated = (speed[row] + speed[row + 1]) / 2
-    further = (driven - stated) * tracks.dt
-    for step in np.flatnonzero(further > error.jump(tracks.dt)):
-        if reasons[tracks.track[row[step]]] == "":
-            reasons[tracks.track[row[step]]] = (
-                f"jumps {further[step]:.2f} m further than its speed allows after frame "
-                f"{tracks.frame[row[step]]}"
-            )
 
 
 def _axis_angle(difference: np.ndarray) -> np.ndarray:

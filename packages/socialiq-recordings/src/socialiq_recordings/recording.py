@@ -84,7 +84,37 @@ class Tracks:
 
     def __post_init__(self) -> None:
         """Check every column, and detach `source` from the caller's dict."""
-        _check(self)
+        if not isinstance(self.dt, float) or not 0 < self.dt < math.inf:
+            raise UserError(f"dt is {self.dt!r}: pass the seconds between frames, a float above 0")
+        if not isinstance(self.recording, str) or not self.recording.strip():
+            raise UserError("recording must be a non-empty string: data are split by it")
+        columns = self.arrays()
+        _check_layout(columns, STATES, "states")
+        _check_layout(columns, ROAD_USERS, "tracks")
+        for name, dtype in (STATES | ROAD_USERS).items():
+            if issubclass(dtype, np.floating):
+                _refuse(
+                    name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out"
+                )
+        track, frame = self.track.astype(np.int64), self.frame.astype(np.int64)
+        steps = np.diff(track)
+        bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
+        _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
+        count = len(self.identity)
+        if track[-1] != count - 1:
+            raise UserError(
+                f"column track numbers {track[-1] + 1} tracks where identity has {count}"
+            )
+        _refuse("frame", frame < 0, "negative: count frames from 0 or above")
+        jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
+        _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
+        outside = (self.heading <= -np.pi) | (self.heading > np.pi)
+        _refuse("heading", outside, "outside (-π, π]: give radians, wrapped; are these degrees?")
+        for name in ("length", "width"):
+            _refuse(name, columns[name] <= 0, "not above 0: give metres", "track")
+        kinds = ", ".join(f"{kind.value} {kind.name}" for kind in RoadUser)
+        unknown = ~np.isin(self.road_user, [int(kind) for kind in RoadUser])
+        _refuse("road_user", unknown, f"unknown: use {kinds}", "track")
         object.__setattr__(self, "source", json_able(self.source))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -123,40 +153,6 @@ class Tracks:
     def starts(self) -> Int64[np.ndarray, " track_and_one"]:
         """Row of each track's first state, followed by the number of rows."""
         return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
-
-
-def _check(tracks: Tracks) -> None:
-    """Raise an error at the first violation; later checks rely on earlier ones.
-
-    Whether the values are physically possible is checked by `plausible.sift`.
-    """
-    if not isinstance(tracks.dt, float) or not 0 < tracks.dt < math.inf:
-        raise UserError(f"dt is {tracks.dt!r}: pass the seconds between frames, a float above 0")
-    if not isinstance(tracks.recording, str) or not tracks.recording.strip():
-        raise UserError("recording must be a non-empty string: data are split by it")
-    columns = tracks.arrays()
-    _check_layout(columns, STATES, "states")
-    _check_layout(columns, ROAD_USERS, "tracks")
-    for name, dtype in (STATES | ROAD_USERS).items():
-        if issubclass(dtype, np.floating):
-            _refuse(name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out")
-    track, frame = tracks.track.astype(np.int64), tracks.frame.astype(np.int64)
-    steps = np.diff(track)
-    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
-    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
-    count = len(tracks.identity)
-    if track[-1] != count - 1:
-        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {count}")
-    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
-    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
-    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")
-    outside = (tracks.heading <= -np.pi) | (tracks.heading > np.pi)
-    _refuse("heading", outside, "outside (-π, π]: give radians, wrapped; are these degrees?")
-    for name in ("length", "width"):
-        _refuse(name, columns[name] <= 0, "not above 0: give metres", "track")
-    kinds = ", ".join(f"{kind.value} {kind.name}" for kind in RoadUser)
-    unknown = ~np.isin(tracks.road_user, [int(kind) for kind in RoadUser])
-    _refuse("road_user", unknown, f"unknown: use {kinds}", "track")
 
 
 def _check_layout(columns: dict[str, Any], layout: dict[str, type[np.generic]], what: str) -> None:

@@ -94,7 +94,25 @@ class Predict(OfDistinct):
         if self.json:
             print_json(summary | tables)
         else:
-            _show_scores(prediction.scores)
+            second = [row for row in prediction.scores if row["part"] == "second half"]
+            for holdout, moments in dict.fromkeys(
+                (row["holdout"], row["moments"]) for row in second
+            ):
+                group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
+                lines = []
+                for row in group:
+                    metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
+                    interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
+                    line = {
+                        "model": row["model"],
+                        "surprise, nats": f"{row['surprise']:.2f}",
+                        "RMSE, m/s²": f"{row['rmse']:.2f}",
+                        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
+                        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
+                    }
+                    lines.append(line)
+                title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
+                print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
             _show_contrasts(prediction.contrasts)
             _show_trait(tables.get("trait_contrasts", []), tested)
         return 0
@@ -130,26 +148,6 @@ def _summary(situations: Situations, rows: list[Row], contrasts: list[Row]) -> d
         "contrasts_tested": len(contrasts),
         "contrasts_found": [{n: row[n] for n in names} for row in contrasts if row["found"]],
     }
-
-
-def _show_scores(rows: list[Row]) -> None:
-    second = [row for row in rows if row["part"] == "second half"]
-    for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in second):
-        group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
-        lines = []
-        for row in group:
-            metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
-            interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
-            line = {
-                "model": row["model"],
-                "surprise, nats": f"{row['surprise']:.2f}",
-                "RMSE, m/s²": f"{row['rmse']:.2f}",
-                "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
-                "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
-            }
-            lines.append(line)
-        title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
-        print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
 
 
 def _show_contrasts(rows: list[Row]) -> None:
@@ -285,7 +283,35 @@ class Power(OfDistinct):
         if self.json:
             print_json(summary | {"power": rows})
         else:
-            _show_power(rows, needed, summary)
+            lines = [
+                {
+                    "population": row["population"],
+                    "size": f"x {row['size']}",
+                    "drivers": row["drivers"],
+                    "gain, nats": f"{row['gain_nats']:+.4f}",
+                    "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
+                    "found": f"{row['detected']:.0%} ({row['low']:.0%} to {row['high']:.0%})",
+                    "beats all": f"{row['beats_every_rival']:.0%}",
+                }
+                for row in rows
+            ]
+            counts = f"{summary['decisions']} decisions in conflict of {summary['drivers']} drivers"
+            chains = f"in {summary['chains']} independent chains"
+            print_table(lines, f"Simulated drivers at {counts} {chains}")
+            lines = []
+            for row in needed:
+                size = row["size_needed"]
+                bound = f"more than {row['more_than']}" if row["more_than"] else "-"
+                line = {
+                    "population": row["population"],
+                    "RMSE saved if angles were known": f"{100 * row['known_angle_gain']:.1f} %",
+                    "times these data": bound if size is None else f"{size:.1f}",
+                    "drivers": "" if size is None else row["drivers_needed"],
+                    "chains": "" if size is None else row["chains_needed"],
+                }
+                lines.append(line)
+            print_table(lines, f"\nNeeded to find it in {power.POWER:.0%} of tries")
+            _say_if_too_few(summary["chains"], summary["chains_needed"])
         return 0
 
     def _rows(self, sample: Sample) -> list[Row]:
@@ -300,35 +326,3 @@ class Power(OfDistinct):
                 report(clock.report(done, {}, {}, ())._replace(unit="samples"))
 
             return power.power_rows(sample, config, counted)
-
-
-def _show_power(rows: list[Row], needed: list[Row], summary: dict[str, Any]) -> None:
-    lines = [
-        {
-            "population": row["population"],
-            "size": f"x {row['size']}",
-            "drivers": row["drivers"],
-            "gain, nats": f"{row['gain_nats']:+.4f}",
-            "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
-            "found": f"{row['detected']:.0%} ({row['low']:.0%} to {row['high']:.0%})",
-            "beats all": f"{row['beats_every_rival']:.0%}",
-        }
-        for row in rows
-    ]
-    counts = f"{summary['decisions']} decisions in conflict of {summary['drivers']} drivers"
-    chains = f"in {summary['chains']} independent chains"
-    print_table(lines, f"Simulated drivers at {counts} {chains}")
-    lines = []
-    for row in needed:
-        size = row["size_needed"]
-        bound = f"more than {row['more_than']}" if row["more_than"] else "-"
-        line = {
-            "population": row["population"],
-            "RMSE saved if angles were known": f"{100 * row['known_angle_gain']:.1f} %",
-            "times these data": bound if size is None else f"{size:.1f}",
-            "drivers": "" if size is None else row["drivers_needed"],
-            "chains": "" if size is None else row["chains_needed"],
-        }
-        lines.append(line)
-    print_table(lines, f"\nNeeded to find it in {power.POWER:.0%} of tries")
-    _say_if_too_few(summary["chains"], summary["chains_needed"])

@@ -111,6 +111,11 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
         area, ego, partner = meeting.area, meeting.ego, meeting.other
         gap, lag = gaps(encounters, meeting)
         times, other_times = meeting.ego_times, meeting.other_times
+        now = (meeting.frames * meeting.ego.dt)[:, None]
+        first, second = (times - now for times in meeting.times)
+        # At other moments vehicles that cross would not be in the area at one time.
+        meet = np.maximum(first, second)[:, 0] < np.minimum(first, second)[:, 1]
+        moments = _moments(meeting, meet | (meeting.area.kind == Conflict.MERGING))
         row = {
             "recording": encounters.scene.tracks.recording,
             "ego": int(identity[ego.track]),
@@ -129,7 +134,7 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "complete": meeting.complete,
             "seconds": len(meeting.frames) * ego.dt,
             "pet": pet(meeting),
-            "ttc": _soonest(meeting),
+            "ttc": min((ttc_at(meeting, *moment) for moment in moments), default=math.inf),
             "required_deceleration": _hardest(meeting),
             "other_required_deceleration": _hardest(meeting.swapped()),
             "gap_accepted": gap,
@@ -164,16 +169,6 @@ def _moments(meeting: Meeting, chosen: Bool[np.ndarray, " frame"]) -> Iterator[t
     """Yield some frames of a conflict, and the times in the area at their speeds."""
     times = (itertools.starmap(Occupancy, of_one[chosen].tolist()) for of_one in meeting.times)
     return zip(meeting.frames[chosen].tolist(), zip(*times, strict=True), strict=True)
-
-
-def _soonest(meeting: Meeting) -> float:
-    """Return the least time to collision, s; infinite if the vehicles would not collide."""
-    now = (meeting.frames * meeting.ego.dt)[:, None]
-    first, second = (times - now for times in meeting.times)
-    # At other moments vehicles that cross would not be in the area at one time.
-    meet = np.maximum(first, second)[:, 0] < np.minimum(first, second)[:, 1]
-    moments = _moments(meeting, meet | (meeting.area.kind == Conflict.MERGING))
-    return min((ttc_at(meeting, *moment) for moment in moments), default=math.inf)
 
 
 def ttc_at(meeting: Meeting, frame: int, times: Times) -> float:

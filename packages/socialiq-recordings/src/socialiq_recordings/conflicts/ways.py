@@ -108,9 +108,7 @@ def way_of(scene: Scene, track: int) -> Way:
 
 
 def _along(
-    line: Polyline,
-    points: Float64[np.ndarray, "state 2"],
-    guess: Float64[np.ndarray, " state"],
+    line: Polyline, points: Float64[np.ndarray, "state 2"], guess: Float64[np.ndarray, " state"]
 ) -> Float64[np.ndarray, " state"]:
     """Return the coordinate of each state; a line may cross itself or turn back beside itself.
 

@@ -221,30 +221,21 @@ def predict(situations: Situations, config: Config) -> Prediction:
     tested = []
     for holdout, by_fold in outputs.items():
         of_holdout = [fold for fold in all_folds if fold.holdout == holdout]
-        tested.append(_joined(situations, half, holdout, of_holdout, by_fold))
+        rows = np.concatenate([np.flatnonzero(fold.test) for fold in of_holdout])
+        order = np.argsort(rows, kind="stable")
+        models = []
+        for same in zip(*by_fold, strict=True):
+            columns = (
+                np.concatenate([getattr(prediction, name) for prediction in same])[order]
+                for name in ("log_density", "mean", "driven")
+            )
+            models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
+        tested.append(
+            scores.Held(holdout, situations.rows(rows[order]), half[rows[order]] == 1, models)
+        )
     draws = config.seed, config.resamples
     rows = [row for held in tested for row in scores.scores(held, *draws)]
     return Prediction(rows, sizes, scores.contrasts(tested, *draws))
-
-
-def _joined(
-    situations: Situations,
-    half: np.ndarray,
-    holdout: str,
-    folds_of: list[Fold],
-    predictions: list[list[scores.Predicted]],
-) -> scores.Held:
-    """Return the predictions of all folds of a holdout, in the order of the moments."""
-    rows = np.concatenate([np.flatnonzero(fold.test) for fold in folds_of])
-    order = np.argsort(rows, kind="stable")
-    models = []
-    for same in zip(*predictions, strict=True):
-        columns = (
-            np.concatenate([getattr(prediction, name) for prediction in same])[order]
-            for name in ("log_density", "mean", "driven")
-        )
-        models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
-    return scores.Held(holdout, situations.rows(rows[order]), half[rows[order]] == 1, models)
 
 
 def _task(situations: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:

@@ -148,7 +148,20 @@ class _Draft(RoadDraft):
         frames, rows = frames[~again], rows[~again]
         tracks.check_frames(frames)
         if np.isnan(rows[:, 2]).any():
-            rows = _of_point_masses(rows)
+            mass = np.isnan(rows[:, 2])
+            vx, vy = (
+                np.where(mass, rows[:, column], rows[:, 3] * turn(rows[:, 2]))
+                for column, turn in ((3, np.cos), (5, np.sin))
+            )
+            heading = tracks.heading_of_motion(np.nan_to_num(vx), np.nan_to_num(vy))
+            if heading is None and mass.all():
+                raise ValueError("it never moves, and states of a point mass have no orientation")
+            stated = rows[~mass][:1, 2]  # of one that stands, like the initial state
+            heading = np.full(len(rows), stated[0]) if heading is None else heading
+            rows = rows.copy()
+            rows[mass, 2] = heading[mass]
+            rows[mass, 3] = np.hypot(vx, vy)[mass]
+            rows[mass, 4] = (np.arctan2(vy, vx) - heading)[mass]
         missing = np.isnan(rows[:, 3])
         if missing.any() and (np.abs(rows[:, :3]) <= FARTHEST).all():
             vx, vy = tracks.differences(rows[:, 0], rows[:, 1], self._dt)
@@ -185,25 +198,6 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return np.nan
-
-
-def _of_point_masses(rows: Float64[np.ndarray, "state 6"]) -> Float64[np.ndarray, "state 6"]:
-    """Return states with the heading of the motion, where those of a point mass have none."""
-    mass = np.isnan(rows[:, 2])
-    vx, vy = (
-        np.where(mass, rows[:, column], rows[:, 3] * turn(rows[:, 2]))
-        for column, turn in ((3, np.cos), (5, np.sin))
-    )
-    heading = tracks.heading_of_motion(np.nan_to_num(vx), np.nan_to_num(vy))
-    if heading is None and mass.all():
-        raise ValueError("it never moves, and states of a point mass have no orientation")
-    stated = rows[~mass][:1, 2]  # of one that stands, like the initial state
-    heading = np.full(len(rows), stated[0]) if heading is None else heading
-    rows = rows.copy()
-    rows[mass, 2] = heading[mass]
-    rows[mass, 3] = np.hypot(vx, vy)[mass]
-    rows[mass, 4] = (np.arctan2(vy, vx) - heading)[mass]
-    return rows
 
 
 def _size(element: Element) -> tuple[float, float]:

@@ -117,7 +117,23 @@ class _Draft:
         if self._columns.repeated_ids:
             new |= np.diff(self._frame[rows]) > 1
         starts = np.concatenate([[0], np.flatnonzero(new) + 1, [len(rows)]]).tolist()
-        self._check_rows(rows, np.flatnonzero(new))
+        table, scales = self._table, self._columns.scales
+        if "heading" in table:
+            heading = table["heading"][rows]
+            far = np.abs(heading * scales["heading"]) > _LARGEST_HEADING
+            if 2 * far.sum() > len(rows):
+                row = int(np.argmax(far))
+                raise UserError(
+                    f"{table.path}, {table.row_name(rows[row])}the heading is {heading[row]:g}, "
+                    "more than a turn: these are degrees; say so in the column map's [units]"
+                )
+        if "time" in table and "frame" in table:
+            inside = np.ones(len(rows) - 1, bool)
+            inside[np.flatnonzero(new)] = False
+            off = inside & self._off_time(rows)
+            if 2 * off.sum() > inside.sum():
+                row = int(np.argmax(off))
+                raise UserError(f"{table.path}, {self._time_fault(rows[row : row + 2])}")
         read: dict[int, tuple[np.ndarray, tracks.User, np.ndarray]] = {}
         standing = []
 
@@ -159,26 +175,6 @@ class _Draft:
         again &= tracks.repeated(frame[order], states)
         self.gathered.note("repeated row", int(again.sum()))
         return np.sort(rows[order[~again]])
-
-    def _check_rows(self, rows: np.ndarray, ends: np.ndarray) -> None:
-        """Refuse the file if more than half of its rows have headings or times of another unit."""
-        table, scales = self._table, self._columns.scales
-        if "heading" in table:
-            heading = table["heading"][rows]
-            far = np.abs(heading * scales["heading"]) > _LARGEST_HEADING
-            if 2 * far.sum() > len(rows):
-                row = int(np.argmax(far))
-                raise UserError(
-                    f"{table.path}, {table.row_name(rows[row])}the heading is {heading[row]:g}, "
-                    "more than a turn: these are degrees; say so in the column map's [units]"
-                )
-        if "time" in table and "frame" in table:
-            inside = np.ones(len(rows) - 1, bool)
-            inside[ends] = False
-            off = inside & self._off_time(rows)
-            if 2 * off.sum() > inside.sum():
-                row = int(np.argmax(off))
-                raise UserError(f"{table.path}, {self._time_fault(rows[row : row + 2])}")
 
     def _off_time(self, rows: np.ndarray) -> np.ndarray:
         """Return whether the time of each row but the first differs from that of its frame."""

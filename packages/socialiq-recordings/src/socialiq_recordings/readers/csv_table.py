@@ -89,7 +89,23 @@ class Table:
         """
         rows = csv.reader(_lines(self.path), delimiter=self._separator)
         try:
-            places = _places(self.path, next(rows, []), columns, optional)
+            header = next(rows, [])
+            if not header:
+                raise UserError(f"{self.path} is empty: name a file with states")
+            header = [name.strip() for name in header]
+            mapped = {name.lower(): name for name in columns.values() if name not in header}
+            names = [mapped.get(name.lower(), name) for name in header]
+            columns = {n: c for n, c in columns.items() if c in names or c not in optional}
+            missing = [column for column in columns.values() if column not in names]
+            if missing:
+                raise UserError(
+                    f"{self.path} has no column {', '.join(missing)}: correct the column map; "
+                    f"the file has {one_line(', '.join(names), 300)}"
+                )
+            twice = next((column for column in columns.values() if names.count(column) > 1), None)
+            if twice is not None:
+                raise UserError(f"{self.path} has two columns {twice}: name each its own")
+            places = {name: names.index(column) for name, column in columns.items()}
             while chunk := list(islice(rows, _ROWS)):
                 self._take(chunk, places, columns, texts, integers)
         except csv.Error as error:
@@ -235,28 +251,6 @@ def _lines(path: Path) -> Iterator[str]:
             if len(line) == _MOST_LINE:
                 raise UserError(f"{path}: a line is longer than 1 MiB: this is not a CSV file")
             yield line
-
-
-def _places(
-    path: Path, header: list[str], columns: dict[str, str], optional: tuple[str, ...]
-) -> dict[str, int]:
-    """Return the index of each column; names may differ in case: v_length, v_Length of NGSIM."""
-    if not header:
-        raise UserError(f"{path} is empty: name a file with states")
-    header = [name.strip() for name in header]
-    mapped = {name.lower(): name for name in columns.values() if name not in header}
-    names = [mapped.get(name.lower(), name) for name in header]
-    columns = {n: c for n, c in columns.items() if c in names or c not in optional}
-    missing = [column for column in columns.values() if column not in names]
-    if missing:
-        raise UserError(
-            f"{path} has no column {', '.join(missing)}: correct the column map; "
-            f"the file has {one_line(', '.join(names), 300)}"
-        )
-    twice = next((column for column in columns.values() if names.count(column) > 1), None)
-    if twice is not None:
-        raise UserError(f"{path} has two columns {twice}: name each its own")
-    return {name: names.index(column) for name, column in columns.items()}
 
 
 def beside(path: Path, endings: tuple[str, str]) -> Path:
