@@ -124,23 +124,16 @@ def population_of(
 
     deviation = points.std(axis=0, ddof=1) if len(points) > 1 else np.full(2, np.nan)
     angles = np.array([d["angle"] for d in drivers if d["angle"] is not None], np.float64)
-    return {
-        "drivers": len(drivers),
-        "recordings": len(names),
-        "chains": len(chains),
-        "sites": len({site_of[name] for name in names}),
-        "r_env": float(points[:, 0].mean()),
-        "r_social": float(points[:, 1].mean()),
-        "sd_env": float(deviation[0]),
-        "sd_social": float(deviation[1]),
-        "over_drivers": interval(points),
-        "over_chains": interval(sums) if len(chains) > 1 else None,
-        "standing": int((~moving).sum()),
-        "of_the_moving": interval(points[moving]) if moving.any() else None,
-        "circular_sd": circular_sd(np.radians(angles)),
-        "with_direction": sum(driver["low"] is not None for driver in drivers),
-        "confidence": confidence,
-    }
+    row: Row = {"drivers": len(drivers), "recordings": len(names), "chains": len(chains)}
+    row |= {"sites": len({site_of[name] for name in names}), "r_env": float(points[:, 0].mean())}
+    row |= {"r_social": float(points[:, 1].mean()), "sd_env": float(deviation[0])}
+    row |= {"sd_social": float(deviation[1]), "over_drivers": interval(points)}
+    row |= {"over_chains": interval(sums) if len(chains) > 1 else None}
+    row |= {"standing": int((~moving).sum())}
+    row |= {"of_the_moving": interval(points[moving]) if moving.any() else None}
+    row |= {"circular_sd": circular_sd(np.radians(angles))}
+    row |= {"with_direction": sum(driver["low"] is not None for driver in drivers)}
+    return row | {"confidence": confidence}
 
 
 def circular_sd(angles: Float64[np.ndarray, " driver"]) -> float:

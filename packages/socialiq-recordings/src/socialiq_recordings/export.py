@@ -19,7 +19,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.storage import write_atomically
 from socialiq_recordings.readers import commonroad_xml as xml
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
-from socialiq_recordings.road.network import Cycle, Lanelet, RoadNetwork, Sign
+from socialiq_recordings.road.network import Cycle, RoadNetwork, Sign
 
 FOOT = 0.3048  # length of a foot in m, exact by definition
 _NGSIM_CLASSES = {RoadUser.MOTORCYCLE: 1, RoadUser.CAR: 2, RoadUser.TRUCK: 3, RoadUser.BUS: 3}
@@ -43,10 +43,7 @@ def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
         UserError: If the layout can't hold the tracks, or a file can't be written.
     """
     one_of("layout", layout, tuple(_LAYOUTS))
-    name = "".join(
-        character if character.isalnum() or character in "-._" else "-"
-        for character in tracks.recording
-    )
+    name = "".join(c if c.isalnum() or c in "-._" else "-" for c in tracks.recording)
     if layout != "ind" and abs(tracks.dt - 0.1) > 1e-9:
         raise UserError(f"the {layout} layout has 10 frames a second, not {1 / tracks.dt:g}")
     files = _LAYOUTS[layout](tracks, [RoadUser(int(kind)) for kind in tracks.road_user])
@@ -132,11 +129,8 @@ def _ngsim(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
     return {"{}.csv": states}
 
 
-_LAYOUTS: dict[str, Callable[[Tracks, list[RoadUser]], dict[str, _Columns]]] = {
-    "ind": _ind,
-    "interaction": _interaction,
-    "ngsim": _ngsim,
-}
+_Layout = Callable[[Tracks, list[RoadUser]], dict[str, _Columns]]
+_LAYOUTS: dict[str, _Layout] = {"ind": _ind, "interaction": _interaction, "ngsim": _ngsim}
 
 
 def write_commonroad(recording: Recording, path: Path) -> None:
@@ -154,16 +148,10 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     if len(set(taken)) < len(taken):
         twice = next(number for number in taken if taken.count(number) > 1)
         raise UserError(f"number {twice} has two elements: CommonRoad numbers each element once")
-    root = Element(
-        "commonRoad",
-        timeStepSize=_decimal(tracks.dt),
-        commonRoadVersion="2020a",
-        benchmarkID=tracks.recording,
-        author="socialiq",
-        affiliation="",
-        source=str(tracks.source.get("made_by", "socialiq")),
-        date="2026-01-01",
-    )
+    names = {"timeStepSize": _decimal(tracks.dt), "commonRoadVersion": "2020a"}
+    names |= {"benchmarkID": tracks.recording, "author": "socialiq", "affiliation": ""}
+    names |= {"source": str(tracks.source.get("made_by", "socialiq")), "date": "2026-01-01"}
+    root = Element("commonRoad", names)
     SubElement(SubElement(root, "scenarioTags"), "intersection")
     _write_road(root, road, count(max(taken) + 1))
     along, across = tracks.along_and_across()
@@ -186,11 +174,8 @@ def write_commonroad(recording: Recording, path: Path) -> None:
         for row in range(first, end):
             state = inside if row == first else SubElement(trajectory, "state")
             _write_point(SubElement(state, "position"), tracks.x[row], tracks.y[row])
-            exact = {
-                "orientation": _decimal(tracks.heading[row]),
-                "time": str(tracks.frame[row]),
-                "velocity": _decimal(speed[row]),
-            }
+            exact = {"orientation": _decimal(tracks.heading[row]), "time": str(tracks.frame[row])}
+            exact["velocity"] = _decimal(speed[row])
             if slips[row]:
                 exact["slipAngle"] = _decimal(slip[row])
             for name, text in exact.items():
@@ -209,7 +194,25 @@ def _write_road(root: Element, road: RoadNetwork, free: Iterable[int]) -> None:
     signs: list[tuple[int, str, str]] = []
     lights: dict[int, Cycle | None] = {}
     for lanelet in road.lanelets.values():
-        element = _write_lanelet(root, lanelet)
+        element = SubElement(root, "lanelet", id=str(lanelet.identity))
+        for name, bound in (("leftBound", lanelet.left), ("rightBound", lanelet.right)):
+            inside = SubElement(element, name)
+            for x, y in bound:
+                _write_point(inside, x, y)
+        for name in ("predecessor", "successor"):
+            for number in getattr(lanelet, f"{name}s"):
+                SubElement(element, name, ref=str(number))
+        sides = (("adjacentLeft", lanelet.adjacent_left), ("adjacentRight", lanelet.adjacent_right))
+        for name, beside in sides:
+            if beside is not None:
+                way = "same" if beside[1] else "opposite"
+                SubElement(element, name, ref=str(beside[0]), drivingDir=way)
+        if lanelet.stop_line is not None:
+            inside = SubElement(element, "stopLine")
+            for x, y in lanelet.stop_line:
+                _write_point(inside, x, y)
+            _add(inside, "lineMarking", "solid")
+        _add(element, "laneletType", "urban")
         if lanelet.sign == Sign.LIGHT:
             identity = next(numbers)
             lights[identity] = lanelet.cycle
@@ -239,29 +242,6 @@ def _write_road(root: Element, road: RoadNetwork, free: Iterable[int]) -> None:
         if cycle is not None:
             _add(element, "timeOffset", str(cycle.offset))
         _add(light, "active", "true")
-
-
-def _write_lanelet(root: Element, lanelet: Lanelet) -> Element:
-    element = SubElement(root, "lanelet", id=str(lanelet.identity))
-    for name, bound in (("leftBound", lanelet.left), ("rightBound", lanelet.right)):
-        inside = SubElement(element, name)
-        for x, y in bound:
-            _write_point(inside, x, y)
-    for name, numbers in (("predecessor", lanelet.predecessors), ("successor", lanelet.successors)):
-        for number in numbers:
-            SubElement(element, name, ref=str(number))
-    sides = (("adjacentLeft", lanelet.adjacent_left), ("adjacentRight", lanelet.adjacent_right))
-    for name, beside in sides:
-        if beside is not None:
-            way = "same" if beside[1] else "opposite"
-            SubElement(element, name, ref=str(beside[0]), drivingDir=way)
-    if lanelet.stop_line is not None:
-        inside = SubElement(element, "stopLine")
-        for x, y in lanelet.stop_line:
-            _write_point(inside, x, y)
-        _add(inside, "lineMarking", "solid")
-    _add(element, "laneletType", "urban")
-    return element
 
 
 def _write_point(parent: Element, x: float, y: float) -> None:

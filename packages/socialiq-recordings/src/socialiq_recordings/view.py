@@ -70,15 +70,11 @@ class Traffic:
         """Return the road users by track: name, size in m, and whether each drives."""
         of = self._tracks
         columns = of.identity.tolist(), of.road_user.tolist(), of.length, of.width
-        return [
-            {
-                "name": name,
-                "user": RoadUser(kind).name.lower(),
-                "length": round(length, 2),
-                "width": round(width, 2),
-            }
-            for name, kind, length, width in zip(*columns, strict=True)
-        ]
+        users = []
+        for name, kind, length, width in zip(*columns, strict=True):
+            user = {"name": name, "user": RoadUser(kind).name.lower()}
+            users.append(user | {"length": round(length, 2), "width": round(width, 2)})
+        return users
 
     def lanes(self) -> list[dict[str, Any]]:
         """Return both bounds of each lanelet, m."""
@@ -133,14 +129,10 @@ class Traffic:
         ):
             begin = int(replayed.step[first])
             steps = begin + np.arange(count + 1) * built.world.config.frames
-            drivers.append(
-                {
-                    "track": tracks[vehicle],
-                    "frames": np.rint(steps * frame).astype(int).tolist(),
-                    "rewards": rewards[first : first + count].tolist(),
-                    "ending": Ending(int(table.ending[first + count - 1])).name.lower(),
-                }
-            )
+            driver = {"track": tracks[vehicle], "rewards": rewards[first : first + count].tolist()}
+            driver["frames"] = np.rint(steps * frame).astype(int).tolist()
+            ending = Ending(int(table.ending[first + count - 1])).name.lower()
+            drivers.append(driver | {"ending": ending})
         return drivers
 
 
@@ -159,19 +151,9 @@ def recording_view(path: Path) -> View:
     tracks = recording.tracks
     simulated = " Simulated, not human." if signs_of_simulation(tracks) else ""
     seconds = f"{traffic.frames * tracks.dt:,.0f} s"
-    return View(
-        kind="traffic",
-        title=one_line(tracks.recording, 60),
-        lead=f"{tracks.n_tracks:,} recorded road users in {seconds}.{simulated}",
-        data={
-            "dt": tracks.dt,
-            "frames": traffic.frames,
-            "chunk": CHUNK,
-            "users": traffic.users(),
-            "lanes": traffic.lanes(),
-            "conflicts": traffic.conflicts(),
-            "drivers": traffic.drivers(),
-        },
-        count=traffic.parts,
-        part=traffic.part,
-    )
+    lead = f"{tracks.n_tracks:,} recorded road users in {seconds}.{simulated}"
+    data: dict[str, Any] = {"dt": tracks.dt, "frames": traffic.frames, "chunk": CHUNK}
+    data |= {"users": traffic.users(), "lanes": traffic.lanes()}
+    data |= {"conflicts": traffic.conflicts(), "drivers": traffic.drivers()}
+    title = one_line(tracks.recording, 60)
+    return View("traffic", title, lead, data, count=traffic.parts, part=traffic.part)

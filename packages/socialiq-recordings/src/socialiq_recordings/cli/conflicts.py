@@ -67,31 +67,19 @@ class FindConflicts(OfDistinct):
             name = recording.tracks.recording
             rows = [row for row in conflicts if row["recording"] == name]
             pairs = [row for row in rows if row["ego"] < row["other"]]
-            counts.append(
-                {
-                    "recording": name,
-                    "tracks": recording.tracks.n_tracks,
-                    "conflicts": len(rows) // 2,
-                    "crossing": sum(row["kind"] == "crossing" for row in rows) // 2,
-                    "merging": sum(row["kind"] == "merging" for row in rows) // 2,
-                    "with_pet": sum(row["pet"] is not None for row in pairs),
-                }
-            )
+            count: Row = {"recording": name, "tracks": recording.tracks.n_tracks}
+            count |= {"conflicts": len(rows) // 2}
+            for kind in ("crossing", "merging"):
+                count[kind] = sum(row["kind"] == kind for row in rows) // 2
+            counts.append(count | {"with_pet": sum(row["pet"] is not None for row in pairs)})
         names = ("conflicts", "crossing", "merging", "with_pet")
         summary: dict[str, Any] = {name: sum(row[name] for row in counts) for name in names}
-        summary |= {
-            "vehicles": len({row["ego_vehicle"] for row in conflicts}),
-            "chains": len({row["chain"] for row in conflicts}),
-        }
-        summary |= not_used(every)
+        summary |= {"vehicles": len({row["ego_vehicle"] for row in conflicts})}
+        summary |= {"chains": len({row["chain"] for row in conflicts})} | not_used(every)
         if self.out is not None:
-            provenance = {
-                "conflicts": dataclasses.asdict(config),
-                "duplicates": self.duplicates,
-                "pictures": self.pictures,
-                "seed": self.seed,
-                "sources": sources_of(recordings),
-            }
+            provenance: Row = {"conflicts": dataclasses.asdict(config)}
+            provenance |= {"duplicates": self.duplicates, "pictures": self.pictures}
+            provenance |= {"seed": self.seed, "sources": sources_of(recordings)}
             tables = {"recordings": counts, "conflicts": conflicts}
             results = Results.of("recordings conflicts", provenance, tables, summary)
             # Pictures of pairs of vehicles chosen at random, each once.
@@ -112,10 +100,7 @@ class FindConflicts(OfDistinct):
 def _cases(
     encounters: list[Encounters], identified: Identified, drop: bool
 ) -> list[tuple[Encounters, Meeting, Row]]:
-    """Return each conflict with the encounters of its recording and its row.
-
-    With `drop`, those that two recordings show count once.
-    """
+    """Return conflicts, each with its encounters and row; with `drop`, each counts once."""
     meetings = {
         (number, meeting.ego.track, meeting.other.track): meeting
         for number, of_recording in enumerate(encounters)
@@ -130,12 +115,8 @@ def _cases(
     for (number, ego, partner), meeting in meetings.items():
         (row,) = rows_of(encounters[number], [meeting])
         vehicle = identified.vehicle[number]
-        row |= {
-            "site": identified.site[number],
-            "chain": identified.chain[number],
-            "ego_vehicle": int(vehicle[ego]),
-            "other_vehicle": int(vehicle[partner]),
-        }
+        row |= {"site": identified.site[number], "chain": identified.chain[number]}
+        row |= {"ego_vehicle": int(vehicle[ego]), "other_vehicle": int(vehicle[partner])}
         cases.append((encounters[number], meeting, row))
     return cases
 
@@ -150,14 +131,8 @@ def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
     drawing.set_dpi(85)
     left, right = drawing.subplots(1, 2, width_ratios=(1.15, 1.0))
     _map(left, encounters, meeting)
-    sides = zip(
-        "AB",
-        _INKS,
-        (meeting.ego, meeting.other),
-        (meeting.ego_times, meeting.other_times),
-        meeting.area.entry,
-        strict=True,
-    )
+    ways, both_times = (meeting.ego, meeting.other), (meeting.ego_times, meeting.other_times)
+    sides = zip("AB", _INKS, ways, both_times, meeting.area.entry, strict=True)
     for below, (letter, ink, way, times, entry) in enumerate(sides):
         time = (way.first + np.arange(len(way.along))) * way.dt
         front = entry - way.length / 2 - way.along

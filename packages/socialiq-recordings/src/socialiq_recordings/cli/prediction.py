@@ -103,13 +103,10 @@ class Predict(OfDistinct):
                 for row in group:
                     metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
                     interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
-                    line = {
-                        "model": row["model"],
-                        "surprise, nats": f"{row['surprise']:.2f}",
-                        "RMSE, m/s²": f"{row['rmse']:.2f}",
-                        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
-                        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
-                    }
+                    line: Row = {"model": row["model"], "surprise, nats": f"{row['surprise']:.2f}"}
+                    line |= {"RMSE, m/s²": f"{row['rmse']:.2f}"}
+                    line |= {"off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}"}
+                    line |= {"gain over trivial, nats": f"{row['gain']:+.2f}{interval}"}
                     lines.append(line)
                 title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
                 print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
@@ -155,14 +152,9 @@ def _show_contrasts(rows: list[Row]) -> None:
     lines = []
     for row in rows:
         interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
-        line = {
-            "held out": row["holdout"],
-            "moments": row["moments"],
-            "model": row["model"],
-            "over": row["over"],
-            "gain, nats": f"{row['gain']:+.2f}{interval}",
-            "p, corrected": f"{row['p_corrected']:.3f}",
-        }
+        line: Row = {"held out": row["holdout"], "moments": row["moments"], "model": row["model"]}
+        line |= {"over": row["over"], "gain, nats": f"{row['gain']:+.2f}{interval}"}
+        line |= {"p, corrected": f"{row['p_corrected']:.3f}"}
         if row["found"]:
             lines.append(line)
     if lines:

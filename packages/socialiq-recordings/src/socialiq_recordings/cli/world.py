@@ -137,12 +137,8 @@ class MakeWorld(OfRecordings):
         if self.report is not None:
             simulated = compare.simulate(built, self.seed, self.repeats)
             rows = compare.table(built.observed, simulated)
-            settings = {
-                "choices": dataclasses.asdict(self.choices),
-                "repeats": self.repeats,
-                "seed": self.seed,
-                "recordings": provenance["recordings"],
-            }
+            settings: Row = {"choices": dataclasses.asdict(self.choices), "repeats": self.repeats}
+            settings |= {"seed": self.seed, "recordings": provenance["recordings"]}
             tables = {"compared": rows, "drivers": list(built.calibration.evidence)}
             results = Results.of("recordings world", settings, tables, {"compared": rows})
             pictures = png({"compared": compare.beside(built.observed, simulated)})
@@ -222,12 +218,9 @@ class TakeCensus(OfRecordings):
         summary = {"population": population, "limits": list(census.LIMITS)}
         summary |= not_used(built.every)
         if self.out is not None:
-            provenance = {
-                "choices": dataclasses.asdict(self.choices),
-                "confidence": self.confidence,
-                "seed": self.seed,
-                "sources": built.world.provenance["recordings"],
-            }
+            provenance: Row = {"choices": dataclasses.asdict(self.choices)}
+            provenance |= {"confidence": self.confidence, "seed": self.seed}
+            provenance |= {"sources": built.world.provenance["recordings"]}
             tables = {"drivers": rows, "recordings": counts}
             results = Results.of("recordings census", provenance, tables, summary)
             pictures = png({"census": census.picture(rows, population)})
@@ -266,12 +259,8 @@ def _quality(replayed: Replayed, decisions: int) -> dict[str, Any]:
             "decisions then meet it: expect collisions of policies trained on them alone; let a "
             "dial practise (socialiq train practised-dial), or import more"
         )
-    return {
-        "episodes": replayed.table.n_episodes,
-        "decisions": replayed.table.n_transitions,
-        "residual_rms": replayed.residual_rms,
-        "squares_left": replayed.squares_left,
-    }
+    row: Row = {"episodes": replayed.table.n_episodes, "decisions": replayed.table.n_transitions}
+    return row | {"residual_rms": replayed.residual_rms, "squares_left": replayed.squares_left}
 
 
 def _counts_of(built: Made, replayed: Replayed) -> list[Row]:
@@ -282,18 +271,13 @@ def _counts_of(built: Made, replayed: Replayed) -> list[Row]:
     for number, source in enumerate(built.world.provenance["recordings"]):
         of_recording = (replayed.vehicle >= first[number]) & (replayed.vehicle < first[number + 1])
         endings = Counter(table.ending[last[of_recording]].tolist())
-        row = {
-            "recording": source["recording"],
-            "site": built.identified.site[number],
-            "chain": built.identified.chain[number],
-            "origin": "simulated" if source["simulated"] else "recorded",
-            "seconds": round(source["seconds"], 2),
-            "vehicles": source["vehicles"],
-            "episodes": int(of_recording.sum()),
-            "decisions": int(table.episode_lengths[of_recording].sum()),
-            "arrivals": endings[int(Ending.ARRIVAL)],
-            "truncated": endings[int(Ending.TIMEOUT)],
-        }
+        row: Row = {"recording": source["recording"], "site": built.identified.site[number]}
+        row |= {"chain": built.identified.chain[number]}
+        row |= {"origin": "simulated" if source["simulated"] else "recorded"}
+        row |= {"seconds": round(source["seconds"], 2), "vehicles": source["vehicles"]}
+        row |= {"episodes": int(of_recording.sum())}
+        row |= {"decisions": int(table.episode_lengths[of_recording].sum())}
+        row |= {"arrivals": endings[int(Ending.ARRIVAL)], "truncated": endings[int(Ending.TIMEOUT)]}
         rows.append(row)
     return rows
 

@@ -63,9 +63,8 @@ class Area:
     """Conflict area of two ways; where they merge, one vehicle follows the other from there on."""
 
     kind: Conflict  # crossing or merging
-    entry: tuple[
-        float, float
-    ]  # coordinates at which the vehicles' swept areas begin to be in it, m
+    # coordinates at which the vehicles' swept areas begin to be in it, m
+    entry: tuple[float, float]
     exit: tuple[float, float]  # at which they end; the entry where the ways merge
     angle: float  # difference of the directions in it, degrees in [0, 180]
     x: float  # its middle, m to the east
@@ -136,15 +135,9 @@ def _area(first: Way, second: Way, polygon: Any) -> Area | None:
     # Ways that join are compared where they meet, ways that cross in the middle.
     at = entry if merging else middle
     angle = float(np.degrees(_between(first.line, at[0], second.line, at[1])))
-    return Area(
-        Conflict.MERGING if merging else Conflict.CROSSING,
-        (entry[0], entry[1]),
-        (entry[0], entry[1]) if merging else (end[0], end[1]),
-        angle,
-        float(polygon.centroid.x),
-        float(polygon.centroid.y),
-        corners,
-    )
+    kind, begin = Conflict.MERGING if merging else Conflict.CROSSING, (entry[0], entry[1])
+    place = float(polygon.centroid.x), float(polygon.centroid.y)
+    return Area(kind, begin, begin if merging else (end[0], end[1]), angle, *place, corners)
 
 
 def _beside(

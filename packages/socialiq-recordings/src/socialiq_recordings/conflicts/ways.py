@@ -89,56 +89,36 @@ def way_of(scene: Scene, track: int) -> Way:
     driven, heading = np.array(spaced), float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
-    along = _along(line, points, line.starts[passed])
-    # Central differences over `SMOOTHED`, one-sided at the ends; 0 for one state.
-    half, frames = max(round(SMOOTHED / tracks.dt / 2), 1), np.arange(len(along))
-    first, last = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
-    speed = (along[last] - along[first]) / np.maximum((last - first) * tracks.dt, tracks.dt)
-    return Way(
-        track,
-        int(tracks.frame[rows.start]),
-        line,
-        along,
-        speed,
-        float(tracks.length[track]),
-        float(tracks.width[track]),
-        scene.matched(track).lanelets,
-        tracks.dt,
-    )
-
-
-def _along(
-    line: Polyline, points: Float64[np.ndarray, "state 2"], guess: Float64[np.ndarray, " state"]
-) -> Float64[np.ndarray, " state"]:
-    """Return the coordinate of each state; a line may cross itself or turn back beside itself.
-
-    Each is searched near the one before, as `Polyline.coordinates` does on that part of the line.
-    All are searched at once, again and again, until those before are those that are found.
-    """
-    along, begin, starts = guess, 0, line.starts
+    # The coordinate of each state, searched near the one before, since a line may cross itself or
+    # turn back beside itself: all at once, until those before are those that are found.
+    along, begin, starts = line.starts[passed], 0, line.starts
     while begin < len(points):
         coordinate = np.append(BEHIND, along)[begin:-1]
         low = np.maximum(starts.searchsorted(coordinate - 2 * SPACING, side="right") - 1, 0)
         count = starts.searchsorted(coordinate + 8.0, side="right") - low
-        rows, columns = np.arange(len(low)), np.arange(count.max())
+        index, columns = np.arange(len(low)), np.arange(count.max())
         segment = np.minimum(low[:, None] + columns, len(starts) - 1)
         low_end, high_end = np.zeros(segment.shape), line.lengths[segment]
-        low_end[count > 1, 0], high_end[rows, count - 1] = -np.inf, np.inf
+        low_end[count > 1, 0], high_end[index, count - 1] = -np.inf, np.inf
         pieces = [*line.segments[:4, segment], low_end, high_end]
         inside, _, distance = on_segments(points[begin:, :1], points[begin:, 1:], *pieces)
         piece = np.where(columns < count[:, None], distance, np.inf).argmin(axis=1)
-        before = np.cumsum(line.lengths[segment], axis=1)[rows, piece - 1] * (piece > 0)
-        reached = starts[low] + np.maximum(before + inside[rows, piece], 0.0)
+        before = np.cumsum(line.lengths[segment], axis=1)[index, piece - 1] * (piece > 0)
+        reached = starts[low] + np.maximum(before + inside[index, piece], 0.0)
         reached = np.maximum.accumulate(np.maximum(reached, coordinate[0]))
         differs = np.flatnonzero(reached != along[begin:])
         along = np.append(along[:begin], reached)
         begin = begin + int(differs[0]) + 1 if len(differs) else len(points)
-    return along
+    # Central differences over `SMOOTHED`, one-sided at the ends; 0 for one state.
+    half, frames = max(round(SMOOTHED / tracks.dt / 2), 1), np.arange(len(along))
+    first, last = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
+    speed = (along[last] - along[first]) / np.maximum((last - first) * tracks.dt, tracks.dt)
+    states = int(tracks.frame[rows.start]), line, along, speed
+    size = float(tracks.length[track]), float(tracks.width[track])
+    return Way(track, *states, *size, scene.matched(track).lanelets, tracks.dt)
 
 
-def _onwards(
-    scene: Scene, track: int, last: Float64[np.ndarray, 2]
-) -> Float64[np.ndarray, "point 2"]:
+def _onwards(scene: Scene, track: int, last: np.ndarray) -> Float64[np.ndarray, "point 2"]:
     """Return points of the route beyond the last state, from the vehicle's offset to its middle."""
     matched, row = scene.matched(track), scene.rows(track).stop - 1
     route = scene.matcher.section(list(matched.lanelets[int(matched.place[-1]) :]), AHEAD)

@@ -19,14 +19,8 @@ from scipy.stats import binom
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq_recordings.identity.alignment import (
-    Motion,
-    Shape,
-    fits_by_chance,
-    in_common,
-    shape_of,
-    shared,
-)
+from socialiq_recordings.identity import alignment
+from socialiq_recordings.identity.alignment import Motion, Shape
 from socialiq_recordings.recording import Recording, Tracks
 
 SAME_SITE = 0.8
@@ -69,16 +63,13 @@ class Identified:
 
     def rows(self) -> list[dict[str, object]]:
         """Return a table row for each pair of recordings with vehicles in common."""
-        return [
-            {
-                "first": self.names[overlap.first],
-                "second": self.names[overlap.second],
-                "seconds": round(overlap.seconds, 2),
-                "lag": round(overlap.lag, 2) if overlap.seconds else "",
-                "vehicles": len(overlap.vehicles),
-            }
-            for overlap in self.overlaps
-        ]
+        rows: list[dict[str, object]] = []
+        for overlap in self.overlaps:
+            names = {"first": self.names[overlap.first], "second": self.names[overlap.second]}
+            lag = round(overlap.lag, 2) if overlap.seconds else ""
+            times = {"seconds": round(overlap.seconds, 2), "lag": lag}
+            rows.append(names | times | {"vehicles": len(overlap.vehicles)})
+        return rows
 
 
 def identify(recordings: Sequence[Recording]) -> Identified:
@@ -92,7 +83,7 @@ def identify(recordings: Sequence[Recording]) -> Identified:
         states = motions[first].tracks.n_states + motions[second].tracks.n_states
         common = None
         if same_site or states <= _SMALL:
-            common = in_common(motions[first], motions[second])
+            common = alignment.in_common(motions[first], motions[second])
         if common is not None:
             pairs = tuple((int(a), int(b)) for a, b in common.vehicles)
             overlaps.append(Overlap(first, second, common.seconds, common.lag, pairs))
@@ -142,7 +133,7 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
     sites, shapes, keys = list(range(len(recordings))), dict[bytes, Shape](), list[bytes]()
     shares: dict[tuple[bytes, bytes], tuple[float, float]] = {}
     for recording in recordings:
-        shape = shape_of(recording)
+        shape = alignment.shape_of(recording)
         keys.append(shape.points.tobytes() + bytes([shape.of_road]))
         shapes[keys[-1]] = shape
     inside: list[tuple[int, int]] = []  # a recording whose map lies in that of another
@@ -154,8 +145,9 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
         low, high = sorted((keys[first], keys[second]))
         if not same and low != high and (low, high) not in shares:
             pair = shapes[low], shapes[high]
-            shares[low, high] = shared(*pair)
-            if max(shares[low, high]) >= SAME_SITE and fits_by_chance(*pair, SAME_SITE):
+            shares[low, high] = alignment.shared(*pair)
+            is_site = max(shares[low, high]) >= SAME_SITE
+            if is_site and alignment.fits_by_chance(*pair, SAME_SITE):
                 shares[low, high] = 0.0, 0.0
         of_low, of_high = (1.0, 1.0) if same or low == high else shares[low, high]
         if min(of_low, of_high) >= SAME_SITE:
@@ -172,11 +164,7 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
 
 
 def _persisting(recording: Recording, other_recording: Recording) -> tuple[tuple[int, int], ...]:
-    """Return tracks of equal number and size, if they are more than chance would give.
-
-    Under chance a common number has the same class and size with the share that all pairs of the
-    two recordings have, so the count of agreements is binomial.
-    """
+    """Return tracks of equal number and size, if they are more than a binomial chance gives."""
     tracks, other_tracks = recording.tracks, other_recording.tracks
     _, a, b = np.intersect1d(tracks.identity, other_tracks.identity, return_indices=True)
     if not len(a):

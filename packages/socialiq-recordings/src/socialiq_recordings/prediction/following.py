@@ -128,11 +128,9 @@ _LONG = 5.0  # s; longer times are all the same
 
 def features(situations: Situations) -> Float64[np.ndarray, "moment feature"]:
     """Return what models learn from: numbers of about unit size, 0 where nothing is there."""
-    leads, follows, conflict = (
-        np.isfinite(situations.gap),
-        np.isfinite(situations.behind),
-        situations.conflict,
-    )
+    leads, follows = np.isfinite(situations.gap), np.isfinite(situations.behind)
+    conflict, slower = situations.conflict, situations.speed - situations.leader_speed
+    faster = situations.behind_speed - situations.speed
     arrives = _time(situations.to_area, situations.speed)
     other_arrives = _time(situations.other_to_area, situations.other_speed)
     columns = {
@@ -140,14 +138,10 @@ def features(situations: Situations) -> Float64[np.ndarray, "moment feature"]:
         "moving": situations.moving,
         "leader_near": _near(situations.gap),
         "leader_headway": np.where(leads, 1 - _time(situations.gap, situations.speed) / _LONG, 0.0),
-        "leader_slower": np.where(
-            leads, (situations.speed - situations.leader_speed) / _SPEED, 0.0
-        ),
+        "leader_slower": np.where(leads, slower / _SPEED, 0.0),
         "idm": np.clip(next_second(literature(), situations), -4.0, 2.0),
         "follower_near": _near(situations.behind),
-        "follower_faster": np.where(
-            follows, (situations.behind_speed - situations.speed) / _SPEED, 0.0
-        ),
+        "follower_faster": np.where(follows, faster / _SPEED, 0.0),
         "junction_near": _near(situations.to_junction),
         "left": np.clip(situations.turn, 0.0, 90.0) / 90.0,
         "right": np.clip(-situations.turn, 0.0, 90.0) / 90.0,

@@ -50,21 +50,14 @@ _LEAST = 1e-12  # probability of a level
 
 @dataclass(frozen=True)
 class Training:
-    """Settings of the training.
+    """Settings of the training."""
 
-    Attributes:
-        levels: Accelerations that are actions, m/s², equally spaced.
-        updates: Gradient steps.
-        hidden: Widths of the hidden layers.
-        batch_size: Moments of a batch.
-        discount: γ of a second.
-    """
-
+    # accelerations that are actions, m/s², equally spaced
     levels: tuple[float, ...] = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-    updates: int = 500
-    hidden: tuple[int, ...] = (32,)
-    batch_size: int = 64
-    discount: float = 0.9
+    updates: int = 500  # gradient steps
+    hidden: tuple[int, ...] = (32,)  # widths of the hidden layers
+    batch_size: int = 64  # moments of a batch
+    discount: float = 0.9  # γ of a second
 
     def __post_init__(self) -> None:
         """Refuse what no training could take, before the slow work."""
@@ -195,10 +188,8 @@ def trained(
 def _dials(
     tasks: Sequence[Task], tables: Sequence[Demonstrations], settings: Training
 ) -> list[dict[str, Fitted]]:
-    """Return the dial of every fold: with one angle for all, and by driver.
-
-    Beside it dials of parts of the training drivers are trained, which predict the others.
-    """
+    """Return the dial of every fold: with one angle for all, and by driver."""
+    # Beside it dials of parts of the training drivers are trained, which predict the others.
     groups = [grouped(task.train.vehicle, _PARTS) for task in tasks]
     data, seeds = [*tables], [task.seed for task in tasks]
     for task, group in zip(tasks, groups, strict=True):
@@ -208,26 +199,14 @@ def _dials(
             data.append(demonstrations(task.train.rows(besides), settings.levels))
             seeds.append(task.seed)
     longest = max(int(np.bincount(table.episode).max()) for table in data)
-    shape = OfflineDialConfig(
-        low=float(ANGLES[0]),
-        high=float(ANGLES[-1]),
-        high_share=None,
-        view="flat",
-        hidden=settings.hidden,
-        batch_size=settings.batch_size,
-        updates=settings.updates,
-        whole_episode=longest + 1,  # a vehicle that leaves the view drives on
-    )
-    numbers = [
-        OfflineDialHyperparameters(
-            temperature=TEMPERATURE,
-            end_temperature=TEMPERATURE,
-            discount=settings.discount,
-            learning_rate=_RATE,
-            seed=seed,
-        )
-        for seed in seeds
-    ]
+    # A vehicle that leaves the view drives on.
+    sizes: dict[str, Any] = {"high_share": None, "view": "flat", "whole_episode": longest + 1}
+    names = ("hidden", "batch_size", "updates")
+    sizes |= {name: getattr(settings, name) for name in names}
+    shape = OfflineDialConfig(low=float(ANGLES[0]), high=float(ANGLES[-1]), **sizes)
+    constant = {"discount": settings.discount, "learning_rate": _RATE}
+    constant |= {"temperature": TEMPERATURE, "end_temperature": TEMPERATURE}
+    numbers = [OfflineDialHyperparameters(seed=seed, **constant) for seed in seeds]
     stages = train(shape, numbers, data)
     clones = stages["behaviour"].state.target_network
     families = []
@@ -266,11 +245,7 @@ def of_family(policies: Sequence[Any]) -> Chances:
 def _models(
     task: Task, levels: Levels, chances: Chances, density: Float64[np.ndarray, "moment policy"]
 ) -> dict[str, Fitted]:
-    """Return the dial at the angle of the population, and at each driver's.
-
-    `chances` are those of the family, `density` the log-densities of the training moments by
-    families of other drivers.
-    """
+    """Return the dial at the population's angle, and at each driver's, by others' `density`."""
     trait = family_trait(ANGLES, strengths=SHARES)
     _, likelihood = _by_driver(density, task.train.vehicle)
     alike, differ = (

@@ -74,9 +74,8 @@ class Spread:
         """Return the log-density of accelerations in m/s², 1 / (m/s²)."""
         kind = moving.astype(np.int64)
         freedom, scale = np.array(self.freedom)[kind], np.array(self.scale)[kind]
-        components = _log_t(
-            acceleration[:, None] - forecast.centre, freedom[:, None], scale[:, None]
-        )
+        off = acceleration[:, None] - forecast.centre
+        components = _log_t(off, freedom[:, None], scale[:, None])
         density = logsumexp(forecast.log_weight + components, axis=1)
         stays = np.where(moving, 0.0, self.stays)
         with np.errstate(divide="ignore"):
@@ -93,10 +92,7 @@ def _staying(acceleration: Numbers) -> Numbers:
 
 
 def _fit(error: Numbers, acceleration: Numbers, may_stay: bool) -> tuple[float, float, float]:
-    """Return degrees of freedom, scale and the share that stays, of the largest likelihood.
-
-    Expectation and maximisation for each of `FREEDOM` (Lange, Little and Taylor 1989).
-    """
+    """Return the likeliest degrees of freedom, scale and staying share (Lange et al. 1989)."""
     if not len(error):
         return FREEDOM[-1], 1.0, 0.0
     fits, at_zero = [], _staying(acceleration)
@@ -202,11 +198,7 @@ def _idm_residual(task: Task) -> Fitted:
 
 
 def _idm_by_driver(task: Task) -> Fitted:
-    """Return the IDM fitted to each driver's first half, shrunk towards the population.
-
-    How much drivers differ is chosen by the second halves of the training drivers, whose errors
-    also give the spread.
-    """
+    """Return the IDM fitted to each driver's first half, shrunk towards the population."""
     off = task.train.acceleration - next_second(task.idm, task.train)
     error = max(float(np.sqrt(np.mean(np.minimum(off**2, 9.0)))), 0.1)
     spread = following.best_spread(task.idm, task.train, task.first, error)
@@ -228,16 +220,10 @@ def _boosted(task: Task, inputs: Model) -> Fitted:
     columns, target = inputs(task.train, task.residual), task.train.acceleration
 
     def trees(rows: np.ndarray) -> Any:
-        regressor = ensembles().HistGradientBoostingRegressor(
-            learning_rate=0.05,
-            max_iter=150,
-            max_leaf_nodes=8,
-            min_samples_leaf=10,
-            l2_regularization=1.0,
-            early_stopping=False,
-            random_state=task.seed,
-        )
-        return regressor.fit(columns[rows], target[rows])
+        sizes = {"max_iter": 150, "max_leaf_nodes": 8, "min_samples_leaf": 10}
+        rates = {"learning_rate": 0.05, "l2_regularization": 1.0, "early_stopping": False}
+        boosting = ensembles().HistGradientBoostingRegressor
+        return boosting(**sizes, **rates, random_state=task.seed).fit(columns[rows], target[rows])
 
     group = grouped(task.train.vehicle, 5)
     errors = np.zeros(len(target))

@@ -200,12 +200,8 @@ def situations_of(
         for track in source.ways:
             if longest is not None and (number, track) not in longest:
                 continue
-            who = {
-                "recording": number,
-                "vehicle": int(identified.vehicle[number][track]),
-                "chain": int(chains[number]),
-                "site": int(sites[number]),
-            }
+            who: Row = {"recording": number, "vehicle": int(identified.vehicle[number][track])}
+            who |= {"chain": int(chains[number]), "site": int(sites[number])}
             rows += [who | row for row in source.moments(track, clocks[number])]
     if not rows:
         raise UserError("no vehicle is on the road for a second and more: nothing can be predicted")
@@ -278,22 +274,15 @@ class _Seen:
             at = np.clip([along, along + _TURN], 0.0, way.line.length)
             heading, later = way.line.points_at(at)[1].tolist()
             lanelet = self.lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
-            row: Row = {
-                "time": clock + frame * self.dt,
-                "speed": max(speed, 0.0),
-                "last": _acceleration(way, frame, -1.0),
-                "length": way.length,
-                "gap": ahead.gap,
-                "leader_speed": ahead.speed,
-                "behind": behind.gap,
-                "behind_speed": behind.speed,
-                "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
-                "turn": math.degrees(wrapped(later - heading)),
-                "acceleration": _acceleration(way, frame, 1.0),
-                "driven": way.state(then)[0] - along if then <= way.last else math.nan,
-                "limit": lanelet.speed_limit,
-                "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP),
-            }
+            row: Row = {"time": clock + frame * self.dt, "speed": max(speed, 0.0)}
+            row |= {"last": _acceleration(way, frame, -1.0), "length": way.length, "gap": ahead.gap}
+            row |= {"leader_speed": ahead.speed, "behind": behind.gap, "behind_speed": behind.speed}
+            row |= {"to_junction": float(to_junction.min()) if len(to_junction) else math.inf}
+            row |= {"turn": math.degrees(wrapped(later - heading))}
+            row |= {"acceleration": _acceleration(way, frame, 1.0)}
+            row |= {"driven": way.state(then)[0] - along if then <= way.last else math.nan}
+            row |= {"limit": lanelet.speed_limit}
+            row |= {"gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP)}
             rows.append(row | self._conflict(way, frame, partners))
         return rows
 
@@ -311,16 +300,13 @@ class _Seen:
         along, speed = partner.state(frame)
         vehicles = on_way(self.scene, partner, frame, self.encounters.config.slack)
         ahead = leader(partner, along, vehicles.without(way.track))
-        return {
-            "to_area": area.entry[0] - way.length / 2 - way.state(frame)[0],
-            "through": area.exit[0] - area.entry[0] + way.length,
-            "merging": area.kind == Conflict.MERGING,
-            "other_to_area": area.entry[1] - partner.length / 2 - along,
-            "other_through": area.exit[1] - area.entry[1] + partner.length,
-            "other_speed": max(speed, 0.0),
-            "other_gap": ahead.gap,
-            "other_leader_speed": ahead.speed,
-        }
+        row: Row = {"to_area": area.entry[0] - way.length / 2 - way.state(frame)[0]}
+        row |= {"through": area.exit[0] - area.entry[0] + way.length}
+        row |= {"merging": area.kind == Conflict.MERGING}
+        row |= {"other_to_area": area.entry[1] - partner.length / 2 - along}
+        row |= {"other_through": area.exit[1] - area.entry[1] + partner.length}
+        row |= {"other_speed": max(speed, 0.0), "other_gap": ahead.gap}
+        return row | {"other_leader_speed": ahead.speed}
 
     def _arrives(self, way: Way, partner: Way, area: Area, frame: int) -> float:
         """Return the time until the later of two arrives; infinite if they are in no conflict."""

@@ -137,21 +137,13 @@ GRID = (-4.0, 3.0, 0.25)
 
 @dataclass(frozen=True)
 class Config:
-    """Settings of the prediction.
+    """Settings of the prediction."""
 
-    Attributes:
-        holdouts: What is held out; nothing stands for all that the recordings allow.
-        models: Names of models; the trivial ones are always added.
-        training: Of our learners.
-        seed: Of training and resampling.
-        resamples: Of chains.
-    """
-
-    holdouts: tuple[Holdout, ...] = ()
-    models: tuple[str, ...] = ALL_MODELS
-    training: learned.Training = field(default_factory=learned.Training)
-    seed: int = 0
-    resamples: int = 2000
+    holdouts: tuple[Holdout, ...] = ()  # what is held out; nothing: all that recordings allow
+    models: tuple[str, ...] = ALL_MODELS  # names of models; the trivial ones are always added
+    training: learned.Training = field(default_factory=learned.Training)  # of our learners
+    seed: int = 0  # of training and resampling
+    resamples: int = 2000  # of chains
 
     def __post_init__(self) -> None:
         """Refuse unknown names."""
@@ -206,15 +198,10 @@ def predict(situations: Situations, config: Config) -> Prediction:
             columns = density, forecast.mean, rollout(model, task.idm, test, last)
             predictions.append(scores.Predicted(name, model.personal, *columns))
         outputs[fold.holdout].append(predictions)
-        row: Row = {
-            "holdout": fold.holdout,
-            "fold": fold.name,
-            "train": int(fold.train.sum()),
-            "test": len(test),
-            "test_drivers": len(np.unique(test.vehicle)),
-            "test_chains": len(np.unique(test.chain)),
-            **dict(zip(FITTED, np.exp(task.idm).tolist(), strict=True)),
-        }
+        row: Row = {"holdout": fold.holdout, "fold": fold.name, "train": int(fold.train.sum())}
+        row |= {"test": len(test), "test_drivers": len(np.unique(test.vehicle))}
+        row |= {"test_chains": len(np.unique(test.chain))}
+        row |= dict(zip(FITTED, np.exp(task.idm).tolist(), strict=True))
         for model in fitted.values():
             row |= model.inferred
         sizes.append(row)
@@ -230,9 +217,8 @@ def predict(situations: Situations, config: Config) -> Prediction:
                 for name in ("log_density", "mean", "driven")
             )
             models.append(scores.Predicted(same[0].model, same[0].personal, *columns))
-        tested.append(
-            scores.Held(holdout, situations.rows(rows[order]), half[rows[order]] == 1, models)
-        )
+        second = half[rows[order]] == 1
+        tested.append(scores.Held(holdout, situations.rows(rows[order]), second, models))
     draws = config.seed, config.resamples
     rows = [row for held in tested for row in scores.scores(held, *draws)]
     return Prediction(rows, sizes, scores.contrasts(tested, *draws))

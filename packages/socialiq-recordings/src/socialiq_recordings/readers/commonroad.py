@@ -14,7 +14,6 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from jaxtyping import Float64
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line

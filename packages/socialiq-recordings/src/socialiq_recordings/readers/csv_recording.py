@@ -51,12 +51,8 @@ def read_csv(
         users.read(columns.users_columns, texts, whole)
     words = csv_table.number_words([table] if users is None else [table, users])
     name_of = {number: word for word, number in words.items()}
-    source: dict[str, Any] = {
-        "format": columns.format,
-        "file": path.name,
-        "sha256": sha256_of_file(path),
-        "licence": columns.licence,
-    }
+    source: dict[str, Any] = {"format": columns.format, "file": path.name}
+    source |= {"sha256": sha256_of_file(path), "licence": columns.licence}
     origin = csv_table.origin_of(path, columns)
     if stated:
         source |= stated

@@ -217,17 +217,12 @@ class _Road:
             name: None if near is None else self._numbers.get(_key(near))
             for name, near in beside.items()
         }
-        return {
-            "identity": self._numbers[_key(lanelet)],
-            "left": left.tolist(),
-            "right": right.tolist(),
-            "successors": self._numbers_of(graph.following(lanelet)),
-            "predecessors": self._numbers_of(graph.previous(lanelet)),
-            **{name: None if n is None else (n, True) for name, n in numbers.items()},
-            "speed_limit": limit if 0 < limit < 100 else np.inf,
-            "sign": int(sign),
-            "stop_line": None if line is None else line.tolist(),
-        }
+        row: dict[str, Any] = {"identity": self._numbers[_key(lanelet)], "left": left.tolist()}
+        row |= {"right": right.tolist(), "successors": self._numbers_of(graph.following(lanelet))}
+        row |= {"predecessors": self._numbers_of(graph.previous(lanelet))}
+        row |= {name: None if n is None else (n, True) for name, n in numbers.items()}
+        row |= {"speed_limit": limit if 0 < limit < 100 else np.inf, "sign": int(sign)}
+        return row | {"stop_line": None if line is None else line.tolist()}
 
     def _points(self, line: Any) -> np.ndarray:
         places = [

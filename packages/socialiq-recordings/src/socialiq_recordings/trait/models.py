@@ -153,10 +153,7 @@ def models_of(
 def _narrowed(
     sample: Sample, trait: Trait, evaluated: Evaluated, again: Callable[[Trait], Evaluated] | None
 ) -> tuple[Inference, Evaluated]:
-    """Return what first halves say of a trait, and its grid points for second halves.
-
-    With `again` the grids are narrowed until first halves leave nothing of them out.
-    """
+    """Return what first halves say of a trait, on grids narrowed with `again`, and its points."""
     first, drivers = ~sample.second, len(sample.chain)
     narrower = 0
     while True:
@@ -195,15 +192,22 @@ def _residual_models(
     other chains.
     """
     table, second = sample.table, sample.second
-    log_population = _population_choice(sample, alike, every)
-    fold = alike.fold[sample.driver]
+    rewards, fold = traits.rewards_of(table), alike.fold[sample.driver]
+    # Log p of every candidate for the population of other chains: by the mean weights, or the mean
+    # of the tabulated probabilities.
+    log_population = np.empty_like(table.log_base)
+    for number, population in enumerate(alike.others):
+        rows, prior = fold == number, population.driver_prior
+        if every is None:
+            weights = np.tensordot(prior, population.trait.weights, 2)[None]
+            score = np.einsum("dcr,wr->dwc", rewards[rows], weights)
+            log_p = log_softmax(table.log_base[rows][:, None, :] + score, axis=2)
+            log_population[rows] = log_p[:, 0]
+        else:
+            log_population[rows] = np.log(np.tensordot(np.exp(every.log_p[rows]), prior, 2))
     running = _tilted(log_population, table, table.residual)
-    of_others = np.array(
-        [
-            running.log_likelihood[~second & (fold != number)].sum(axis=0)
-            for number in range(len(alike.others))
-        ]
-    )
+    without = [~second & (fold != number) for number in range(len(alike.others))]
+    of_others = np.array([running.log_likelihood[rows].sum(axis=0) for rows in without])
     weight = np.exp(of_others - of_others.max(axis=1, keepdims=True))
     posterior = (weight / weight.sum(axis=1, keepdims=True))[:, None, :]
     # Each driver's residual at the first decision of its second half: the earliest is written last.
@@ -212,35 +216,11 @@ def _residual_models(
     began = np.zeros(len(sample.chain))
     began[sample.driver[rows]] = table.residual[rows]
     last = _tilted(log_population, table, began[sample.driver])
-    return {
-        name: predict(
-            Evaluated(tilted.log_likelihood[second, None], tilted.mean[second, None]),
-            posterior,
-            fold[second],
-        )
-        for name, tilted in (("last residual", last), ("running residual", running))
-    }
-
-
-def _population_choice(
-    sample: Sample, alike: Inference, every: Tabulated | None
-) -> Float[np.ndarray, "decision candidate"]:
-    """Return log p of every candidate for the population of other chains.
-
-    It is that of the mean weights, or the mean of the tabulated probabilities.
-    """
-    table, rewards = sample.table, traits.rewards_of(sample.table)
-    fold, log_choices = alike.fold[sample.driver], np.empty_like(table.log_base)
-    for number, population in enumerate(alike.others):
-        rows, prior = fold == number, population.driver_prior
-        if every is None:
-            weights = np.tensordot(prior, population.trait.weights, 2)[None]
-            score = np.einsum("dcr,wr->dwc", rewards[rows], weights)
-            log_p = log_softmax(table.log_base[rows][:, None, :] + score, axis=2)
-            log_choices[rows] = log_p[:, 0]
-        else:
-            log_choices[rows] = np.log(np.tensordot(np.exp(every.log_p[rows]), prior, 2))
-    return log_choices
+    predictions = {}
+    for name, tilted in (("last residual", last), ("running residual", running)):
+        later = Evaluated(tilted.log_likelihood[second, None], tilted.mean[second, None])
+        predictions[name] = predict(later, posterior, fold[second])
+    return predictions
 
 
 def _tilted(
@@ -295,21 +275,11 @@ def contrasts(models: Models, seed: int, resamples: int = 2000) -> list[Row]:
         gain = cluster_mean(angle.log_likelihood - rival.log_likelihood, chain, seed, resamples)
         squared = [(observed - prediction.mean) ** 2 for prediction in (rival, angle)]
         less = cluster_mean(squared[0] - squared[1], chain, seed, resamples)
-        rows.append(
-            {
-                "angle_over": name,
-                "gain_nats": gain.mean,
-                "low": gain.low,
-                "high": gain.high,
-                "p": gain.p,
-                "rmse_gain": 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean())),
-                "less_squared_error": less.mean,
-                "error_low": less.low,
-                "error_high": less.high,
-                "decisions": len(observed),
-                "chains": gain.clusters,
-            }
-        )
+        row: Row = {"angle_over": name, "gain_nats": gain.mean, "low": gain.low, "high": gain.high}
+        rmse_gain = 1.0 - float(np.sqrt(squared[1].mean() / squared[0].mean()))
+        row |= {"p": gain.p, "rmse_gain": rmse_gain, "less_squared_error": less.mean}
+        row |= {"error_low": less.low, "error_high": less.high, "decisions": len(observed)}
+        rows.append(row | {"chains": gain.clusters})
     for row, p in zip(rows, holm([row["p"] for row in rows]).tolist(), strict=True):
         row |= {"p_holm": p, "found": bool(p <= ERROR and row["gain_nats"] > 0)}
     return rows

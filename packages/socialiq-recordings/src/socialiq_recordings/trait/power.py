@@ -200,19 +200,11 @@ def _row(
             counted()
     nats, error, detected, gate = np.array(outcomes, np.float64).T
     share = wilson(int(detected.sum()), config.repeats)
-    return {
-        "size": size,
-        "drivers": size * len(sample.chain),
-        "chains": size * (int(sample.chain.max()) + 1),
-        "decisions": size * len(sample.table),
-        "gain_nats": float(nats.mean()),
-        "rmse_gain": float(error.mean()),
-        "detected": share.value,
-        "low": share.low,
-        "high": share.high,
-        "beats_every_rival": float(gate.mean()),
-        "repeats": config.repeats,
-    }
+    row: Row = {"size": size, "drivers": size * len(sample.chain)}
+    row |= {"chains": size * (int(sample.chain.max()) + 1), "decisions": size * len(sample.table)}
+    row |= {"gain_nats": float(nats.mean()), "rmse_gain": float(error.mean())}
+    row |= {"detected": share.value, "low": share.low, "high": share.high}
+    return row | {"beats_every_rival": float(gate.mean()), "repeats": config.repeats}
 
 
 def _models(
@@ -279,22 +271,17 @@ def needed_rows(rows: Sequence[Row]) -> list[Row]:
     """
     needed: list[Row] = []
     for name in dict.fromkeys(row["population"] for row in rows):
-        of_population = sorted(
-            (row for row in rows if row["population"] == name), key=lambda r: r["size"]
-        )
+        of_population = [row for row in rows if row["population"] == name]
+        of_population.sort(key=lambda row: row["size"])
         first, last = of_population[0], of_population[-1]
         size = _size_of(of_population) if first["spread"] > 0 else None
-        needed.append(
-            {
-                "population": name,
-                "known_angle_gain": first["known_angle_gain"],
-                "detected_now": first["detected"],
-                "size_needed": size,
-                "more_than": None if size is not None or not first["spread"] else last["size"],
-                "drivers_needed": size and round(size * first["drivers"] / first["size"]),
-                "chains_needed": size and round(size * first["chains"] / first["size"]),
-            }
-        )
+        need: Row = {"population": name, "known_angle_gain": first["known_angle_gain"]}
+        need |= {"detected_now": first["detected"], "size_needed": size}
+        enough = size is not None or not first["spread"]
+        need |= {"more_than": None if enough else last["size"]}
+        for count in ("drivers", "chains"):
+            need[f"{count}_needed"] = size and round(size * first[count] / first["size"])
+        needed.append(need)
     return needed
 
 

@@ -189,10 +189,7 @@ def calibrate(observed: Observed) -> Calibration:
 def _normal(
     values: Float64[np.ndarray, " vehicle"], default: float, bounds: tuple[float, float]
 ) -> tuple[Normal, int]:
-    """Return a robust normal distribution within bounds, and the number of values.
-
-    The median, and the interquartile range as a deviation; with few values the default.
-    """
+    """Return a normal distribution of median and interquartile range, and the number of values."""
     middle, deviation = default, _DEFAULT_SPREAD * default
     if len(values) >= LEAST:
         low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()

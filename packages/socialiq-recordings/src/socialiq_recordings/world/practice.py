@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -38,19 +38,12 @@ ANGLES = 7  # angles at which a dial practises, from its least to its largest
 
 @dataclass(frozen=True)
 class Practice:
-    """Amount of practice.
+    """Amount of practice."""
 
-    Attributes:
-        rounds: Times that dials drive and learn again; 0: they learn from the demonstrations alone.
-        episodes: Of each dial in a round, at each of `ANGLES` angles.
-        exploration: Share of decisions that are drawn at random.
-        first_seed: Seed of the first episode.
-    """
-
-    rounds: int
-    episodes: int = 100
-    exploration: float = 0.1
-    first_seed: int = 65_000_000
+    rounds: int  # times that dials drive and learn again; 0: from the demonstrations alone
+    episodes: int = 100  # of each dial in a round, at each of `ANGLES` angles
+    exploration: float = 0.1  # share of decisions that are drawn at random
+    first_seed: int = 65_000_000  # seed of the first episode
 
     def __post_init__(self) -> None:
         """Refuse counts, shares or seeds out of their ranges."""
@@ -132,14 +125,9 @@ def record(
         seeds = np.arange(episodes) + first_seed + number * episodes
         actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
         columns, _ = columns_of(simulate(world.batch(episodes), actor, seeds))
-        tables.append(
-            Demonstrations.of(
-                **columns,
-                mode_names=(name,),
-                n_actions=world.n_actions,
-                source={"made_by": "practice", "first_seed": first_seed, "share": share},
-            )
-        )
+        names: dict[str, Any] = {"mode_names": (name,), "n_actions": world.n_actions}
+        names["source"] = {"made_by": "practice", "first_seed": first_seed, "share": share}
+        tables.append(Demonstrations.of(**columns, **names))
     return concatenate(tables)
 
 
