@@ -57,12 +57,8 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
     table, road = replayed.table, world.road
     names = [source["recording"] for source in world.provenance["recordings"]]
     drivers = []
-    for vehicle, first, count in zip(
-        replayed.vehicle.tolist(),
-        table.episode_starts.tolist(),
-        table.episode_lengths.tolist(),
-        strict=True,
-    ):
+    columns = (replayed.vehicle, table.episode_starts, table.episode_lengths)
+    for vehicle, first, count in zip(*(column.tolist() for column in columns), strict=True):
         rows = slice(first, first + count)
         pairs = np.stack([table.rewards.env[rows], table.rewards.social[rows]], axis=1)
         env, social = pairs.mean(axis=0).tolist()
@@ -70,23 +66,15 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
         low, high = ends or (None, None)
         arrived = table.ending[first + count - 1] == Ending.ARRIVAL
         signals = dict(zip(SIGNALS, replayed.signals[rows].mean(axis=0).tolist(), strict=True))
-        driver: Row = {
-            "recording": names[np.searchsorted(road.recording_first, vehicle, side="right") - 1],
-            "identity": int(road.identity[vehicle]),
-            "decisions": count,
-            "seconds": count / world.config.policy_rate,
-            "ending": "arrival" if arrived else "truncated",
-            "r_env": env,
-            "r_social": social,
-            "angle": angle_of(env, social) if env or social else None,
-            "low": low,
-            "high": high,
-            "speed": float(replayed.speed[rows].mean()),
-            "yielding": signals["yielding"],
-            "disruption": signals["disruption"],
-            "residual": float(np.sqrt((replayed.residual[rows] ** 2).mean())),
-        }
-        drivers.append(driver)
+        number = np.searchsorted(road.recording_first, vehicle, side="right") - 1
+        angle = angle_of(env, social) if env or social else None
+        driver: Row = {"recording": names[number], "identity": int(road.identity[vehicle])}
+        driver |= {"decisions": count, "seconds": count / world.config.policy_rate}
+        driver |= {"ending": "arrival" if arrived else "truncated", "r_env": env}
+        driver |= {"r_social": social, "angle": angle, "low": low, "high": high}
+        driver |= {"speed": float(replayed.speed[rows].mean())}
+        driver |= {name: signals[name] for name in ("yielding", "disruption")}
+        drivers.append(driver | {"residual": float(np.sqrt((replayed.residual[rows] ** 2).mean()))})
     return drivers
 
 
@@ -162,17 +150,12 @@ def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any])
                 if driver["ending"] == ending and (driver["speed"] < STANDING) == standing
             ]
             if group:
-                left.scatter(
-                    [driver["r_env"] for driver in group],
-                    [driver["r_social"] for driver in group],
-                    s=[8.0 + 6.0 * driver["decisions"] for driver in group],
-                    marker=mark,
-                    facecolors="none" if standing else color,
-                    edgecolors=color,
-                    alpha=0.6,
-                    linewidths=0.9,
-                    label=f"{label}{', stood all the time' if standing else ''} ({len(group)})",
-                )
+                x, y = ([driver[name] for driver in group] for name in ("r_env", "r_social"))
+                style: dict[str, Any] = {"marker": mark, "edgecolors": color, "alpha": 0.6}
+                style |= {"facecolors": "none" if standing else color, "linewidths": 0.9}
+                text = f"{label}{', stood all the time' if standing else ''} ({len(group)})"
+                sizes = [8.0 + 6.0 * driver["decisions"] for driver in group]
+                left.scatter(x, y, s=sizes, label=text, **style)
     arrow = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.6}
     tip = population["r_env"], population["r_social"]
     left.annotate("", xy=tip, xytext=(0.0, 0.0), arrowprops=arrow)

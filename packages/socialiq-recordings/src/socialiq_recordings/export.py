@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -27,7 +27,7 @@ _INTERACTION_CLASSES = {RoadUser.PEDESTRIAN: "pedestrian/bicycle", RoadUser.BICY
 _SIGN_NUMBERS = {Sign.PRIORITY: "306", Sign.YIELD: "205", Sign.STOP: "206"}
 _SPEED_LIMIT = "274"
 
-_Columns = Mapping[str, Iterable[object]]
+_Columns = dict[str, Iterable[object]]
 
 
 def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
@@ -62,49 +62,31 @@ def _ind(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
     starts, track = tracks.starts, tracks.track
     first, last = tracks.frame[starts[:-1]], tracks.frame[starts[1:] - 1]
     words = ["trailer" if kind == RoadUser.OTHER else kind.name.lower() for kind in kinds]
-    states = {
-        "recordingId": [0] * tracks.n_states,
-        "trackId": tracks.identity[track],
-        "frame": tracks.frame,
-        "trackLifetime": np.arange(tracks.n_states) - starts[track],
+    states: _Columns = {"recordingId": [0] * tracks.n_states, "trackId": tracks.identity[track]}
+    states |= {"frame": tracks.frame, "trackLifetime": np.arange(tracks.n_states) - starts[track]}
+    states |= {
         "xCenter": tracks.x,
         "yCenter": tracks.y,
         "heading": np.degrees(tracks.heading) % 360,
-        "width": tracks.width[track],
-        "length": tracks.length[track],
-        "xVelocity": tracks.vx,
-        "yVelocity": tracks.vy,
     }
-    users = {
-        "recordingId": [0] * tracks.n_tracks,
-        "trackId": tracks.identity,
-        "initialFrame": first,
-        "finalFrame": last,
-        "numFrames": last - first + 1,
-        "width": tracks.width,
-        "length": tracks.length,
-        "class": words,
-    }
-    rate = {"recordingId": [0], "frameRate": [1 / tracks.dt]}
+    states |= {"width": tracks.width[track], "length": tracks.length[track]}
+    states |= {"xVelocity": tracks.vx, "yVelocity": tracks.vy}
+    users: _Columns = {"recordingId": [0] * tracks.n_tracks, "trackId": tracks.identity}
+    users |= {"initialFrame": first, "finalFrame": last, "numFrames": last - first + 1}
+    users |= {"width": tracks.width, "length": tracks.length, "class": words}
+    rate: _Columns = {"recordingId": [0], "frameRate": [1 / tracks.dt]}
     names = "{}_tracks.csv", "{}_tracksMeta.csv", "{}_recordingMeta.csv"
     return dict(zip(names, (states, users, rate), strict=True))
 
 
 def _interaction(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
     words = [_INTERACTION_CLASSES.get(kind, kind.name.lower()) for kind in kinds]
-    states = {
-        "track_id": tracks.identity[tracks.track],
-        "frame_id": tracks.frame,
-        "timestamp_ms": tracks.frame.astype(np.int64) * 100,
-        "agent_type": [words[number] for number in tracks.track],
-        "x": tracks.x,
-        "y": tracks.y,
-        "vx": tracks.vx,
-        "vy": tracks.vy,
-        "psi_rad": tracks.heading,
-        "length": tracks.length[tracks.track],
-        "width": tracks.width[tracks.track],
-    }
+    states: _Columns = {"track_id": tracks.identity[tracks.track], "frame_id": tracks.frame}
+    states |= {"timestamp_ms": tracks.frame.astype(np.int64) * 100}
+    states |= {"agent_type": [words[number] for number in tracks.track]}
+    states |= {name: getattr(tracks, name) for name in ("x", "y", "vx", "vy")}
+    states |= {"psi_rad": tracks.heading, "length": tracks.length[tracks.track]}
+    states |= {"width": tracks.width[tracks.track]}
     return {"vehicle_tracks_{}.csv": states}
 
 
@@ -113,19 +95,15 @@ def _ngsim(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
     if absent is not None:
         raise UserError(f"the ngsim layout has no class for {absent.name}: leave such tracks out")
     track, half = tracks.track, tracks.length[tracks.track] / 2
-    states = {
-        "Vehicle_ID": tracks.identity[track],
-        "Frame_ID": tracks.frame,
-        "Total_Frames": np.diff(tracks.starts)[track],
-        "Global_Time": tracks.frame.astype(np.int64) * 100,
-        "Local_X": (tracks.x + half * np.cos(tracks.heading)) / FOOT,
-        "Local_Y": (tracks.y + half * np.sin(tracks.heading)) / FOOT,
-        "v_Length": tracks.length[track] / FOOT,
-        "v_Width": tracks.width[track] / FOOT,
-        "v_Vel": np.hypot(tracks.vx, tracks.vy) / FOOT,
-        "v_Class": [_NGSIM_CLASSES[kinds[number]] for number in track],
-        "Location": [tracks.recording] * tracks.n_states,
-    }
+    states: _Columns = {"Vehicle_ID": tracks.identity[track], "Frame_ID": tracks.frame}
+    states |= {"Total_Frames": np.diff(tracks.starts)[track]}
+    states |= {"Global_Time": tracks.frame.astype(np.int64) * 100}
+    states |= {"Local_X": (tracks.x + half * np.cos(tracks.heading)) / FOOT}
+    states |= {"Local_Y": (tracks.y + half * np.sin(tracks.heading)) / FOOT}
+    states |= {"v_Length": tracks.length[track] / FOOT, "v_Width": tracks.width[track] / FOOT}
+    states |= {"v_Vel": np.hypot(tracks.vx, tracks.vy) / FOOT}
+    states |= {"v_Class": [_NGSIM_CLASSES[kinds[number]] for number in track]}
+    states |= {"Location": [tracks.recording] * tracks.n_states}
     return {"{}.csv": states}
 
 

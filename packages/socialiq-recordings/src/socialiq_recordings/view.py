@@ -129,8 +129,9 @@ class Traffic:
         ):
             begin = int(replayed.step[first])
             steps = begin + np.arange(count + 1) * built.world.config.frames
-            driver = {"track": tracks[vehicle], "rewards": rewards[first : first + count].tolist()}
-            driver["frames"] = np.rint(steps * frame).astype(int).tolist()
+            at = np.rint(steps * frame).astype(int).tolist()
+            driver: dict[str, Any] = {"track": tracks[vehicle], "frames": at}
+            driver["rewards"] = rewards[first : first + count].tolist()
             ending = Ending(int(table.ending[first + count - 1])).name.lower()
             drivers.append(driver | {"ending": ending})
         return drivers

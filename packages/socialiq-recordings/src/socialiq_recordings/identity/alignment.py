@@ -52,9 +52,8 @@ class Placement:
 
     def of(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
         """Return x, y and direction in the other frame."""
-        return np.column_stack(
-            [points[:, :2] @ self._matrix.T + self.shift, points[:, 2:] + self.turn]
-        )
+        moved = points[:, :2] @ self._matrix.T + self.shift
+        return np.column_stack([moved, points[:, 2:] + self.turn])
 
     def back(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
         """Return the points of the other frame in the first."""
@@ -70,9 +69,8 @@ class Placement:
 def shape_of(recording: Recording) -> Shape:
     """Return the centre lines of a recording's lanelets, or the paths of its tracks without any."""
     lanelets, tracks = recording.road.lanelets.values(), recording.tracks
-    lines = [lanelet.centre for lanelet in lanelets] or np.split(
-        np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1]
-    )
+    paths = np.split(np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1])
+    lines = [lanelet.centre for lanelet in lanelets] or paths
     points = np.concatenate([np.zeros((0, 3)), *(every_step(line) for line in lines)])
     if lanelets:
         return Shape(points, True)
@@ -281,13 +279,11 @@ def in_common(motion: Motion, other_motion: Motion) -> Common | None:
     states = np.repeat(rows[chosen], [len(windows) for windows in near])
     other_states = other_rows[np.concatenate([*near, []]).astype(np.int64)]
     tracks, tracks_there = motion.tracks, other_motion.tracks
-    pairs = np.column_stack([tracks.track[states], tracks_there.track[other_states]]).astype(
-        np.int64
-    )
+    pairs = np.column_stack([tracks.track[states], tracks_there.track[other_states]])
     lags = tracks_there.frame[other_states].astype(np.int64) - tracks.frame[states]
     best: tuple[float, Common] | None = None
     for lag in _most_frequent(lags)[0][:_LAGS].tolist():
-        for pair in _most_frequent(pairs[lags == lag])[0][:_TRIALS]:
+        for pair in _most_frequent(pairs[lags == lag].astype(np.int64))[0][:_TRIALS]:
             placement = _placement(motion, other_motion, pair, lag)
             match = None if placement is None else _matched(motion, other_motion, placement, lag)
             if match is not None and (best is None or match[0] > best[0]):
@@ -307,10 +303,7 @@ def _most_frequent(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _placement(
     motion: Motion, other_motion: Motion, pair: np.ndarray, lag: int
 ) -> Placement | None:
-    """Return the rigid motion of a vehicle's path in the other recording to that in the one.
-
-    The least-squares solution of Kabsch (1976), in the plane.
-    """
+    """Return the least-squares motion of a vehicle's path there to that here (Kabsch 1976)."""
     # The rows of both tracks at their common times.
     start, end = motion.tracks.starts[pair[0] : pair[0] + 2].tolist()
     other_start, other_end = other_motion.tracks.starts[pair[1] : pair[1] + 2].tolist()
@@ -342,9 +335,8 @@ def _matched(
     """Return the share of the common view with a partner, and the vehicles in common."""
     places = other_motion.places(-lag)
     moved = placement.of(places[:, [0, 1, 1]])[:, :2]
-    distance, nearest = motion.by_time.query(
-        np.column_stack([moved, places[:, 2]]), distance_upper_bound=SAME_PLACE
-    )
+    moments = np.column_stack([moved, places[:, 2]])
+    distance, nearest = motion.by_time.query(moments, distance_upper_bound=SAME_PLACE)
     met = np.isfinite(distance)
     if met.sum() < FEWEST_STATES:
         return None
@@ -356,15 +348,11 @@ def _matched(
     share = float(met.sum()) / fewer if fewer else 0.0
     if share < _LEAST_SHARE:
         return None
-    pairs = np.column_stack(
-        [motion.tracks.track[np.asarray(nearest)[met]], other_motion.tracks.track[met]]
-    )
+    track = motion.tracks.track[np.asarray(nearest)[met]]
+    pairs = np.column_stack([track, other_motion.tracks.track[met]])
     distinct, counts = _most_frequent(pairs.astype(np.int64))
-    rows = [
-        row
-        for row in np.flatnonzero(counts >= FEWEST_STATES).tolist()
-        if not (distinct[:row] == distinct[row]).any()
-    ]
+    rows = np.flatnonzero(counts >= FEWEST_STATES).tolist()
+    rows = [row for row in rows if not (distinct[:row] == distinct[row]).any()]
     if not rows or (len(rows) < 2 and counts[0] * motion.tracks.dt < _ALONE):
         return None
     count = len(np.unique(other_motion.tracks.frame[met]))

@@ -16,6 +16,7 @@ much for κ to be above 0. That of a driver's own angle is from its first half t
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -169,12 +170,10 @@ def trained(
         shape = behaviour_cloning.CloningConfig(
             hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
         )
-        runs = [
-            behaviour_cloning.CloningHyperparameters(
-                learning_rate=1e-3, seed=task.seed, dataset=fold
-            )
-            for fold, task in enumerate(tasks)
-        ]
+        settings_of = functools.partial(
+            behaviour_cloning.CloningHyperparameters, learning_rate=1e-3
+        )
+        runs = [settings_of(seed=task.seed, dataset=fold) for fold, task in enumerate(tasks)]
         clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)
         for fold, task in enumerate(tasks):
             chances = of_policies([clones.policy(fold)])
@@ -204,7 +203,7 @@ def _dials(
     names = ("hidden", "batch_size", "updates")
     sizes |= {name: getattr(settings, name) for name in names}
     shape = OfflineDialConfig(low=float(ANGLES[0]), high=float(ANGLES[-1]), **sizes)
-    constant = {"discount": settings.discount, "learning_rate": _RATE}
+    constant: dict[str, Any] = {"discount": settings.discount, "learning_rate": _RATE}
     constant |= {"temperature": TEMPERATURE, "end_temperature": TEMPERATURE}
     numbers = [OfflineDialHyperparameters(seed=seed, **constant) for seed in seeds]
     stages = train(shape, numbers, data)

@@ -260,16 +260,7 @@ def choices(situations: Situations, seed: int = 0) -> ChoiceTable:
         mean[fold.test] = np.exp(log_base[fold.test]) @ grid
     before, pair = situations.previous(), rewards(situations, grid)
     off = situations.acceleration - mean
-    return ChoiceTable(
-        driver=situations.vehicle,
-        chain=situations.chain,
-        time=situations.time,
-        half=half,
-        conflict=situations.conflict & situations.moving,
-        grid=grid,
-        log_base=log_base,
-        r_env=pair.env,
-        r_social=pair.social,
-        acceleration=situations.acceleration,
-        residual=np.where(before >= 0, off[before], 0.0),
-    )
+    when = situations.time, half, situations.conflict & situations.moving
+    last = np.where(before >= 0, off[before], 0.0)
+    choices = (grid, log_base, pair.env, pair.social, situations.acceleration, last)
+    return ChoiceTable(situations.vehicle, situations.chain, *when, *choices)

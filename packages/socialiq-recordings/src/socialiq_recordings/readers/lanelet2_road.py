@@ -62,16 +62,12 @@ def read_lanelet2(
         raise UserError(f"{path} declares a document type: remove it; Lanelet2 maps have none")
     try:
         # The library dereferences what a damaged file lacks, which would end this process.
-        done = subprocess.run(
-            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
-            input=json.dumps([str(path.resolve()), utm_origin, origin]),
-            capture_output=True,
-            text=True,
-            timeout=_MOST_SECONDS,
-            check=False,
-            env=os.environ
-            | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
-        )
+        command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
+        request = json.dumps([str(path.resolve()), utm_origin, origin])
+        folders = os.pathsep.join(folder for folder in sys.path if folder)
+        options: dict[str, Any] = {"capture_output": True, "text": True, "timeout": _MOST_SECONDS}
+        options["env"] = os.environ | {"PYTHONPATH": folders}
+        done = subprocess.run(command, input=request, check=False, **options)
     except subprocess.TimeoutExpired as error:
         raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
     except OSError as error:

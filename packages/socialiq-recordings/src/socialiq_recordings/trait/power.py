@@ -172,9 +172,8 @@ class PowerConfig:
         if not -180.0 <= self.mean <= 180.0:
             raise UserError(f"mean must be from -180 to 180 degrees, got {self.mean:g}")
         if not 0.0 < self.strength <= CERTAIN:
-            raise UserError(
-                f"strength must be above 0 and at most {CERTAIN}, got {self.strength:g}"
-            )
+            line = f"strength must be above 0 and at most {CERTAIN}, got {self.strength:g}"
+            raise UserError(line)
         if not 0.0 < self.gain < 1.0:
             raise UserError(f"gain must be a share between 0 and 1, got {self.gain:g}")
         if not self.sizes or not all(1 <= size <= 1000 for size in self.sizes):

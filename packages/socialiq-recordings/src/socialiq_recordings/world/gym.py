@@ -117,15 +117,11 @@ class JunctionBatch(RoadBatch):
 
     def _decisions(self) -> Decisions:
         results = self.buffers
-        return Decisions(
-            results.reached.reshape(self.size, -1).copy(),
-            RewardPair(*results.rewards.T.copy()),
-            results.ending.copy(),
-            dict(zip(SIGNALS, results.signals.T.copy(), strict=True)),
-            results.speed.copy(),
-            results.contact.copy(),
-            results.neighbours_collided.copy(),
-        )
+        seen, pair = results.reached.reshape(self.size, -1), RewardPair(*results.rewards.T.copy())
+        signals = dict(zip(SIGNALS, results.signals.T.copy(), strict=True))
+        columns = (results.speed, results.contact, results.neighbours_collided)
+        copies = (column.copy() for column in columns)
+        return Decisions(seen.copy(), pair, results.ending.copy(), signals, *copies)
 
     def _arrays(self) -> tuple[np.ndarray, ...]:
         return (*self.traffic, self.buffers.observation, self._waiting, self.begun)

@@ -204,11 +204,8 @@ class RecordedWorld(RoadWorld):
         Raises:
             UserError: If the file can't be written.
         """
-        header = {
-            "config": dataclasses.asdict(self.config),
-            "max_speed": self.max_speed,
-            "provenance": self.provenance,
-        }
+        header: dict[str, Any] = {"config": dataclasses.asdict(self.config)}
+        header |= {"max_speed": self.max_speed, "provenance": self.provenance}
         arrays = self.road._asdict()
         return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header, replace)
 
@@ -233,16 +230,12 @@ class RecordedWorld(RoadWorld):
                 f"{path} has options that make no world: make it again with `socialiq data world`"
             ) from error
         road = Road(**{name: np.ascontiguousarray(arrays[name]) for name in LAYOUT})
-        return RecordedWorld(
-            road, config, header["max_speed"], header["provenance"], header["sha256"]
-        )
+        names = ("max_speed", "provenance", "sha256")
+        return RecordedWorld(road, config, *(header[name] for name in names))
 
 
 def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[str]:
-    """Yield what is wrong with a world; each check relies on those before it.
-
-    The compiled core checks no index, so that each is checked here.
-    """
+    """Yield what is wrong with a world, whose indices the core doesn't check, in this order."""
     speed = header.get("max_speed")
     if not (isinstance(speed, float) and 0 < speed < 1e3):
         yield "has no largest speed"
