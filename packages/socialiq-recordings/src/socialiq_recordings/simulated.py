@@ -82,17 +82,15 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Recor
     order = np.lexsort([frame, rows["identity"]])
     rows, frame = rows[order], frame[order]
     identity, track = np.unique(rows["identity"], return_inverse=True)
-    numbers, place = (
-        (track.astype(np.int32), frame.astype(np.int32)),
-        (rows["x"].copy(), -rows["y"]),
-    )
+    numbers = track.astype(np.int32), frame.astype(np.int32)
     velocity = rows["speed"] * rows["along_x"], -rows["speed"] * rows["along_y"]
-    states = *numbers, *place, -wrapped(rows["heading"]), *velocity
-    sizes = (np.full(len(identity), s) for s in (shapes.VEHICLE_LENGTH, shapes.VEHICLE_WIDTH))
+    states = *numbers, rows["x"].copy(), -rows["y"], -wrapped(rows["heading"]), *velocity
+    length = np.full(len(identity), shapes.VEHICLE_LENGTH)
+    width = np.full(len(identity), shapes.VEHICLE_WIDTH)
     kinds = np.full(len(identity), int(RoadUser.CAR), np.int8)
     step, name = 1 / options.simulation_frequency, name or f"simulated-{seed}"
     source = {"made_by": "socialiq simulator", "seed": seed, "options": repr(options)}
-    users = identity.astype(np.int64) + 1, kinds, *sizes
+    users = identity.astype(np.int64) + 1, kinds, length, width
     return Recording(Tracks(*states, *users, step, name, source), road())
 
 

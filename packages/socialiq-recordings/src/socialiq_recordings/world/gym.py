@@ -118,10 +118,10 @@ class JunctionBatch(RoadBatch):
     def _decisions(self) -> Decisions:
         results = self.buffers
         seen, pair = results.reached.reshape(self.size, -1), RewardPair(*results.rewards.T.copy())
-        signals = dict(zip(SIGNALS, results.signals.T.copy(), strict=True))
-        columns = (results.speed, results.contact, results.neighbours_collided)
-        copies = (column.copy() for column in columns)
-        return Decisions(seen.copy(), pair, results.ending.copy(), signals, *copies)
+        signals: dict[str, np.ndarray] = dict(zip(SIGNALS, results.signals.T.copy(), strict=True))
+        touched = results.contact.copy(), results.neighbours_collided.copy()
+        ending, speed = results.ending.copy(), results.speed.copy()
+        return Decisions(seen.copy(), pair, ending, signals, speed, *touched)
 
     def _arrays(self) -> tuple[np.ndarray, ...]:
         return (*self.traffic, self.buffers.observation, self._waiting, self.begun)
