@@ -1,6 +1,7 @@
 """`profile new` and `profile check`."""
 
 import json
+import re
 
 import pytest
 
@@ -96,6 +97,15 @@ def test_check_names_the_line(tmp_path, capsys):
     assert capsys.readouterr().err.startswith(f"socialiq: {path}:{line}: angle must be")
     assert main(["profile", "check", str(tmp_path / "none.toml")]) == 2
     assert "`socialiq profile new` writes one" in capsys.readouterr().err
+
+
+def test_a_day_to_come_is_refused(tmp_path, capsys):
+    path = tmp_path / "profile.toml"
+    assert new(path) == 0
+    path.write_text(re.sub(r"(?m)^date = .*", "date = 9999-12-31", path.read_text()))
+    capsys.readouterr()
+    assert main(["profile", "check", str(path)]) == 2
+    assert "date 9999-12-31 is to come: give the day of today" in capsys.readouterr().err
 
 
 CLIPPED = ["--margin", "0.5", "--clip-env", "-5", "9", "--clip-social", "-4", "4"]

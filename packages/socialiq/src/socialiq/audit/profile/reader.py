@@ -31,13 +31,18 @@ def load(path: Path) -> Profile:
 
     Raises:
         UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
-            or wrong; the message names file, line number and correction.
+            or wrong, or its day has not come anywhere on Earth; the message names file, line number
+            and correction.
     """
     if not path.exists():
         raise UserError(f"no such file: {path}: `socialiq profile new` writes one")
     with open_file(path) as file:
         content = file.read(LARGEST_FILE + 1)
-    return parse(content, str(path))
+    declared = parse(content, str(path))
+    if declared.date > (datetime.datetime.now(datetime.UTC) + datetime.timedelta(hours=14)).date():
+        line = line_of(content.decode(), "date")
+        raise UserError(f"{path}:{line}: date {declared.date} is to come: give the day of today")
+    return declared
 
 
 def parse(content: bytes, name: str = "profile.toml") -> Profile:
