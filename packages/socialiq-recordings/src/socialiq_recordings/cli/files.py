@@ -109,9 +109,8 @@ class Import(Printing):
             sums = {n: sum(line[n] for line in lines) for n in (*names[1:], "refused")}
             total = {"recording": "all", **sums, "states_per_s": ""}
             print_table([*lines, total] if len(lines) > 1 else lines, str(self.out))
-            print_table(
-                [{"road users": name, "number": n} for name, n in sum_of(rows, "users").items()]
-            )
+            users = sum_of(rows, "users")
+            print_table([{"road users": name, "number": n} for name, n in users.items()])
             if refused:
                 print_table(refused, "\nrefused tracks")
             left_out = sum_of(rows, "skipped")
@@ -149,10 +148,8 @@ class Import(Printing):
                 name = "".join(plain).lstrip(".")[:150] or "recording"
                 target = folder / f"{name}.safetensors"
                 if target.exists():
-                    reason = (
-                        f"{path}: another recording is named {one_line(tracks.recording, 60)} too: "
-                        "import it to a folder of its own"
-                    )
+                    same = f"another recording is named {one_line(tracks.recording, 60)} too"
+                    reason = f"{path}: {same}: import it to a folder of its own"
                     failed.append({"file": str(path), "reason": reason})
                     continue
                 row: dict[str, Any] = {"recording": tracks.recording, "file": target.name}
@@ -337,10 +334,8 @@ def say_if_apart(recordings: Sequence[Recording]) -> None:
 
 
 def _show_overlaps(identified: Identified) -> None:
-    rows = [
-        row | {"first": one_line(str(row["first"])), "second": one_line(str(row["second"]))}
-        for row in identified.rows()
-    ]
+    names = ("first", "second")
+    rows = [row | {n: one_line(str(row[n])) for n in names} for row in identified.rows()]
     if rows:
         print_table(rows, "Recordings with vehicles in common (lag: of the second's clock, s)")
         sys.stdout.flush()
@@ -348,7 +343,5 @@ def _show_overlaps(identified: Identified) -> None:
 
 def sources_of(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Return provenance by recording."""
-    return [
-        {"recording": recording.tracks.recording, "source": recording.tracks.source}
-        for recording in recordings
-    ]
+    every = (recording.tracks for recording in recordings)
+    return [{"recording": tracks.recording, "source": tracks.source} for tracks in every]

@@ -163,7 +163,7 @@ def projections(
     way: Way, entry: float, end: float, frames: Int64[np.ndarray, " frame"]
 ) -> Float64[np.ndarray, "frame 2"]:
     """Return `enters` and `leaves` at the speed of each frame; those that have passed: recorded."""
-    along, speed, now = (values for values in (*way.states(frames), frames * way.dt))
+    (along, speed), now = way.states(frames), frames * way.dt
     past, half, times = recorded(way, entry, end), way.length / 2, []
     moving = np.where(speed >= STANDING, speed, 1.0)
     for before, coordinate in zip(past, (entry - half, end + half), strict=True):
@@ -179,10 +179,9 @@ def projected(way: Way, entry: float, end: float, frame: int) -> Occupancy:
 
 def expected(way: Way, entry: float, end: float) -> Occupancy:
     """Return the recorded times, or where a vehicle was not seen so far, those projected."""
-    recorded_times, later = recorded(way, entry, end), projected(way, entry, end, way.last)
-    return Occupancy(
-        *(a if np.isfinite(a) or a < 0 else b for a, b in zip(recorded_times, later, strict=True))
-    )
+    later = projected(way, entry, end, way.last)
+    pairs = zip(recorded(way, entry, end), later, strict=True)
+    return Occupancy(*(a if np.isfinite(a) or a < 0 else b for a, b in pairs))
 
 
 def apart(first: Occupancy, second: Occupancy) -> Any:
@@ -210,13 +209,16 @@ class Near(NamedTuple):
     speed: float = 0.0  # of the neighbour along the way, m/s; 0 if there is none
 
 
+OfVehicles = Float64[np.ndarray, " vehicle"]
+
+
 class OnWay(NamedTuple):
     """Other vehicles of one frame that are on a way."""
 
     track: Int64[np.ndarray, " vehicle"]  # numbers of the tracks
-    along: Float64[np.ndarray, " vehicle"]  # coordinates of their middles on the way, m
-    speed: Float64[np.ndarray, " vehicle"]  # along the way, m/s
-    length: Float64[np.ndarray, " vehicle"]  # m
+    along: OfVehicles  # coordinates of their middles on the way, m
+    speed: OfVehicles  # along the way, m/s
+    length: OfVehicles  # m
 
     def without(self, track: int) -> OnWay:
         """Return the others."""
@@ -228,8 +230,7 @@ def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
 
     They are narrower by `slack`, m, than recorded.
     """
-    tracks = scene.tracks
-    rows = scene.present(frame)
+    tracks, rows = scene.tracks, scene.present(frame)
     rows = rows[tracks.track[rows] != way.track]
     positions = way.line.coordinates(tracks.x[rows], tracks.y[rows])
     turned = wrapped(tracks.heading[rows] - positions.heading)
@@ -274,11 +275,7 @@ def ahead_of(scene: Scene, way: Way, slack: float) -> Ahead:
 
 
 def in_the_way(
-    way: Way,
-    lateral: Float64[np.ndarray, " vehicle"],
-    turned: Float64[np.ndarray, " vehicle"],
-    width: Float64[np.ndarray, " vehicle"],
-    slack: float,
+    way: Way, lateral: OfVehicles, turned: OfVehicles, width: OfVehicles, slack: float
 ) -> Bool[np.ndarray, " vehicle"]:
     """Whether vehicles beside a way overlap what it sweeps, and drive as it leads.
 
@@ -310,10 +307,7 @@ def follower(way: Way, along: float, vehicles: OnWay) -> Near:
 
 
 class InTime:
-    """Ways of a recording, sorted by their first frames.
-
-    A look-up costs as much as there are ways in its interval, where no vehicle is seen for much
-    longer than the others.
+    """Ways of a recording, sorted by their first frames, so that look-ups cost little.
 
     Attributes:
         ways: Ways by track.

@@ -4,9 +4,8 @@ Lanes are aligned rigidly: turns are proposed by the circular correlation of the
 directions, shifts by a vote of all pairs of points with the same direction; both are refined by
 iterated closest points with the distance to the line (Chen and Medioni 1992).
 
-Moments in common are found by the motion of vehicles: seconds of equal, changing speed propose a
-lag between the two clocks; the paths in common propose the turn and shift between the two frames;
-vehicles that then are at the same place at the same times, standing ones too, are the same.
+Moments in common: seconds of equal, changing speed propose a lag of the two clocks, paths in common
+a turn and shift; vehicles that then are at the same places at the same times are the same.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ drawn twice differ by less; lanes lie 3 m apart."""
 
 _BESIDE_PATH = 1.5  # m; paths of vehicles scatter within their lane
 _TURNED = np.radians(8.0)
-_PROPOSALS = 4  # turns
-_MOST_VOTES = 500  # points of a shape that vote
+_PROPOSALS, _MOST_VOTES = 4, 500  # turns; points of a shape that vote
 _REACHES = (3.0, 2.0, 1.0, 1.0)  # m; largest distance of a pair, by iteration
 _ALIKE = 0.9  # share from which no better placement is looked for
 _STRAIGHT = 0.02  # smallest share of directions across the main one that fixes a shift
@@ -82,16 +80,14 @@ def shape_of(recording: Recording) -> Shape:
 def shared(first: Shape, second: Shape) -> tuple[float, float]:
     """Return the share of each shape's points that lie on the other, best aligned.
 
-    Shapes that are straight fit everywhere along themselves, and paths of vehicles scatter: both
-    are compared in the frames that they are written in.
+    Straight shapes and paths of vehicles are compared in the frames that they are written in.
     """
     if not len(first.points) or not len(second.points):
         return 0.0, 0.0
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
     best = _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)
-    if max(best) > _ALIKE or not (first.of_road and second.of_road):
-        return best
-    if min(_bends(first.points), _bends(second.points)) < _STRAIGHT:
+    roads = first.of_road and second.of_road
+    if max(best) > _ALIKE or not roads or min(map(_bends, (first, second))) < _STRAIGHT:
         return best
     kernel = np.exp(-0.5 * (np.minimum(np.arange(360), 360 - np.arange(360)) / 1.5) ** 2)
     spectra = []
@@ -107,8 +103,8 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
         turns.append(np.radians(peak))
         correlation[np.arange(peak - 4, peak + 5) % 360] = -np.inf
     for turn in turns:
-        placement = _placed(first.points, second.points, turn)
-        shares = _overlap(first.points, second.points, placement, beside)
+        pair = first.points, second.points
+        shares = _overlap(*pair, _placed(*pair, turn), beside)
         best = max(best, shares, key=max)
         if max(best) > _ALIKE:
             break
@@ -118,8 +114,7 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
 def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
     """Whether the mirror image of a shape fits the other as well, and only once it is placed.
 
-    No place is the mirror image of another: a small shape that is found in a large one either way
-    says nothing of where it is. Shapes that agree in the frames that they are written in do.
+    A small shape that is found in a large one either way says nothing of where it is.
     """
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
     if max(_overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)) >= least:
@@ -146,9 +141,9 @@ def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
     return float(match.any(axis=1).mean())
 
 
-def _bends(points: np.ndarray) -> float:
+def _bends(shape: Shape) -> float:
     """Return the smaller principal share of the lines' directions; 0 for parallel lines."""
-    along = np.column_stack([np.cos(points[:, 2]), np.sin(points[:, 2])])
+    along = np.column_stack([np.cos(shape.points[:, 2]), np.sin(shape.points[:, 2])])
     return float(np.linalg.eigvalsh(along.T @ along / len(along))[0])
 
 
@@ -191,8 +186,7 @@ SAME_SPEED = 0.06  # m/s; largest difference of two speeds in a second that is p
 SAME_PLACE = 0.5  # m; largest median distance of the same vehicle in two recordings
 FEWEST_STATES = 5  # states in common that identify a vehicle, once clocks and frames are aligned
 _CHANGE = 0.3  # m/s; a second with less change of speed proposes nothing
-_STRIDES = 5  # of a second's descriptor
-_LAGS = 5  # lags that are tried
+_STRIDES, _LAGS = 5, 5  # of a second's descriptor; lags that are tried
 _TRIALS = 12  # pairs of vehicles whose paths propose a placement, for each lag
 _LEAST_SHARE = 0.5  # of the states in common view that must have a partner
 _ALONE = 3.0  # s in common that identify a vehicle without a second one
@@ -284,8 +278,7 @@ def in_common(motion: Motion, other_motion: Motion) -> Common | None:
     best: tuple[float, Common] | None = None
     for lag in _most_frequent(lags)[0][:_LAGS].tolist():
         for pair in _most_frequent(pairs[lags == lag].astype(np.int64))[0][:_TRIALS]:
-            placement = _placement(motion, other_motion, pair, lag)
-            match = None if placement is None else _matched(motion, other_motion, placement, lag)
+            match = _matched(motion, other_motion, pair, lag)
             if match is not None and (best is None or match[0] > best[0]):
                 best = match
         if best is not None and best[0] > 2 * _LEAST_SHARE * 0.9:
@@ -300,11 +293,12 @@ def _most_frequent(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return distinct[order], counts[order]
 
 
-def _placement(
+def _matched(
     motion: Motion, other_motion: Motion, pair: np.ndarray, lag: int
-) -> Placement | None:
-    """Return the least-squares motion of a vehicle's path there to that here (Kabsch 1976)."""
-    # The rows of both tracks at their common times.
+) -> tuple[float, Common] | None:
+    """Return the share of the common view with a partner, and the vehicles in common."""
+    # The rows of both tracks at their common times, and the motion of one path to the other by
+    # least squares (Kabsch 1976).
     start, end = motion.tracks.starts[pair[0] : pair[0] + 2].tolist()
     other_start, other_end = other_motion.tracks.starts[pair[1] : pair[1] + 2].tolist()
     first = int(motion.tracks.frame[start])
@@ -326,15 +320,10 @@ def _placement(
     about = Placement(float(turn), np.zeros(2))
     shift = centre - about.of(np.array([[*other_centre, 0.0]]))[0, :2]
     off = about.of(np.column_stack([b, np.zeros(len(b))]))[:, :2] - a
-    return Placement(float(turn), shift) if np.median(np.hypot(*off.T)) <= SAME_PLACE else None
-
-
-def _matched(
-    motion: Motion, other_motion: Motion, placement: Placement, lag: int
-) -> tuple[float, Common] | None:
-    """Return the share of the common view with a partner, and the vehicles in common."""
+    if not np.median(np.hypot(*off.T)) <= SAME_PLACE:
+        return None
     places = other_motion.places(-lag)
-    moved = placement.of(places[:, [0, 1, 1]])[:, :2]
+    moved = Placement(float(turn), shift).of(places[:, [0, 1, 1]])[:, :2]
     moments = np.column_stack([moved, places[:, 2]])
     distance, nearest = motion.by_time.query(moments, distance_upper_bound=SAME_PLACE)
     met = np.isfinite(distance)

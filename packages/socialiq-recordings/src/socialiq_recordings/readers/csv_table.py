@@ -30,6 +30,10 @@ _NO_NUMBER = -(2**63)  # of a cell that should be a whole number, until its row 
 _FIRST_WORD = -(2**62)  # code of the first word among ids; the others go down from it
 
 
+Names = dict[str, str]  # the file's names of columns, by ours
+Kinds = frozenset[str]  # our names of the columns of a kind
+
+
 class Table:
     """Columns of a file by our names; texts are numbered, rows that can't be read are dropped.
 
@@ -56,11 +60,9 @@ class Table:
         self._blank: list[int] = []
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return a column."""
         return self._columns[name][0]
 
     def __contains__(self, name: str) -> bool:
-        """Whether the column was read."""
         return name in self._columns
 
     def word(self, name: str, number: int) -> str:
@@ -72,11 +74,7 @@ class Table:
         return f"row {self._numbers[row] + 2}: "
 
     def read(
-        self,
-        columns: dict[str, str],
-        texts: frozenset[str],
-        integers: frozenset[str],
-        optional: tuple[str, ...] = (),
+        self, columns: Names, texts: Kinds, integers: Kinds, optional: tuple[str, ...] = ()
     ) -> None:
         """Read columns of the file, its names by ours.
 
@@ -146,19 +144,14 @@ class Table:
         return np.cumsum(stays) - 1
 
     def _take(
-        self,
-        chunk: list[list[str]],
-        places: dict[str, int],
-        columns: dict[str, str],
-        texts: frozenset[str],
-        integers: frozenset[str],
+        self, chunk: list[list[str]], places: dict[str, int], columns: Names, *kinds: Kinds
     ) -> None:
         if self.n_rows + len(chunk) > self._most:
             raise UserError(
                 f"{self.path} holds more than {self._most:,} states: cut it into recordings, or "
                 "raise --most-states where there is memory for them (about 400 bytes each)"
             )
-        needed = max(places.values()) + 1
+        (texts, integers), needed = kinds, max(places.values()) + 1
         for at, row in enumerate(chunk):
             if not any(row) or (len(row) < needed and not any(cell.strip() for cell in row)):
                 self._blank.append(self.n_rows + at)
@@ -170,9 +163,8 @@ class Table:
             cells = [row[index] for row in chunk]
             if name in texts:
                 numbers = self.words.setdefault(name, {})
-                column = np.array(
-                    [numbers.setdefault(cell, len(numbers)) for cell in cells], np.int32
-                )
+                codes = [numbers.setdefault(cell, len(numbers)) for cell in cells]
+                column = np.array(codes, np.int32)
             else:
                 column = self._parsed(columns[name], cells, name in integers, name == "id")
             self._columns.setdefault(name, []).append(column)
@@ -190,9 +182,8 @@ class Table:
                 return numbers
         except (ValueError, OverflowError):
             pass  # A cell is empty or not a number: check each.
-        values = np.full(
-            len(cells), _NO_NUMBER if is_integer else np.nan, np.int64 if is_integer else None
-        )
+        no_number = np.int64(_NO_NUMBER) if is_integer else np.float64(np.nan)
+        values = np.full(len(cells), no_number)
         for at, cell in enumerate(map(str.strip, cells)):
             match, missing = _WHOLE.fullmatch(cell), cell.lower() in _MISSING
             if is_integer and match is not None:
@@ -256,10 +247,8 @@ def _lines(path: Path) -> Iterator[str]:
 def beside(path: Path, endings: tuple[str, str]) -> Path:
     """Return the file whose name has the second ending in place of the first."""
     if not path.name.endswith(endings[0]):
-        raise UserError(
-            f"{path}: the column map expects a name that ends in {endings[0]}, to find the file "
-            f"that ends in {endings[1]}"
-        )
+        known = f"{path}: the column map expects a name that ends in {endings[0]}"
+        raise UserError(f"{known}, to find the file that ends in {endings[1]}")
     return path.with_name(path.name.removesuffix(endings[0]) + endings[1])
 
 
@@ -355,10 +344,7 @@ def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
         steps = table["time"] * columns.scales["time"] / dt
         frame = np.round(steps - steps.min()).astype(np.int64)
         off = np.flatnonzero(np.abs(steps - steps.min() - frame) > 0.1).tolist()
-        fault = (
-            f"the time is not a multiple of {dt:g} s after the first: correct the unit or the rate "
-            "in the column map"
-        )
-        frame = frame[table.drop(dict.fromkeys(off, fault))]
-    low, high = int(frame.min()), int(frame.max())
-    return frame if low >= 0 and high < 2**31 else frame - low
+        fault = f"the time is not a multiple of {dt:g} s after the first: correct the unit or the "
+        frame = frame[table.drop(dict.fromkeys(off, f"{fault}rate in the column map"))]
+    low = int(frame.min())
+    return frame if low >= 0 and frame.max() < 2**31 else frame - low
