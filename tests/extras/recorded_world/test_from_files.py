@@ -41,7 +41,7 @@ def test_files_and_their_map_become_a_world_that_is_audited(tmp_path, monkeypatc
     assert main(["data", "world", *found, "--out", "world.safetensors", "--json"]) == 0
     made = json.loads(capsys.readouterr().out)
     assert made["vehicles"] == made["egos"] == 8 * len(states)
-    new = ["profile", "new", "--world", "world.safetensors", "--angle", "90", "--margin", "0.5"]
+    new = ["profile", "new", "--world", "world.safetensors", "--angle", "45", "--margin", "0.5"]
     assert main(new) == 0
     waiting(tmp_path / "world.safetensors").save(tmp_path / "p.safetensors")
     call = ["audit", "p.safetensors", "--profile", "profile.toml", "--episodes", "40"]
