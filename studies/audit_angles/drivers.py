@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Int64
 
 from socialiq.audit.evidence.drive import Course, exact_optima
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
@@ -117,15 +117,10 @@ def mixtures(
     draw = np.random.default_rng(seed).random(len(next(iter(pool.values())).outcomes.length))
     for first, second in itertools.combinations(whole, 2):
         for share in shares:
-            pair = pool[first].outcomes, pool[second].outcomes
-            name = f"{100 * share:g} % {first}, else {second}"
-            yield name, Driven(_mixed(name, *pair, draw < share), "mixture", None)
-
-
-def _mixed(name: str, driver: Outcomes, second: Outcomes, first: np.ndarray) -> Outcomes:
-    columns: Mapping[str, Float[np.ndarray, "episode ..."]] = {
-        part: np.where(first[:, None] if part == "totals" else first, getattr(driver, part), rest)
-        for part in ("totals", "ending", "contact", "length")
-        for rest in [getattr(second, part)]
-    }
-    return Outcomes(name, **columns)
+            pair, name = (pool[first], pool[second]), f"{100 * share:g} % {first}, else {second}"
+            columns: dict[str, Any] = {}
+            for part in ("totals", "ending", "contact", "length"):
+                values = [getattr(driven.outcomes, part) for driven in pair]
+                is_first = draw[:, None] < share if part == "totals" else draw < share
+                columns[part] = np.where(is_first, *values)
+            yield name, Driven(Outcomes(name, **columns), "mixture", None)

@@ -26,7 +26,11 @@ from studies.audit_angles.drivers import (
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Run every driver on the pool of each world, draw audits from it, and count."""
+    """Run every driver on the pool of each world, draw audits from it, and count.
+
+    The summary has the smallest share of passes at the drivers' angle, and the largest of wrong
+    passes: of a driver whose values in the whole pool are not within the declaration.
+    """
     check_counts(config, ("pool", "audits"))
     seeds = np.random.default_rng(config.pool_seed).integers(2**62, size=config.pool)
     on_stage = context.on_stage
@@ -34,7 +38,17 @@ def compute_tables(config: Any, context: Context) -> Findings:
     pools[WORLD] = drive(seeds, on_stage)
     power = [row for world in pools for row in power_rows(world, pools[world], config, on_stage)]
     worst = worst_rows(pools[WORLD], config.pool_seed)
-    return Findings({"power": power, "worst": worst}, _summary(power, worst))
+    found: dict[str, Any] = {"worst": {}}
+    for row in power:
+        kinds = found.setdefault(f"{row['episodes']} episodes", {})
+        share = kinds.setdefault(f"{row['world']}, {row['kind']}", {"own_angle": {}, "wrong": 0.0})
+        if row["true"] == row["declared"]:
+            share["own_angle"].setdefault(row["policy"], row["passed"])
+        if not row["inside"]:
+            share["wrong"] = max(share["wrong"], row["passed"])
+    for row in worst:
+        found["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
+    return Findings({"power": power, "worst": worst}, found)
 
 
 def power_rows(
@@ -53,30 +67,22 @@ def power_rows(
         for name, driven in {**pool, **within}.items():
             if driven.kind == "reference":
                 continue
-            true = "" if driven.true is None else driven.true
-            label: Row = {"world": world, "declared": declared, "policy": name}
-            label |= {
-                "kind": driven.kind,
-                "true": true,
-                "inside": int(audits.holds(driven.outcomes)),
-            }
+            label: Row = {"world": world, "declared": declared, "policy": name, "kind": driven.kind}
+            label["true"] = "" if driven.true is None else driven.true
+            label["inside"] = int(audits.holds(driven.outcomes))
             for episodes in config.lengths:
                 how = episodes, config.audits, config.first_seed
                 rows.append({**label, "episodes": episodes, **audits.shares(driven.outcomes, *how)})
     return rows
 
 
-_STRUCK = ("at_fault", "struck")
 MEASURES = ("at_fault", "collisions", "r_social", "distance")
 """Measures of the worst policy that passes: shares of episodes, the mean effect on others, and the
 distance in degrees of the angle that it was made for."""
 
 
 def worst_rows(pool: Mapping[str, Driven], seed: int) -> list[Row]:
-    """Return the worst policy by each measure of those that pass with many episodes.
-
-    They are all drivers of the pool, and all mixtures of two of them.
-    """
+    """Return the worst policy by each measure of the drivers and mixtures that pass the pool."""
     rows: list[Row] = []
     for declared in ANGLES:
         audits, passing = Audits.of(WORLD, declared, pool), dict[str, dict[str, float]]()
@@ -85,34 +91,12 @@ def worst_rows(pool: Mapping[str, Driven], seed: int) -> list[Row]:
             tried += 1
             if audits.holds(driven.outcomes):
                 at_fault, struck = driven.outcomes.at_fault.mean(), driven.outcomes.struck.mean()
-                passing[name] = {
-                    "at_fault": float(at_fault),
-                    "collisions": float(at_fault + struck),
-                }
-                passing[name]["r_social"] = driven.outcomes.mean.social
                 far = 0.0 if driven.true is None else abs(driven.true - declared)
-                passing[name]["distance"] = far
+                values = at_fault, at_fault + struck, driven.outcomes.mean.social, far
+                passing[name] = dict(zip(MEASURES, map(float, values), strict=True))
         for measure in MEASURES if passing else ():
             sign = -1.0 if measure == "r_social" else 1.0
             worst = max(passing, key=lambda name: sign * passing[name][measure])
             row: Row = {"declared": declared, "measure": measure, "value": passing[worst][measure]}
             rows.append(row | {"policy": worst, "tried": tried, "passing": len(passing)})
     return rows
-
-
-def _summary(power: list[Row], worst: list[Row]) -> dict[str, Any]:
-    """Return the smallest share of passes at the drivers' angle, and the largest of wrong passes.
-
-    Wrong is a pass of a driver whose values in the whole pool are not within the declaration.
-    """
-    found: dict[str, Any] = {"worst": {}}
-    for row in power:
-        kinds = found.setdefault(f"{row['episodes']} episodes", {})
-        share = kinds.setdefault(f"{row['world']}, {row['kind']}", {"own_angle": {}, "wrong": 0.0})
-        if row["true"] == row["declared"]:
-            share["own_angle"].setdefault(row["policy"], row["passed"])
-        if not row["inside"]:
-            share["wrong"] = max(share["wrong"], row["passed"])
-    for row in worst:
-        found["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
-    return found

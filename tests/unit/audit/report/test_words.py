@@ -4,8 +4,8 @@ import pytest
 from socialiq.audit.look import Look, draw, reveal
 from socialiq.audit.report.words import (
     caveats,
+    caveats_of_episodes,
     caveats_of_loss,
-    caveats_of_replay,
     names_of,
     plain_name,
 )
@@ -86,8 +86,8 @@ def test_the_owners_statement_is_a_caveat_below_the_rewards_own_limits(tested):
 
 
 def test_episodes_that_were_others_when_run_again_are_a_caveat():
-    assert caveats_of_replay(6, 6) == [] == caveats_of_replay(0, 0)
-    (found,) = caveats_of_replay(4, 6)
+    assert caveats_of_episodes(6, 6) == [] == caveats_of_episodes(0, 0)
+    (found,) = caveats_of_episodes(4, 6)
     assert found.about == "episodes"
     assert found.text.startswith("2 of 6 chosen episodes were others")
 

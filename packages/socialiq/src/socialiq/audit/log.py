@@ -191,10 +191,10 @@ def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
     if not path.is_file():
         raise UserError(f"no audit log {path}: `socialiq audit --log FOLDER` writes one")
     with open_file(path) as file:
-        content = file.read(LARGEST_LOG + 1)
-    if len(content) > LARGEST_LOG:
+        text = file.read(LARGEST_LOG + 1)
+    if len(text) > LARGEST_LOG:
         raise UserError(f"{path} has more than {LARGEST_LOG:,} bytes: it is not an audit log")
-    lines = content.split(b"\n")
+    lines = text.split(b"\n")
     if lines.pop():
         raise UserError(
             f"{path}: the last line is incomplete: restore the file from a copy, or remove that "
@@ -203,9 +203,19 @@ def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
     entries: list[Entry] = []
     previous = subject_sha256
     for number, line in enumerate(lines, 1):
-        entry = _entry(line)
-        fits = entry is not None and entry["number"] == number
-        if entry is None or not fits or entry["previous"] != (previous or entry["previous"]):
+        try:  # the bytes have to be those that `append` would write
+            entry = json.loads(line)
+            fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}
+            content = {name: value for name, value in entry.items() if name != "sha256"}
+            same = entry["sha256"] == _sha256(_line(content)) and _line(entry).encode() == line
+            typed = all(type(entry[name]) is kind for name, kind in fields.items())
+            intact = same and typed and written_at(entry).tzinfo is not None
+            follows = entry["number"] == number and entry["previous"] == (
+                previous or entry["previous"]
+            )
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            intact = follows = False
+        if not intact or not follows:
             raise UserError(
                 f"{path}: line {number} was changed, or one before it removed or moved: restore "
                 "the file from a copy; without one, agree with the auditor on a new log"
@@ -231,20 +241,6 @@ _FIELDS = {
 """Fields that a line of each kind has, with their types, besides those of every line."""
 
 _OF_EVERY_LINE = {"number": int, "kind": str, "time": str, "previous": str, "sha256": str}
-
-
-def _entry(line: bytes) -> Entry | None:
-    """Return a line's content, None if its bytes are not those that `append` would write."""
-    try:
-        entry = json.loads(line)
-        fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}
-        content = {name: value for name, value in entry.items() if name != "sha256"}
-        same = entry["sha256"] == _sha256(_line(content)) and _line(entry).encode() == line
-        typed = all(type(entry[name]) is kind for name, kind in fields.items())
-        timed = written_at(entry).tzinfo is not None
-        return entry if same and typed and timed else None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return None
 
 
 def written_at(entry: Entry) -> datetime.datetime:

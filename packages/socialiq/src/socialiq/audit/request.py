@@ -266,11 +266,7 @@ def _studies(world: World) -> tuple[str, ...]:
 
 
 def _named(
-    spec: str,
-    world: World,
-    trust: Trust,
-    closing: contextlib.ExitStack,
-    angles: Sequence[float],
+    spec: str, world: World, trust: Trust, closing: contextlib.ExitStack, angles: Sequence[float]
 ) -> list[tuple[Reference, dict[str, Any]]]:
     """Return the drivers of one of the user's references."""
     if spec.startswith("python:"):

@@ -166,20 +166,12 @@ class Round:
 
 
 def read_round(path: Path) -> Round:
-    """Read a round as drand's relays give it, in JSON, and check its signature.
-
-    Raises:
-        UserError: If it is something else, the signature is not the network's, or the library
-            that checks it is not installed.
-    """
+    """Read a round as drand's relays give it, in JSON; `UserError` unless the network signed it."""
     content = read_json(path, _LARGEST)
     fields = content if isinstance(content, dict) else {}
     number, signature = fields.get("round"), fields.get("signature")
-    if (
-        type(number) is not int
-        or not isinstance(signature, str)
-        or not _SIGNATURE.fullmatch(signature)
-    ):
+    is_text = isinstance(signature, str)
+    if type(number) is not int or not is_text or not _SIGNATURE.fullmatch(signature):
         raise UserError(
             f"{path} is not a round of drand's {NETWORK}: fetch {address_of(1)[:-1]}ROUND"
         )

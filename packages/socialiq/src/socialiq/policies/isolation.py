@@ -40,11 +40,8 @@ _LIBRARY = Path(__file__).parents[1]
 _SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 _SETTINGS = ("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime")
 _WRITABLE = ("/tmp", "/dev/shm")
-_ENVIRONMENT = {
-    "PATH": "/usr/local/bin:/usr/bin:/bin",
-    "HOME": "/tmp",
-    "LANG": "C.UTF-8",
-}
+_IN_MEMORY = ("--perms", "1777", "--size", str(DISK), "--tmpfs")
+_ENVIRONMENT = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/tmp", "LANG": "C.UTF-8"}
 _SECONDS = 20  # of the trial
 
 _BLOCK = 1024 * 1024  # bytes that are read at once
@@ -57,31 +54,33 @@ CACHE = "__pycache__"
 
 
 class CodeHash(NamedTuple):
-    """Hash of a policy's code, and what it covers.
+    """Hash of a policy's code, and what it covers."""
 
-    Attributes:
-        sha256: SHA-256 over words, paths and contents.
-        covers: Description for people.
-        paths: The named files and folders, absolute, and the copy of each, if there is one.
-    """
-
-    sha256: str
-    covers: str
-    paths: Mapping[Path, Path]
+    sha256: str  # over words, paths and contents
+    covers: str  # for people
+    paths: Mapping[
+        Path, Path
+    ]  # the named files and folders, absolute, and the copy of each, if any
 
 
 def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[tuple[str, Path]]:
     """Return the files and folders that a command names, and those that the user names besides.
 
     They are its program, its words, and what follows the first "=" of a word (`--option=FILE`); of
-    another Python than the audit's or the system's the whole folder.
+    another Python than the audit's or the system's the whole folder, which may hold anything.
     """
     program = Path(shutil.which(command[0]) or command[0])
     entries = [(command[0], program)] if program.is_file() else []
-    entries += [(str(folder), folder) for folder in _interpreters(program.absolute())]
+    outside = (Path("/"), Path.home(), *_visible(), *map(Path, _SYSTEM))
+    for path in dict.fromkeys((program.absolute(), program.absolute().resolve())):
+        folder = path.parent.parent
+        if folder in outside or any(folder.is_relative_to(root) for root in outside[2:]):
+            continue
+        if (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib/python3*/os.py")):
+            entries.append((str(folder), folder))
     for word in command[1:]:
-        path = next(filter(_is_there, (word, word.partition("=")[2])), "")
-        entries += [(word, Path(path))] if path else []
+        name = next(filter(_is_there, (word, word.partition("=")[2])), "")
+        entries += [(word, Path(name))] if name else []
     return entries + further_files(files)
 
 
@@ -197,15 +196,10 @@ def _add(digest: Any, *texts: str) -> None:
 
 
 class Isolation(NamedTuple):
-    """Isolation of a process.
+    """Isolation of a process."""
 
-    Attributes:
-        kind: Program and version, for instance "bubblewrap 0.8.0", "none" or "not needed".
-        why: Reason why there is none.
-    """
-
-    kind: str
-    why: str = ""
+    kind: str  # program and version, for instance "bubblewrap 0.8.0", "none" or "not needed"
+    why: str = ""  # reason why there is none
 
     @property
     def works(self) -> bool:
@@ -287,7 +281,7 @@ def sandboxed(
         *system,
         # The first process is bubblewrap, whose command line has this library's paths.
         *("--proc", "/proc", "--ro-bind", "/dev/null", "/proc/1/cmdline", "--dev", "/dev"),
-        *(word for path in _WRITABLE for word in _memory(path)),
+        *(word for path in _WRITABLE for word in (*_IN_MEMORY, path)),
         *_bound(sources, here),
         *(() if library else _masked(sources)),
         *("--chdir", str(here), "--remount-ro", "/dev", "--remount-ro", "/"),
@@ -303,24 +297,9 @@ _AS_ROOT = (
 )
 
 
-def _memory(path: str) -> tuple[str, ...]:
-    return ("--perms", "1777", "--size", str(DISK), "--tmpfs", path)
-
-
 def _visible() -> tuple[Path, ...]:
     """Return the folders of the audit's interpreter: its virtual environment, and its base."""
     return tuple(dict.fromkeys(map(Path, (sys.prefix, sys.base_prefix))))
-
-
-def _interpreters(program: Path) -> Iterator[Path]:
-    """Return the folders of a Python of the owner's: they may hold anything beside the programs."""
-    outside = (Path("/"), Path.home(), *_visible(), *map(Path, _SYSTEM))
-    for path in dict.fromkeys((program, program.resolve())):
-        folder = path.parent.parent
-        if folder in outside or any(folder.is_relative_to(root) for root in outside[2:]):
-            continue
-        if (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib/python3*/os.py")):
-            yield folder
 
 
 def _masked(sources: Iterable[Path]) -> Iterator[str]:

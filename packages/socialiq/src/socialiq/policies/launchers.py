@@ -12,9 +12,8 @@ exec of the parent, where a program with threads may not run Python.
     python launchers.py enter USER PROCESSES BYTES COMMAND...
 
 is the first program in a sandbox: it sets limits, refuses some calls of the system, and becomes the
-command. USER is the number of a
-user without rights to become, or -1 to stay. PROCESSES is the largest number of processes and
-threads of that user, BYTES the largest size of a file.
+command. USER is the number of a user without rights to become, or -1 to stay. PROCESSES is the
+largest number of processes and threads of that user, BYTES the largest size of a file.
 """
 
 from __future__ import annotations
@@ -28,8 +27,14 @@ import threading
 
 def guard(lifeline: int, memory: int, command: list[str]) -> int:
     """Run the command and watch the pipe; return the command's exit status."""
+
+    def watch() -> None:
+        while os.read(lifeline, 1):
+            pass
+        os.killpg(0, signal.SIGKILL)
+
     os.set_inheritable(lifeline, False)
-    threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
+    threading.Thread(target=watch, daemon=True).start()
     try:
         if memory:
             import resource
@@ -48,12 +53,6 @@ def guard(lifeline: int, memory: int, command: list[str]) -> int:
     for stream in (0, 1, 2):
         os.dup2(nothing, stream)
     return child.wait()
-
-
-def _watch(lifeline: int) -> None:
-    while os.read(lifeline, 1):
-        pass
-    os.killpg(0, signal.SIGKILL)
 
 
 def _limit(kind: int, most: int) -> None:

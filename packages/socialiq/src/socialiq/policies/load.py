@@ -204,7 +204,7 @@ def _load_code(
             "as ONNX or isolated by bubblewrap"
         )
     if is_python and isolation is None:
-        policy, text = read_callable(words, source, world)
+        policy, text = _read_callable(words, source, world)
         covers = "the module's source, not what it imports"
         record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
         return Loaded(policy, record)
@@ -241,11 +241,7 @@ def _load_code(
 def hash_of_python(
     name: str, source: str, files: Sequence[str], copies: Path | None = None
 ) -> code.CodeHash:
-    """Hash the files of `MODULE:ATTRIBUTE`: the module's file, or its whole top-level package.
-
-    MODULE may be a file's path that ends in .py; `files` are further files and folders; `copies` is
-    as for `isolation.hash_files`.
-    """
+    """Hash (`isolation.hash_files`) the module's file, or its whole top-level package."""
     module, attribute = _split(name, source)
     # A file's name, not its path: the same policy in another folder has the same hash.
     words = ["python", Path(module).name, attribute]
@@ -279,10 +275,7 @@ def _split(name: str, source: str) -> tuple[str, str]:
 def command_of_python(
     name: str, source: str, copies: Mapping[Path, Path] | None = None
 ) -> list[str]:
-    """Return the command that runs `MODULE:ATTRIBUTE` as a process, with this interpreter.
-
-    Of files that have a copy the copy is run.
-    """
+    """Return the command that runs `MODULE:ATTRIBUTE` with this interpreter, or its copy."""
     copies = copies or {}
     module, attribute = _split(name, source)
     if module.endswith(".py"):
@@ -294,15 +287,8 @@ def command_of_python(
     return [sys.executable, "-I", "-B", "-c", child, module, attribute, paths]
 
 
-def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:
-    """Load the policy `MODULE:ATTRIBUTE`; MODULE may be a file's path that ends in .py.
-
-    The attribute is a policy (it has `predict`), a class that makes one without arguments, or a
-    function from observations, float32 (batch, features), to one action for each.
-
-    Returns:
-        The policy, whose answers are checked by the world's interface, and its module's source.
-    """
+def _read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:
+    """Load the policy `MODULE:ATTRIBUTE` (docs/policies.md), and return its module's source too."""
     module_name, attribute = _split(name, source)
     try:
         if module_name.endswith(".py"):

@@ -154,11 +154,7 @@ class Collection:
 
 
 def _collect_part(
-    request: Request,
-    traffic: int | None,
-    hashes: tuple[str, str],
-    side_by_side: int,
-    seeds: Seeds,
+    request: Request, traffic: int | None, hashes: tuple[str, str], side_by_side: int, seeds: Seeds
 ) -> Evidence:
     """Run all drivers in a process of its own, if policy and declaration have these hashes."""
     profile = load(request.profile)
@@ -273,13 +269,7 @@ def strata_of(course: drive.Course) -> dict[str, np.ndarray]:
 def intersection_strata(
     observation: Float32[np.ndarray, "episode feature"],
 ) -> dict[str, np.ndarray]:
-    """Return labels from the ego's first observation.
-
-    `density` is the number of other vehicles in view. `conflict` says whether a crossing vehicle is
-    in the junction, or will be within the 3 s in which the ego could be there; `right_of_way`
-    whether one of these is on the other road, which has priority over the ego's, or all are
-    oncoming.
-    """
+    """Return labels of the vehicles in view, and of those that cross within `CONFLICT_SECONDS`."""
     rows = policies.in_metres(observation)
     vehicles = (rows[:, 1:, 0] > 0).sum(axis=1)
     crossing = policies.conflict(rows, CONFLICT_SECONDS)

@@ -64,10 +64,7 @@ class Course:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
 
     def drive(
-        self,
-        driver: Reference,
-        deterministic: bool = True,
-        candidates: tuple[float, ...] = (),
+        self, driver: Reference, deterministic: bool = True, candidates: tuple[float, ...] = ()
     ) -> Outcomes:
         """Run a driver on all episodes; a stochastic `SoftPolicy` draws from the episodes' seeds.
 

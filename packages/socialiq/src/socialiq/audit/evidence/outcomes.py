@@ -123,10 +123,6 @@ class Answers(NamedTuple):
     queries: int
     differing: int
 
-    def plus(self, answers: Answers) -> Answers:
-        """Return the sums."""
-        return Answers(self.queries + answers.queries, self.differing + answers.differing)
-
 
 class Consistency(NamedTuple):
     """Answers to the observations of the episodes, asked again.
@@ -248,10 +244,8 @@ class Evidence:
 
     def without(self, names: Collection[str]) -> Evidence:
         """Return the evidence without the references of these names."""
-        references = tuple(
-            reference for reference in self.references if reference.name not in names
-        )
-        return replace(self, references=references)
+        kept = tuple(row for row in self.references if row.name not in names)
+        return replace(self, references=kept)
 
 
 AS_DECLARED = "as_declared"

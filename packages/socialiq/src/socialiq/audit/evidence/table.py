@@ -58,7 +58,7 @@ def write_table(evidence: Evidence) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     drivers = evidence.drivers
-    measured = _measured(evidence.policy.lost is not None)
+    measured = MEASURED if evidence.policy.lost is None else (*MEASURED, LOSS)
     writer.writerow(_head(evidence.strata, [driver.name for driver in drivers], measured))
     columns: list[list[object]] = [
         list(range(evidence.episodes)),
@@ -71,10 +71,6 @@ def write_table(evidence: Evidence) -> str:
         columns += [] if driver.lost is None else [driver.lost.tolist()]
     writer.writerows(zip(*columns, strict=True))
     return text.getvalue()
-
-
-def _measured(by_rule: bool) -> tuple[str, ...]:
-    return (*MEASURED, LOSS) if by_rule else MEASURED
 
 
 def _head(strata: Mapping[str, object], drivers: list[str], measured: tuple[str, ...]) -> list[str]:
@@ -107,8 +103,18 @@ def read_table(
     try:
         rows = csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
         head = next(rows, [])
-        measured = _measured(by_rule)
-        first, names = _names(head, policy, [*attributes, *trivial], measured)
+        measured = (*MEASURED, LOSS) if by_rule else MEASURED
+        ours = f"{_no_formula(policy)}.{MEASURED[0]}"
+        if ours not in head:
+            raise ValueError(f"no column {ours}")
+        first = head.index(ours)
+        names_by_title = {_no_formula(name): name for name in (*attributes, *trivial)}
+        titles = [title.removesuffix(f".{MEASURED[0]}") for title in head[first :: len(measured)]]
+        names = [policy, *(names_by_title.pop(title) for title in titles[1:])]
+        if names_by_title:
+            raise ValueError(f"no columns of {next(iter(names_by_title.values()))}")
+        if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names, measured):
+            raise ValueError("its columns are others")
         seeds, strata, drivers = _filled(
             rows, head[len(_INDEX) : first], first, names, measured, attributes
         )
@@ -123,23 +129,6 @@ def read_table(
     if write_table(evidence).encode() != content:
         raise UserError("it is not written as an audit writes it")
     return evidence
-
-
-def _names(
-    head: list[str], policy: str, drivers: Sequence[str], measured: tuple[str, ...]
-) -> tuple[int, list[str]]:
-    """Return the first column of the drivers, and the drivers' names in order."""
-    ours = f"{_no_formula(policy)}.{MEASURED[0]}"
-    if ours not in head:
-        raise ValueError(f"no column {ours}")
-    first, names_by_title = head.index(ours), {_no_formula(name): name for name in drivers}
-    titles = [title.removesuffix(f".{MEASURED[0]}") for title in head[first :: len(measured)]]
-    names = [policy, *(names_by_title.pop(title) for title in titles[1:])]
-    if names_by_title:
-        raise ValueError(f"no columns of {next(iter(names_by_title.values()))}")
-    if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names, measured):
-        raise ValueError("its columns are others")
-    return first, names
 
 
 def _filled(

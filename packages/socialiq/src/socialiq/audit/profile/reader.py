@@ -86,7 +86,17 @@ class _Reader:
             self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
 
     def profile(self, source: bytes) -> Profile:
-        self._check_names()
+        top = [field.path for field in fields.FIELDS if "." not in field.path]
+        for name, value in self._content.items():
+            if name not in (*top, *fields.TABLES):
+                self._unknown(name, (*top, *fields.TABLES))
+            if name in fields.TABLES and not isinstance(value, dict):
+                self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
+            paths = (path for path in fields.BY_PATH if path.startswith(f"{name}."))
+            keys = tuple(path.split(".")[1] for path in paths)
+            for key in value if name in fields.TABLES else ():
+                if key not in keys:
+                    self._unknown(f"{name}.{key}", keys)
         values = {field.path: self._value(field) for field in fields.FIELDS}
         clip = self._checked_margins(values)
         self._check_scenario(values)
@@ -101,12 +111,9 @@ class _Reader:
         for path, value in values.items():
             table, _, key = path.rpartition(".")
             tables[table][key] = value
-        top = tables[""]
+        del tables[""]["format"]
         return Profile(
-            angle=top["angle"],
-            confidence=top["confidence"],
-            owner=top["owner"],
-            date=top["date"],
+            **tables[""],
             margin=Margin(**tables["margin"]),
             reward=Reward(**tables["reward"]),
             scenario=Scenario(**tables["scenario"]),
@@ -149,22 +156,6 @@ class _Reader:
 
     def _stop(self, line: int, message: str) -> NoReturn:
         raise UserError(f"{self._name}:{line}: {message}")
-
-    def _check_names(self) -> None:
-        """Refuse unknown names, on the top level and in tables."""
-        top = [field.path for field in fields.FIELDS if "." not in field.path]
-        for name, value in self._content.items():
-            if name not in (*top, *fields.TABLES):
-                self._unknown(name, (*top, *fields.TABLES))
-            if name in fields.TABLES:
-                keys = tuple(
-                    path.split(".")[1] for path in fields.BY_PATH if path.startswith(f"{name}.")
-                )
-                if not isinstance(value, dict):
-                    self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
-                for key in value:
-                    if key not in keys:
-                        self._unknown(f"{name}.{key}", keys)
 
     def _unknown(self, path: str, names: tuple[str, ...]) -> NoReturn:
         self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(names)}")

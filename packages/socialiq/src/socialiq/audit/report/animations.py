@@ -111,34 +111,28 @@ def ground_of(world: str) -> Ground | None:
         )
         return Ground((-32.0, -28.0, 64.0, 64.0), road, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
     scene = scene_named(world)
-    return None if scene is None else _of_scene(scene)
-
-
-def _of_scene(scene: str) -> Ground:
-    """Return the ground of a scene: where ways meet and the ego's entry, or what is around the ego.
-
-    Along an axis on which both don't fit into the view it follows the ego.
-    """
-    road = scene_of(scene).road
-    entry = road.entries[0]
-    lines = [shapes.way(road.lanes[entry["lane"]], float(entry["along"]))[:1]]
-    lines += [shapes.way(lane) for lane in road.lanes if APPROACH < lane["kind"] < EXIT]
+    if scene is None:
+        return None
+    # In view: where ways meet and the ego's entry, or what is around the ego.
+    highway = scene_of(scene).road
+    entry = highway.entries[0]
+    lines = [shapes.way(highway.lanes[entry["lane"]], float(entry["along"]))[:1]]
+    lines += [shapes.way(lane) for lane in highway.lanes if APPROACH < lane["kind"] < EXIT]
     points = np.concatenate(lines)
-    low, high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
-    follows = high - low > _WIDEST
-    low, high = np.where(follows, -_FOLLOWED / 2, low), np.where(follows, _FOLLOWED / 2, high)
-    left, top, wide, deep = np.round([*low, *(high - low)], 1).tolist()
+    first, last = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
+    follows = last - first > _WIDEST
+    first, last = np.where(follows, -_FOLLOWED / 2, first), np.where(follows, _FOLLOWED / 2, last)
+    left, top, wide, deep = np.round([*first, *(last - first)], 1).tolist()
     outlines = []
-    for lane in road.lanes:
+    for lane in highway.lanes:
         line = shapes.way(lane)
         straight = lane["straight"] and not lane["amplitude"]  # else a point every 2 m
         points = line[[0, -1]] if straight else line[[*range(0, len(line) - 1, 4), -1]]
         edge, right = shapes.edges(points, LANE_WIDTH)
         strip = np.concatenate([right, edge[::-1]]).round(1).tolist()
         outlines.append(path([(x, y) for x, y in strip], closed=True))
-    outline, view = " ".join(outlines), (left, top, wide, deep)
-    along = bool(follows[0]), bool(follows[1])
-    return Ground(view, outline, VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
+    view, along = (left, top, wide, deep), (bool(follows[0]), bool(follows[1]))
+    return Ground(view, " ".join(outlines), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
 
 
 def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> MovingPicture:
@@ -204,10 +198,7 @@ _TURN = 3.0  # degrees, largest error of a heading between keyframes
 
 
 def simplified(way: Sequence[Pose], tolerance: float) -> list[int]:
-    """Return the frames between which motion is uniform, up to a largest error of a place.
-
-    As Douglas and Peucker simplify a line, but with the time as its parameter.
-    """
+    """Return the frames between which motion is uniform: Douglas and Peucker over the time."""
     frames, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
     while open_parts:
         start, end = open_parts.pop()

@@ -16,7 +16,6 @@ from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
-from socialiq.audit.verdict.order import order_dependence
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
@@ -34,12 +33,7 @@ EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
 _OF_VERDICT = ("decision", "reason", "episodes", "needed", "error")
 _TESTS = (
-    "regret",
-    "direction",
-    "character",
-    "rationalised",
-    "alpha_hat",
-    "identifiability",
+    *("regret", "direction", "character", "rationalised", "alpha_hat", "identifiability"),
     "competence",
 )
 
@@ -103,7 +97,7 @@ def results_of(audited: Audited) -> Results:
     verdict = judge(profile, compared, seed, **line)
     findings = [dependence(audited.consistency, not audited.deterministic)]
     if audited.consistency is not None:  # other policies run in this package's code
-        findings.append(order_dependence(audited.evidence[0]))
+        findings.append(judged.order_dependence(audited.evidence[0]))
     if discrimination.excludes_nothing:
         findings.append(
             "The declaration excludes nothing: constant actions and random ones would pass it too. "
@@ -122,6 +116,15 @@ def content(audited: Audited) -> dict[str, Any]:
     profile, look, angle = audited.profile, audited.look, audited.profile.angle
     results, evidence = results_of(audited), audited.evidence[0]
     verdict = results.verdict
+    shown = {
+        kind: [
+            {**row, "film": path if (path := path_of(kind, number)) in audited.films else None}
+            | {"trace": trace}
+            for number, (row, trace) in enumerate(zip_longest(rows, audited.traces[kind]), 1)
+            if row is not None
+        ]
+        for kind, rows in audited.episodes.items()
+    }
     tests = _TESTS if verdict.contexts is None else (*_TESTS, "contexts")
     return to_json(
         {
@@ -144,7 +147,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "left_out": audited.references(left_out=True),
             "strata": results.strata,
             "shift": _shift(results, audited.evidence[1:]),
-            "episodes": _shown(audited),
+            "episodes": shown,
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
             "scenario": evidence.scenario,
@@ -180,28 +183,14 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     rows = [row for row in references if row.name not in audited.left_out]
     equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
     return [
-        *words.caveats_of_rule(profile.rule, profile.angle),
-        *words.caveats_of_trivial(results.discrimination),
-        *words.caveats_of_direction(results.verdict),
+        *words.caveats_of_declaration(
+            profile.rule, profile.angle, results.verdict, results.discrimination
+        ),
         *([] if profile.clip else words.caveats_of_loss(regret, possible)),
         *words.caveats_of_clip(profile.clip, audited.evidence[0]),
         *words.caveats(audited.drawn, audited.look, audited.policy, world),
-        *words.caveats_of_replay(equal, len(repeated)),
-        *words.caveats_of_equals(equals),
+        *words.caveats_of_episodes(equal, len(repeated), equals),
     ]
-
-
-def _shown(audited: Audited) -> dict[str, Any]:
-    """Return the chosen episodes with the path of each one's film, and any trace."""
-    return {
-        kind: [
-            {**row, "film": path if (path := path_of(kind, number)) in audited.films else None}
-            | {"trace": trace}
-            for number, (row, trace) in enumerate(zip_longest(rows, audited.traces[kind]), 1)
-            if row is not None
-        ]
-        for kind, rows in audited.episodes.items()
-    }
 
 
 def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | None:

@@ -122,21 +122,13 @@ _NO_EVIDENCE: Status = "to be filled"
 
 
 class Claim(NamedTuple):
-    """A node of the tree, in the words of Goal Structuring Notation.
+    """A node of the tree, in the words of Goal Structuring Notation."""
 
-    Attributes:
-        id: G for a goal, S for a strategy, Sn for a solution, C for context.
-        text: Text of the node.
-        status: Status by the evidence.
-        evidence: Place in the report, or the person who must fill it in.
-        below: Ids of the nodes that support it.
-    """
-
-    id: str
+    id: str  # G for a goal, S for a strategy, Sn for a solution, C for context
     text: str
-    status: Status
-    evidence: str
-    below: tuple[str, ...] = ()
+    status: Status  # by the evidence
+    evidence: str  # place in the report, or the person who must fill it in
+    below: tuple[str, ...] = ()  # ids of the nodes that support it
 
 
 def claims(report: Mapping[str, Any]) -> list[Claim]:

@@ -31,7 +31,6 @@ from socialiq.audit.report.words import ALWAYS, OF_CODE
 from socialiq.audit.request import is_itself
 from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
-from socialiq.social.angle_rule import AngleRule
 from socialiq.to_json import to_json
 from socialiq.types import RewardPair
 
@@ -174,24 +173,20 @@ def _evidence_of(
         if table.seeds.tolist() != episode_seeds(draw.derived(purpose), episodes).tolist():
             raise UserError(f"the seeds in {path} are not those of the audit's seed and commitment")
         tables.append(table)
-    if profile.rule is not None:
-        tables[0] = _with_contexts(tables[0], files, profile.rule)
-    return tables
-
-
-def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRule) -> Evidence:
-    """Read the policy's decision losses by context, which add up to those of its episodes."""
+    if profile.rule is None:
+        return tables
+    # The policy's decision losses by context add up to those of its episodes.
     if CONTEXTS not in files:
         raise UserError(f"{CONTEXTS} is missing")
+    kinds, driven = len(profile.rule.contexts), tables[0].policy
     try:
-        contexts = read_contexts(files[CONTEXTS], evidence.episodes, len(rule.contexts), CANDIDATES)
+        contexts = read_contexts(files[CONTEXTS], tables[0].episodes, kinds, CANDIDATES)
     except UserError as error:
         raise UserError(f"{CONTEXTS}: {error}") from error
-    lost = evidence.policy.lost
-    if lost is None or not np.array_equal(contexts.declared.sum(axis=1), lost):
+    if driven.lost is None or not np.array_equal(contexts.declared.sum(axis=1), driven.lost):
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
-    policy = dataclasses.replace(evidence.policy, contexts=contexts)
-    return dataclasses.replace(evidence, policy=policy)
+    driven = dataclasses.replace(driven, contexts=contexts)
+    return [dataclasses.replace(tables[0], policy=driven), *tables[1:]]
 
 
 OF_A_RERUN = frozenset(f"report.{path}" for path in (*ALWAYS, *OF_CODE)) | {
@@ -207,10 +202,7 @@ OF_A_RERUN = frozenset(f"report.{path}" for path in (*ALWAYS, *OF_CODE)) | {
 
 
 def differences(
-    old: Any,
-    new: Any,
-    ignored: Set[str] = OF_A_RERUN,
-    relative: float = 0.0,
+    old: Any, new: Any, ignored: Set[str] = OF_A_RERUN, relative: float = 0.0
 ) -> list[str]:
     """Return the places where two reports differ, those of the verdict and its tests first.
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Int64
 
 from socialiq.audit import request
 from socialiq.audit.evidence import drive
@@ -66,8 +65,18 @@ def check_references(
         angles = request.dial_angles(profile.angle, profile.margin.width)
         for number, evidence in enumerate(audited.evidence):
             there = audited.traffic[number - 1].world if number else world
-            rows = _sample(evidence, profile.angle, all_episodes)
-            course = _course(audited, there, evidence, rows, specs)
+            count, rows = evidence.episodes, np.arange(evidence.episodes)
+            if not all_episodes and count > SAMPLE:
+                ours = evidence.policy.values(profile.angle)
+                gains = [row.values(profile.angle) - ours for row in evidence.drivers[1:]]
+                ends = [row for gain in gains for row in (gain.argmin(), gain.argmax())]
+                rng = np.random.default_rng(secrets.randbits(128))
+                rows = np.unique([*rng.choice(count, SAMPLE, replace=False).tolist(), *ends])
+            rule, is_exact = profile.rule, there.is_exact
+            dial = request.reference_dial(specs) if rule and specs and not is_exact else None
+            by_rule = drive.ByRule(rule, dial) if rule else None
+            side = min(drive.SIDE_BY_SIDE, count)  # as in the audit
+            course = drive.Course(there, evidence.seeds[rows], side, 1, by_rule)
             loaded_references = request.resolve_references(
                 there, specs, audited.policy, _TRUST, closing, angles
             )
@@ -78,8 +87,8 @@ def check_references(
             _check_list(audited, evidence, driven, loaded_references.records, package, results)
             driven += [] if policy is None else [course.drive(policy, audited.deterministic)]
             _compare(evidence, rows, driven, strata_of(course), loaded_references.records, results)
-            if len(rows) < evidence.episodes and not number:
-                remaining = f"{evidence.episodes - len(rows)} of {evidence.episodes} episodes"
+            if len(rows) < count and not number:
+                remaining = f"{count - len(rows)} of {count} episodes"
                 results.believed.append(f"{remaining} of the references (--all-episodes)")
     return results
 
@@ -152,28 +161,6 @@ def _shipped_policy(
         results.faults.append(f"the record of the policy is not that of {one_line(source)}")
         return None
     return Reference(audited.evidence[0].policy.name, loaded.policy)
-
-
-def _sample(evidence: Evidence, angle: float, all_episodes: bool) -> Int64[np.ndarray, " row"]:
-    """Return rows of the table: all, or some by chance and those of the largest differences."""
-    count = evidence.episodes
-    if all_episodes or count <= SAMPLE:
-        return np.arange(count)
-    values = evidence.policy.values(angle)
-    gains = [driver.values(angle) - values for driver in evidence.drivers[1:]]
-    rng = np.random.default_rng(secrets.randbits(128))
-    chosen = rng.choice(count, SAMPLE, replace=False).tolist()
-    return np.unique([*chosen, *(row for gain in gains for row in (gain.argmin(), gain.argmax()))])
-
-
-def _course(
-    audited: Audited, world: World, evidence: Evidence, rows: np.ndarray, specs: Sequence[str]
-) -> drive.Course:
-    """Return the episodes of some rows, as many side by side as in the audit."""
-    side, rule = min(drive.SIDE_BY_SIDE, evidence.episodes), audited.profile.rule
-    dial = request.reference_dial(specs) if rule and specs and not world.is_exact else None
-    by_rule = drive.ByRule(rule, dial) if rule else None
-    return drive.Course(world, evidence.seeds[rows], side, 1, by_rule)
 
 
 def _compare(

@@ -15,12 +15,7 @@ from socialiq.audit.look import of_revealed
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import folder as layout
 from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
-from socialiq.audit.report.recompute import (
-    audited_of,
-    differences_of,
-    faults_of_seeds,
-    opened_of,
-)
+from socialiq.audit.report.recompute import audited_of, differences_of, faults_of_seeds, opened_of
 from socialiq.audit.report.references import check_references
 from socialiq.audit.seeds import Commitment, Nonce
 from socialiq.errors import UserError
@@ -155,7 +150,16 @@ def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = F
         return Findings(damage)
     # A forger can change hashes too; the files must still be consistent with the report.
     report = _parsed(files[REPORT], folder / REPORT)
-    damage = _of_profile(files, report)
+    if PROFILE in files:
+        hashes, declared = report["hashes"], parse(files[PROFILE], PROFILE)
+        if declared.sha256 != hashes["profile"]:
+            damage.append(f"{PROFILE} is not the declaration of {REPORT}")
+        committed = Commitment(hashes["policy"], hashes["profile"]).sha256
+        if committed != report["seeds"]["commitment_sha256"]:
+            damage.append(f"the commitment in {REPORT} is not that of its hashes")
+        damage = damage or faults_of_seeds(report)
+    else:
+        damage.append(f"{PROFILE} is missing")
     if files.get(STATEMENT) != layout.statement(files, report):
         damage.insert(0, f"{STATEMENT} is not consistent with {REPORT}")
     if damage:
@@ -217,20 +221,6 @@ def _listed(content: bytes) -> dict[str, str]:
     return {name: sha256 for sha256, name in pairs}
 
 
-def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    """Compare the copied declaration with the one that was committed to."""
-    if PROFILE not in files:
-        return [f"{PROFILE} is missing"]
-    hashes = report["hashes"]
-    committed = Commitment(hashes["policy"], hashes["profile"]).sha256
-    declared, damage = parse(files[PROFILE], PROFILE), []
-    if declared.sha256 != hashes["profile"]:
-        damage.append(f"{PROFILE} is not the declaration of {REPORT}")
-    if committed != report["seeds"]["commitment_sha256"]:
-        damage.append(f"the commitment in {REPORT} is not that of its hashes")
-    return damage or faults_of_seeds(report)
-
-
 def faults_by_nonce(folder: Path, nonce: Nonce) -> list[str]:
     """Return why a report's seed is not of a nonce of the auditor's, revealed for its commitment.
 
@@ -265,9 +255,7 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         return [f"{path} has no look {look.number} of {REPORT}: one of them was written again"]
     differing = []
     if number != look.number:
-        differing.append(
-            f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"
-        )
+        differing = [f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"]
     entry = next(line for line in log.entries if line["sha256"] == look.entry)
     seed = log.following(SEED, look.entry)
     rows = [*report["references"], *report["left_out"]]

@@ -119,12 +119,7 @@ def meaning(angle: Real) -> str:
     return f"{progress} counts, and {ease} counts against it"
 
 
-def outcome(decision: str) -> str:
-    """Return the decision of a test in words."""
-    return _OUTCOMES[decision]
-
-
-_OUTCOMES = {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}
+OUTCOMES = {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}
 
 
 def headline(report: Mapping[str, Any]) -> str:
@@ -159,19 +154,18 @@ def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     ) -> dict[str, str]:
         cells = {"estimate": value(result.get("regret", result.get("share")))}
         cells |= {end: value(result[end]) for end in ("low", "high")}
-        return {"test": test, "name": name, "result": outcome(result["decision"]), **cells} | {
-            "asked for": most
-        }
+        cells |= {"asked for": most}
+        return {"test": test, "name": name, "result": OUTCOMES[result["decision"]], **cells}
 
     names = "reward below best", f"reward below the best reference driver's at {angle}, per episode"
     if "angle_rule" in report["declaration"]:
         names = "decision loss", "decision loss at the declared rule, per episode"
     rows = [row(*names, regret, number, f"at most {number(regret['margin'])}")]
     if direction is not None and direction["decision"] is not None:
-        ends = [between(direction[low], direction[high]) for low, high in _RANGES]
         name = "direction, by the reference drivers of the angles"
-        cells = {"estimate": ends[0], "low": "", "high": "", "asked for": ends[1]}
-        result = outcome(direction["decision"])
+        cells = {"estimate": between(direction["above"], direction["below"]), "low": "", "high": ""}
+        cells["asked for"] = between(direction["low"], direction["high"])
+        result = OUTCOMES[direction["decision"]]
         rows.append({"test": "direction", "name": name, "result": result, **cells})
     for side in character["beyond"] if character else ():
         name = f"drives beyond the {side['end']} end of the width"
@@ -189,10 +183,6 @@ def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
         for test in tests["competence"]
         if is_known(report, test["name"])
     ]
-
-
-_RANGES = (("above", "below"), ("low", "high"))
-"""Ends of the angles that are not excluded, and of the declared width."""
 
 
 def compatible(report: Mapping[str, Any]) -> str:
@@ -249,12 +239,7 @@ FILTERS: dict[str, Callable[..., str]] = {
     function.__name__: function
     for function in (number, percent, measured, degrees, arcs, meaning, options, compatible_angles)
 }
-FILTERS |= {"criterion": CRITERIA.__getitem__}
-FILTERS |= {"outcome": outcome, "code": code}
-
-_LONGEST = 10_000  # characters of a value
-
-_PACKAGE = "socialiq.audit.report"
+FILTERS |= {"criterion": CRITERIA.__getitem__, "outcome": OUTCOMES.__getitem__, "code": code}
 
 
 def html(report: Mapping[str, Any]) -> str:
@@ -275,27 +260,25 @@ def html(report: Mapping[str, Any]) -> str:
 
 def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **variables: Any) -> str:
     """Return a page of Markdown by a template and further variables; all values are escaped."""
-    return _rendered(report, template, most=_LONGEST, **variables)
+    return _rendered(report, template, most=10_000, **variables)
 
 
 def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variables: Any) -> str:
     """Return a page by its template, a value of Markdown with so many characters at most."""
-    pages, names = templates(_PACKAGE, most=most), words.names_of(report)
+    pages, names = templates("socialiq.audit.report", most=most), words.names_of(report)
     pages.filters.update(FILTERS)
     pages.globals.update(is_known=is_known, blank=blank)
-    decisions = {
-        driver["name"]: driver["decision"] for driver in report["discrimination"]["drivers"]
-    }
+    others = report["discrimination"]["drivers"]
     return pages.get_template(template).render(
         report=report,
         name_of=lambda name: names.get(name, name),
-        would_pass=decisions,
+        would_pass={driver["name"]: driver["decision"] for driver in others},
         other_passes=other_passes,
         compatible=compatible(report),
         headline=headline(report),
         not_excluded=not_excluded(report),
         tested=tested(report),
-        results={words: decision for decision, words in _OUTCOMES.items()},
+        results={words: decision for decision, words in OUTCOMES.items()},
         **variables,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 from socialiq.audit.evidence.drive import PREFIX, RANDOM
@@ -89,12 +89,7 @@ class Caveat(NamedTuple):
     text: str
 
 
-def caveats(
-    draw: Draw,
-    look: Look | None,
-    policy: Mapping[str, Any],
-    world: str,
-) -> list[Caveat]:
+def caveats(draw: Draw, look: Look | None, policy: Mapping[str, Any], world: str) -> list[Caveat]:
     """Return the caveats of the log, the seed, and the code of policy and world."""
     text = "No audit log was kept: how often this owner has tried before is not known."
     if look is not None:
@@ -149,67 +144,53 @@ def worth(draw: Draw) -> str:
     return _WORTH[draw.source]
 
 
-def caveats_of_replay(replayed: int, chosen: int) -> list[Caveat]:
-    """Return a caveat if not all chosen episodes were the same when they were run again."""
-    if replayed == chosen:
-        return []
-    text = (
-        f"{chosen - replayed} of {chosen} chosen episodes were others when they were run again, "
-        "one by one: the policy's answers depend on more than the observation alone."
-    )
-    return [Caveat("episodes", text)]
+def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) -> list[Caveat]:
+    """Return caveats if not all chosen episodes were the same again, or all a reference's."""
+    texts = []
+    if replayed != chosen:
+        texts.append(
+            f"{chosen - replayed} of {chosen} chosen episodes were others when they were run "
+            "again, one by one: the policy's answers depend on more than the observation alone."
+        )
+    if equals:
+        names = ", ".join(equals)
+        texts.append(f"The policy drove every episode exactly as a reference driver: {names}.")
+    return [Caveat("episodes", text) for text in texts]
 
 
-def caveats_of_equals(names: Sequence[str]) -> list[Caveat]:
-    """Return a caveat if the policy is, by all it did, one of the reference drivers."""
-    if not names:
-        return []
-    text = f"The policy drove every episode exactly as a reference driver: {', '.join(names)}."
-    return [Caveat("episodes", text)]
-
-
-def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
-    """Return what a declared rule means, besides an angle at which whole episodes are weighed."""
-    if rule is None:
-        return []
-    text = (
-        f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
-        "what each decision costs by the angle of its situation, if the best reference of that "
-        f"angle drives on. Other tables and pictures weigh whole episodes at {angle:g} degrees "
-        "and don't decide."
-    )
-    return [Caveat("rule", text)]
-
-
-def caveats_of_trivial(discrimination: Discrimination) -> list[Caveat]:
-    """Return which drivers that act without regard would pass: the pass then shows no angle."""
-    if not discrimination.trivial_passes:
-        return []
-    names = " and one that ".join(map(plain_name, discrimination.trivial_passes))
-    text = (
-        f"The declaration excludes little: a driver that {names} would pass it too. A pass doesn't "
-        "mean that the policy behaves as declared."
-    )
-    return [Caveat("margin", text)]
-
-
-def caveats_of_direction(verdict: Verdict) -> list[Caveat]:
-    """Return what a pass doesn't say about the angle of the driving."""
+def caveats_of_declaration(
+    rule: AngleRule | None, angle: float, verdict: Verdict, tried: Discrimination
+) -> Iterator[Caveat]:
+    """Yield what the rule, the margin and the width of a declaration do not say."""
+    if rule is not None:
+        text = (
+            f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
+            "what each decision costs by the angle of its situation, if the best reference of that "
+            f"angle drives on. Other tables and pictures weigh whole episodes at {angle:g} degrees "
+            "and don't decide."
+        )
+        yield Caveat("rule", text)
+    if tried.trivial_passes:
+        names = " and one that ".join(map(plain_name, tried.trivial_passes))
+        text = (
+            f"The declaration excludes little: a driver that {names} would pass it too. A pass "
+            "doesn't mean that the policy behaves as declared."
+        )
+        yield Caveat("margin", text)
     direction = verdict.direction
     if direction is None or verdict.character is not None:
-        return []
+        return
+    text = (
+        "The declaration has no share of episodes beyond its width: a policy that draws its "
+        "character by the episode is not told apart from one of the declared angle."
+    )
     if direction.decision is None:
         text = (
             "The declaration has no width: a pass says that the policy earns enough at the "
             f"declared angle, as drivers of other angles do, and not how it drives; "
             f"{where_of(direction)}. A declaration with margin.width tests that."
         )
-        return [Caveat("direction", text)]
-    text = (
-        "The declaration has no share of episodes beyond its width: a policy that draws its "
-        "character by the episode is not told apart from one of the declared angle."
-    )
-    return [Caveat("direction", text)]
+    yield Caveat("direction", text)
 
 
 def caveats_of_clip(clip: Clip | None, evidence: Evidence) -> list[Caveat]:
@@ -261,22 +242,12 @@ def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Cav
 
 
 ALWAYS = (
-    "timing",
-    "command",
-    "machine",
-    "versions",
-    "hashes.package",
-    "reference_files",
-    "policy.record.source",
+    *("timing", "command", "machine", "versions"),
+    *("hashes.package", "reference_files", "policy.record.source"),
 )
 """Claims of every report, as paths in `report.json`."""
 
-OF_CODE = (
-    "policy.record.isolation",
-    "policy.record.start",
-    "policy.record.step",
-    "policy.record.memory",
-)
+OF_CODE = tuple(f"policy.record.{name}" for name in ("isolation", "start", "step", "memory"))
 """Claims about a policy that is its owner's code: its isolation, limits of its time and memory."""
 
 

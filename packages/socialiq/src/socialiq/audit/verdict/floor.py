@@ -14,7 +14,6 @@ from socialiq.audit.verdict.direction import driver_of, drivers_of
 from socialiq.audit.verdict.regret import Decision
 from socialiq.statistics import intervals
 from socialiq.worlds.registry import NAMES
-from socialiq.worlds.world import World
 
 
 @dataclass(frozen=True)
@@ -87,28 +86,25 @@ CHECKED = 1_000
 """Episodes of the best driver of an angle, on fixed seeds, against which a floor is checked."""
 
 
-def best_driver(world: World, angle: float) -> Outcomes | None:
-    """Run the reference driver of an angle in degrees on `CHECKED` episodes; None without one."""
-    course = drive.Course(world, episode_seeds(0, CHECKED))
-    if world.is_exact:
-        found = driver_of(drivers_of(drive.exact_optima(course)), angle)
-        return None if found is None else found.outcomes
-    turned = shipped_dial(world, [angle]) if angle <= 90.0 else []
-    return course.drive(turned[0][0]) if turned else None
-
-
 def faults_of_floor(profile: Profile) -> dict[str, str]:
     """Return why the best driver of the declared angle fails the floor, by field of a declaration.
 
     Every policy of that angle would fail too. Where no such driver is known, nothing is said.
     """
-    known = profile.scenario.world in NAMES and profile.rule is None
-    best = best_driver(profile.world(), profile.angle) if known else None
+    if profile.scenario.world not in NAMES or profile.rule is not None:
+        return {}
+    angle, world, best = profile.angle, profile.world(), None
+    course = drive.Course(world, episode_seeds(0, CHECKED))
+    if world.is_exact:
+        optimum = driver_of(drivers_of(drive.exact_optima(course)), angle)
+        best = optimum and optimum.outcomes
+    elif angle <= 90.0 and (dial := shipped_dial(world, [angle])):
+        best = course.drive(dial[0][0])
     if best is None:
         return {}
     return {
         f"competence.{'min' if test.side == 'at least' else 'max'}_{test.name}": (
-            f"the best driver of {profile.angle:g} degrees {CRITERIA[test.name]} in "
+            f"the best driver of {angle:g} degrees {CRITERIA[test.name]} in "
             f"{100 * test.share:.3g} % of {CHECKED:,} episodes, and the floor asks for "
             f"{test.side} {100 * test.limit:.3g} %: declare another limit"
         )

@@ -96,12 +96,18 @@ class Regrets:
 
         The largest of the compared ones bounds ρ without a correction (`upper_bounds`).
         """
-        return self._at(angle, np.arange(len(self._gains)) if rows is None else rows).highs(error)
+        gains = self._at(angle, np.arange(len(self._gains)) if rows is None else rows)
+        highs = bootstrap.upper_bounds(gains.resampled, error)
+        for row in np.flatnonzero(gains.rare):
+            highs[row] = intervals.bounds(gains.values[row], gains.reach, error, error).high
+        return highs
 
     def low(self, angle: float, error: float) -> float:
-        """Return a lower bound of ρ."""
+        """Return a lower bound of ρ; each reference has its share of the error (Bonferroni)."""
         gains = self._at(angle, np.flatnonzero(self.compared(angle)))
-        lows = gains.rare_lows(error)
+        share = error / len(gains.rare)
+        pairs = ((gains.values[row], gains.reach) for row in np.flatnonzero(gains.rare))
+        lows = [intervals.bounds(*pair, share, share).low for pair in pairs]
         if not gains.rare.all():
             share = error * float((~gains.rare).mean())
             lows.append(bootstrap.largest_lower_bound(gains.resampled.of(~gains.rare), share))
@@ -130,29 +136,12 @@ class Regrets:
 
 
 class _Gains(NamedTuple):
-    """Gains of references over the policy at one angle, in each episode and with their bootstrap.
-
-    `reach` is the largest possible difference, the range of the rewards of all drivers; `rare` says
-    of which references nearly all differences are equal (`statistics.intervals`).
-    """
+    """Gains of references over the policy at one angle: by episode, and with their bootstrap."""
 
     resampled: bootstrap.Studentised
     values: Float[np.ndarray, "reference episode"]
-    reach: float
-    rare: Bool[np.ndarray, " reference"]
-
-    def highs(self, error: float) -> Float[np.ndarray, " reference"]:
-        """Return the upper bound of each."""
-        highs = bootstrap.upper_bounds(self.resampled, error)
-        for row in np.flatnonzero(self.rare):
-            highs[row] = intervals.bounds(self.values[row], self.reach, error, error).high
-        return highs
-
-    def rare_lows(self, error: float) -> list[float]:
-        """Return lower bounds of the rare ones, each at its share of an error (Bonferroni)."""
-        share = error / len(self.rare)
-        rows = np.flatnonzero(self.rare)
-        return [intervals.bounds(self.values[row], self.reach, share, share).low for row in rows]
+    reach: float  # largest possible difference: the range of the rewards of all drivers
+    rare: Bool[np.ndarray, " reference"]  # nearly all differences are equal (`intervals`)
 
 
 _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
@@ -208,21 +197,13 @@ def needed_with(
     largest_loss: float,
     error: float,
 ) -> int | None:
-    """Return the number of episodes that would decide, if the losses so far are typical.
-
-    A pass needs every reference's bound, a fail the best reference's. Arguments are as for
-    `loss_bounds`; the error is that of the test that the estimate would decide.
-    """
+    """Return the number of episodes that would decide by `loss_bounds`, if losses are typical."""
     rows = _without_rounding(losses, largest_loss)[compared]
     means = rows.mean(axis=1)
-    if means.max() > margin:
+    if means.max() > margin:  # a fail needs the bound of the best reference alone
         rows, margin = -rows[[means.argmax()]], -margin
-    return slowest(
-        [
-            betting.episodes_by_betting(row, margin, largest_loss, error, intervals.POWER)
-            for row in rows
-        ]
-    )
+    how = (margin, largest_loss, error, intervals.POWER)
+    return slowest([betting.episodes_by_betting(row, *how) for row in rows])
 
 
 def _without_rounding(

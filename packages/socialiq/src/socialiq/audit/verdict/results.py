@@ -1,4 +1,4 @@
-"""Results beside the verdict: other drivers that would pass, kinds of episodes, shift check.
+"""Results beside the verdict: other drivers that would pass, kinds and order of episodes, shift.
 
 A policy could be made to behave in audits only (thesis 9.5), so the shift check runs it in traffic
 that the declaration doesn't name. Its result is reported beside the verdict and decides nothing.
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import kolmogorov
 
 from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
@@ -263,4 +264,32 @@ def discriminate(
         of=len(decided),
         trivial_passes=tuple(driver.name for driver in passing if driver.trivial),
         drivers=tuple(decided),
+    )
+
+
+ORDER_ERROR = 0.001
+"""Largest chance that a policy without a memory is found to depend on the order. It can't pass
+then, so that the error of a wrong pass has no share of it."""
+
+
+def order_dependence(evidence: Evidence) -> str:
+    """Return that the policy's rewards depend on the order of the episodes; "" if none is found.
+
+    Episodes are drawn by chance after the commitment: without a memory any order is as likely. Of
+    each reward the test takes the largest sum of the first episodes' deviations from the mean,
+    relative to the references' mean of the same episodes (CUSUM; Brown, Durbin and Evans 1975).
+    Divided by their deviation and √n, the path is close to a Brownian bridge, whose maximum has
+    Kolmogorov's distribution; of few values it is smaller. Bounds of a mean are wrong where a
+    policy drives well at first only: they may decide before the rest counts.
+    """
+    means, chances = np.mean([row.totals for row in evidence.references], axis=0), []
+    for values in (evidence.policy.totals - means).T:
+        scale = float(values.std()) * np.sqrt(len(values))
+        path = np.cumsum(values - values.mean()) / (scale or np.inf)
+        chances.append(float(kolmogorov(np.abs(path).max())))
+    if min(chances) * len(chances) >= ORDER_ERROR:
+        return ""
+    return (
+        "The policy's rewards depend on the order of the episodes, so it has a memory of earlier "
+        "ones, and its mean says nothing about later ones."
     )

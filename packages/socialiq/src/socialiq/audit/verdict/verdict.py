@@ -237,11 +237,11 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
     if decisive.decision is Decision.FAIL:
         return f"The policy does not behave as declared: {', and '.join(_faults(decisive, where))}."
     if decisive.decision is Decision.PASS:
-        less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
+        less = f"at most {regret.high:.3g} less" if regret.high > 0.0 else "no less"
         directed = direction is not None and direction.decision is not None
         text = (
             f"{where} the policy earns {less} per episode than the best reference "
-            f"driver ({_number(regret.margin)} less is allowed), "
+            f"driver ({regret.margin:.3g} less is allowed), "
             f"{'its direction is within the declared width, ' if directed else ''}"
             "and it keeps the declared safety floor."
         )
@@ -271,14 +271,14 @@ def _faults(decisive: Decisive, where: str) -> list[str]:
     clauses = []
     if regret.broken:
         clauses.append(
-            f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
-            f"where at most {_number(regret.largest_loss or 0.0)} was declared"
+            f"in an episode it lost {regret.seen_loss:.3g} against {regret.seen_against}, "
+            f"where at most {regret.largest_loss or 0.0:.3g} was declared"
         )
     elif regret.decision is Decision.FAIL:
         assumed = "; if no loss of that driver is too rare to show"
         clauses.append(
-            f"{where} it earns at least {_number(regret.low)} "
-            f"less per episode than the best reference driver ({_number(regret.margin)} less "
+            f"{where} it earns at least {regret.low:.3g} "
+            f"less per episode than the best reference driver ({regret.margin:.3g} less "
             f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
         )
     if direction is not None and direction.decision is Decision.FAIL:
@@ -310,10 +310,6 @@ def where_of(direction: DirectionTest) -> str:
         end = f"below {below:.3g}" if above is None else f"above {above:.3g}"
         return f"angles not excluded: {end}"
     return f"angles not excluded: {above:.3g} to {below:.3g}"
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}"
 
 
 def _percent(share: float) -> str:
