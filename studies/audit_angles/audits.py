@@ -25,7 +25,6 @@ COMPARED = 4
 """References that an audit compares, of those with the largest rewards in the pool: the bounds of
 the others are lower. In a gridworld it is the exact optimum alone."""
 TESTS = ("regret", "direction", "floor", "character")
-
 Shares = Bool[np.ndarray, "share episode"]
 
 

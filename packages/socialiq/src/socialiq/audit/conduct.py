@@ -27,8 +27,7 @@ from socialiq.learners.callbacks import Report
 from socialiq.policies.isolation import IsolationMode
 from socialiq.reading import path_of
 
-Stage = Callable[[str], Callable[[Report], None]]
-"""Begins to show the progress of something."""
+Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress of something
 
 
 @dataclasses.dataclass(frozen=True)

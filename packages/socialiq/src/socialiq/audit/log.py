@@ -32,9 +32,7 @@ COMMITMENT, SEED, RESULT = "commitment", "seed", "result"
 """Kinds of lines: what was committed to, the seed that came after it, the verdict."""
 
 LARGEST_LOG = 64 * 1024 * 1024  # bytes; about 50,000 looks
-
 _WAIT = 60.0  # seconds for another process that is writing
-
 _PURPOSE = "socialiq audit log 1"
 
 _INVISIBLE = re.compile("FILLER|MODIFIER LETTER|TATWEEL")
@@ -203,6 +201,7 @@ def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
     entries: list[Entry] = []
     previous = subject_sha256
     for number, line in enumerate(lines, 1):
+        entry: Entry = {}
         try:  # the bytes have to be those that `append` would write
             entry = json.loads(line)
             fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}

@@ -29,23 +29,13 @@ from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.world import World
 
 ATLAS = "atlas:"
-
 GAPS = ("gap_2s", "gap_3s", "gap_4s")
-
 EVERY = 15.0  # degrees between the references that are made of a dial
-
 FINE = 5.0  # degrees between them near the declared angle
-
 SHIPPED_DIAL = "intersection-dial-clock/iterated.safetensors"
-
-DIAL = "dial_"
-"""Beginning of the names of the shipped dial's policies, before their angles."""
-
-RULE = "rule"
-"""Kind of a rule-based driver, in its record."""
-
-SUFFIXES = (".safetensors", ".zip", ".onnx")
-"""Names of files that may be policies end so."""
+DIAL = "dial_"  # beginning of the names of the shipped dial's policies, before their angles
+RULE = "rule"  # kind of a rule-based driver, in its record
+SUFFIXES = (".safetensors", ".zip", ".onnx")  # names of files that may be policies end so
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,9 +86,7 @@ def command_of(request: Request, seed: int) -> str:
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
     words += [word for reference in request.references for word in ("--reference", reference)]
-    words += ["--films"] if request.films else []
-    words += ["--shift"] if request.shift else []
-    words += ["--soft"] if request.soft else []
+    words += [f"--{flag}" for flag in ("films", "shift", "soft") if getattr(request, flag)]
     words += ["--allow-code"] if request.trust.allow_code else []
     words += [word for file in request.trust.files for word in ("--files", file)]
     if request.trust.isolation != "auto":
@@ -167,9 +155,24 @@ def resolve_references(
 
     The user's references are files, of which a dial gives several drivers, or
     "python:MODULE:ATTRIBUTE"; `closing` ends the processes of these. Dials, and the shipped one,
-    are set at the given angles, in degrees.
+    are set at the given angles, in degrees. At the intersection the gap rules, and the shipped dial
+    and experts that are installed and fit the world, come before the user's.
     """
-    drivers = _shipped(world, angles) if world.name in INTERSECTIONS else []
+    drivers = list[tuple[Reference, dict[str, Any]]]()
+    if world.name in INTERSECTIONS:
+        shipped, interface = atlas.names(_studies(world)), Interface.of(world)
+        rules_and_experts = [(name, rule_of(name, world)) for name in GAPS]
+        for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
+            name = f"{family}_{mode}"
+            load = atlas.load_continuous if interface.action_size else atlas.load
+            if name in shipped and _fits(load(name), interface):
+                rules_and_experts.append(
+                    (name, resolve_policy(f"{ATLAS}{name}", world, angle, Trust()))
+                )
+        drivers += shipped_dial(world, angles)
+        drivers += [
+            (Reference(name, row.policy), row.record.as_json()) for name, row in rules_and_experts
+        ]
     for spec in specs:
         drivers += _named(str(spec), world, trust, closing, angles)
     records = {driver.name: record for driver, record in drivers}
@@ -208,24 +211,6 @@ def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
     if width is not None:
         angles |= {angle - width, angle + width, *(angle + step * FINE for step in range(-2, 3))}
     return tuple(sorted(angle for angle in angles if 0.0 <= angle <= 90.0))
-
-
-def _shipped(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
-    """Return gap rules, and the shipped dial and experts that are installed and fit the world."""
-    drivers, shipped, interface = [], atlas.names(_studies(world)), Interface.of(world)
-    drivers += shipped_dial(world, angles)
-    for name in GAPS:
-        loaded = rule_of(name, world)
-        drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
-    for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
-        name = f"{family}_{mode}"
-        if name not in shipped:
-            continue
-        load = atlas.load_continuous if interface.action_size else atlas.load
-        if _fits(load(name), interface):
-            loaded = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
-            drivers.append((Reference(name, loaded.policy), loaded.record.as_json()))
-    return drivers
 
 
 def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:

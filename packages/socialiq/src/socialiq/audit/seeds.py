@@ -90,8 +90,7 @@ def read_nonce(path: Path) -> Nonce:
 CHAIN = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971"
 """Hash of quicknet's parameters, by which drand's addresses name it (`chain_sha256`)."""
 
-PERIOD, GENESIS = 3, 1692803367
-"""Seconds between rounds; time of round 1, in seconds since 1970."""
+PERIOD, GENESIS = 3, 1692803367  # seconds between rounds; time of round 1, in seconds since 1970
 
 PUBLIC_KEY = bytes.fromhex(
     "83cf0f2896adee7eb8b5f01fcad3912212c437e0073e911fb90022d3e760183c"
@@ -101,14 +100,9 @@ PUBLIC_KEY = bytes.fromhex(
 """Compressed point of G2."""
 
 GROUP_SHA256 = "f477d5c89f21a17c863a7f937c6a6d15859414d2be09cd448d4279af331c5d3e"
-
 NETWORK = "quicknet"
-
-LARGEST_ROUND = 80_000_000_000
-"""Largest number of a round that is accepted, of the year 9629."""
-
+LARGEST_ROUND = 80_000_000_000  # largest number of a round that is accepted, of the year 9629
 _DOMAIN = b"BLS_SIG_BLS12381G1_XMD:SHA-256_SSWU_RO_NUL_"
-
 _SIGNATURE = re.compile(r"[0-9a-f]{96}")  # a compressed point of G1: 48 bytes
 
 
@@ -242,10 +236,7 @@ class Draw:
 
 
 _AUDIT = 7212  # makes these draws independent of other draws from the same seed
-
-FEWEST_EPISODES = 20
-"""With fewer, no bound of the audit is informative."""
-
+FEWEST_EPISODES = 20  # with fewer, no bound of the audit is informative
 MOST_EPISODES = 1_000_000
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import datetime
 import json
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -124,31 +123,25 @@ class Audit(Printing):
         else:
             done = conduct.conduct(request, say)
         done.write(self.out, self.replace)
-        report = done.report
+        report, verdict = done.report, done.report["verdict"]
         if self.json:
             sys.stdout.write(json.dumps(report, allow_nan=False) + "\n")
-        else:
-            _print_verdict(report)
-            sys.stdout.write(f"{self.out / 'report.html'}\n")
-        return int(report["verdict"]["exit_code"])
-
-
-def _print_verdict(report: Mapping[str, Any]) -> None:
-    """Print the verdict, what it rests on, and a table of the tests, at most 80 columns wide."""
-    verdict = report["verdict"]
-    sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
-    for caveat in report["caveats"]:
-        sys.stdout.write(f"Note: {caveat['text']}\n")
-    if verdict["needed"]:
-        sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
-    if sentence := views.not_excluded(report):
-        sys.stdout.write(f"{sentence.replace('°', ' degrees')}\n")
-    rows = [{key: row[key].replace("−", "-") for key in row if key != "name"}
-            for row in views.tested(report)]  # fmt: skip
-    print_table(rows)
-    sys.stdout.write(f"{views.other_passes(report)}\n")
-    if report["shift"]:
-        sys.stdout.write(f"{report['shift']['sentence']}\n")
+            return int(verdict["exit_code"])
+        lines = [f"{verdict['decision'].upper()}: {verdict['reason']}"]
+        lines += [f"Note: {caveat['text']}" for caveat in report["caveats"]]
+        if verdict["needed"]:
+            lines.append(f"About {verdict['needed']} episodes would decide.")
+        if sentence := views.not_excluded(report):
+            lines.append(sentence.replace("°", " degrees"))
+        sys.stdout.write("".join(f"{line}\n" for line in lines))
+        tests = views.tested(report)
+        columns = [name for name in tests[0] if name != "name"]  # at most 80 characters wide
+        print_table([{name: row[name].replace("−", "-") for name in columns} for row in tests])
+        sys.stdout.write(f"{views.other_passes(report)}\n")
+        if report["shift"]:
+            sys.stdout.write(f"{report['shift']['sentence']}\n")
+        sys.stdout.write(f"{self.out / 'report.html'}\n")
+        return int(verdict["exit_code"])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import recompute, signature, verify, words
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
-from socialiq.audit.request import Request
+from socialiq.audit.request import Request, is_code
 from socialiq.audit.seeds import read_nonce
 from socialiq.cli.audit import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
@@ -137,15 +137,17 @@ class Verify(Printing):
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
         world = parse(files[PROFILE], PROFILE).scenario.world
-        if ":" in world and self.world != world:
-            raise _asks_to_run(world, "--world")
         source = self.policy or str(report["policy"]["record"]["source"])
-        if not self.policy and source.startswith(_RUNS):
-            raise _asks_to_run(source, "--policy")
         references = tuple(self.reference or report["reference_files"])
-        for reference in () if self.reference else references:
-            if reference.startswith(_RUNS):
-                raise _asks_to_run(reference, "--reference")
+        asked = [(world, "--world")] if ":" in world and self.world != world else []
+        asked += [(source, "--policy")] if not self.policy and is_code(source) else []
+        named = () if self.reference else references
+        asked += [(reference, "--reference") for reference in named if is_code(reference)]
+        for what, option in asked[:1]:
+            raise UserError(
+                f"this report asks to run '{one_line(what)}': if you trust that, give it as "
+                f"{option} yourself"
+            )
         with tempfile.TemporaryDirectory() as folder:
             profile = Path(folder) / PROFILE
             profile.write_bytes(files[PROFILE])
@@ -174,16 +176,6 @@ def _shortened(lines: list[str]) -> list[str]:
     """Return the first lines, and how many more there are."""
     remaining = len(lines) - _MOST_LINES
     return [*lines[:_MOST_LINES], f"and {remaining} more"] if remaining > 0 else lines
-
-
-_RUNS = ("process:", "python:")
-
-
-def _asks_to_run(what: str, option: str) -> UserError:
-    return UserError(
-        f"this report asks to run '{one_line(what)}': if you trust that, give it as {option} "
-        "yourself"
-    )
 
 
 def _fault_of_policy(folder: Path, policy: Path) -> str:

@@ -16,7 +16,7 @@ import secrets
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -29,11 +29,8 @@ IsolationMode = Literal["auto", "required", "none"]
 PROCESSES = 1_024
 """Largest number of processes and threads; libraries start one thread for each core."""
 
-DISK = 256 * 1024 * 1024
-"""Bytes of each writable folder, and of a file."""
-
+DISK = 256 * 1024 * 1024  # bytes of each writable folder, and of a file
 NONE = "none"
-
 _PROGRAM = "bwrap"
 _LAUNCHERS = Path(__file__).with_name("launchers.py")
 _LIBRARY = Path(__file__).parents[1]
@@ -43,11 +40,8 @@ _WRITABLE = ("/tmp", "/dev/shm")
 _IN_MEMORY = ("--perms", "1777", "--size", str(DISK), "--tmpfs")
 _ENVIRONMENT = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/tmp", "LANG": "C.UTF-8"}
 _SECONDS = 20  # of the trial
-
 _BLOCK = 1024 * 1024  # bytes that are read at once
-
-MOST_FILES = 100_000
-"""Largest number of files below the named folders."""
+MOST_FILES = 100_000  # largest number of files below the named folders
 
 CACHE = "__pycache__"
 """Folders with this name are derived from the sources beside them, and are not covered."""
@@ -208,7 +202,6 @@ class Isolation(NamedTuple):
 
 
 NOT_ASKED = Isolation(NONE, "it was not asked for")
-
 NOT_NEEDED = Isolation("not needed", "no code of its author runs")
 
 
@@ -273,6 +266,13 @@ def sandboxed(
     user = 2_000_000_000 + secrets.randbelow(100_000_000) if root else -1
     folders = (*_visible(), *([_LIBRARY] if library else []))
     sources = {path: path for path in folders} | dict(covered.paths)
+    # This library, which has the answers, is hidden where it is installed.
+    roots = (Path(name) for name in ("/usr", "/usr/local", *map(str, sources)))
+    installed = {path for root in roots for path in root.glob("lib/python3*/*-packages/socialiq*")}
+    masked: list[str] = []
+    for path in () if library else sorted({*installed, _LIBRARY}):
+        if path.is_dir() and any(map(path.is_relative_to, (*sources, *_SYSTEM))):
+            masked += ("--perms", "0555", "--tmpfs", str(path), "--remount-ro", str(path))
     return [
         program,
         *(_AS_ROOT if root else ("--unshare-all", "--cap-drop", "ALL")),
@@ -283,7 +283,7 @@ def sandboxed(
         *("--proc", "/proc", "--ro-bind", "/dev/null", "/proc/1/cmdline", "--dev", "/dev"),
         *(word for path in _WRITABLE for word in (*_IN_MEMORY, path)),
         *_bound(sources, here),
-        *(() if library else _masked(sources)),
+        *masked,
         *("--chdir", str(here), "--remount-ro", "/dev", "--remount-ro", "/"),
         *(os.path.realpath(sys.executable), "-I", "-S", "-c", _LAUNCHERS.read_text(), "enter"),
         *(str(user), str(PROCESSES), str(DISK), str(first), *command[1:]),
@@ -300,15 +300,6 @@ _AS_ROOT = (
 def _visible() -> tuple[Path, ...]:
     """Return the folders of the audit's interpreter: its virtual environment, and its base."""
     return tuple(dict.fromkeys(map(Path, (sys.prefix, sys.base_prefix))))
-
-
-def _masked(sources: Iterable[Path]) -> Iterator[str]:
-    """Return the arguments that hide this library where it is installed, with its answers."""
-    roots = (Path(name) for name in ("/usr", "/usr/local", *map(str, sources)))
-    installed = {path for root in roots for path in root.glob("lib/python3*/*-packages/socialiq*")}
-    for path in sorted({*installed, _LIBRARY}):
-        if path.is_dir() and any(map(path.is_relative_to, (*sources, *_SYSTEM))):
-            yield from ("--perms", "0555", "--tmpfs", str(path), "--remount-ro", str(path))
 
 
 def _bound(sources: Mapping[Path, Path], here: Path) -> Iterator[str]:

@@ -45,8 +45,7 @@ KINDS = (
 )
 """Forms of a policy specification."""
 
-MOST_HEADER = 65_536
-"""Characters of a file's header, which goes into reports."""
+MOST_HEADER = 65_536  # characters of a file's header, which goes into reports
 
 
 def load_policy(
@@ -127,15 +126,9 @@ def _read_with_clock(
 def read_native(
     path: Path, world: Interface | None, angle: float | None = None
 ) -> tuple[Any, dict[str, Any]]:
-    """Read a file of this package, of any kind in `nn.saved.FORMS`.
+    """Read a file of this package, of any kind in `nn.saved.FORMS`, and details from it.
 
-    Args:
-        path: The file.
-        world: The interface that it must have, if any.
-        angle: Of a dial, in degrees; without use for other policies.
-
-    Returns:
-        The policy, of a dial that of the angle, and details from the file.
+    A dial gives its policy at an angle in degrees. The interface must be that of the world, if any.
     """
     form = FORMS.get(kind_of(path), QPolicy)
     arrays, header = load_arrays(path, form.KIND, form.VERSIONS)

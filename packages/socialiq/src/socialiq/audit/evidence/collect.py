@@ -38,7 +38,6 @@ from socialiq.worlds.situation import ContextPolicy
 from socialiq.worlds.world import World
 
 REPEATED = 3  # episodes of an environment that are started twice, to check its seeding
-
 Seeds = Int64[np.ndarray, " episode"]
 
 

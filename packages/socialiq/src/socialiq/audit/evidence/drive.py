@@ -42,10 +42,6 @@ class Course:
     So many run side by side on a road. The last bits of a network's output may depend on this
     number, so parts of one collection need the same. In a gridworld all run at once, and a policy
     with a memory keeps one for each. By a declared rule of the angle decision losses are measured.
-
-    Attributes:
-        batch: The episodes that run side by side.
-        losses: Losses at a declared rule in a gridworld; None without one.
     """
 
     def __init__(
@@ -58,6 +54,7 @@ class Course:
     ) -> None:
         self.world, self.seeds, self.by_rule = world, seeds, by_rule
         size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
+        # The episodes that run side by side, and their losses at a declared rule in a gridworld.
         self.batch: Any = world.batch(len(seeds) if world.is_exact else size, threads)
         self.losses = None
         if by_rule is not None and world.is_exact:

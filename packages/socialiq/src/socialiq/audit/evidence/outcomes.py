@@ -94,21 +94,15 @@ ALLOWED = 0.001
 on the size of the batch, which changes about one action in a million; a policy of exact ties may
 exceed the share, and has to break them by rule."""
 
-CHANCE = 1e-6
-"""Chance that an honest policy that draws is found to depend on something else."""
+CHANCE = 1e-6  # chance that an honest policy that draws is found to depend on something else
 
 NEAR = 1e-4
 """Largest difference of two equal continuous actions, in halves of the range of each number. Sums
 of float32 in another order change an action by about a millionth."""
 
-MOST_ROWS = 16_384
-"""Observations that are kept, if they are in enough batches."""
-
+MOST_ROWS = 16_384  # observations that are kept, if they are in enough batches
 FEWEST_BATCHES = 4
-
-SINGLE, LARGEST = 1_000, 256
-"""Observations that are asked one by one; largest mixed batch."""
-
+SINGLE, LARGEST = 1_000, 256  # observations that are asked one by one; largest mixed batch
 _ORDER = 8104  # makes these draws independent of other draws
 
 

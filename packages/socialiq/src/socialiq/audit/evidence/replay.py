@@ -58,9 +58,7 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
     }
 
 
-PER_SECOND = 5
-"""Frames of a second on a road, fewer in episodes of more than `MOST_FRAMES`."""
-
+PER_SECOND = 5  # frames of a second on a road, fewer in episodes of more than `MOST_FRAMES`
 MOST_FRAMES = 600
 
 GRID_PER_SECOND = 2.0

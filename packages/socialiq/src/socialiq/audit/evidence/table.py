@@ -17,16 +17,13 @@ from socialiq.foreign import one_line
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Contact
 
-MEASURED = ("r_env", "r_social", "ending", "decisions")
-"""Columns of each driver."""
+MEASURED = ("r_env", "r_social", "ending", "decisions")  # columns of each driver
 
 LOSS = "loss"
 """Further column of each driver where a rule of the angle is declared: its decision loss."""
 
 _INDEX = ("episode", "seed")
-
-LARGEST_REWARD = 1e12
-"""Largest sum of rewards of an episode, either sign, that a table may hold."""
+LARGEST_REWARD = 1e12  # largest sum of rewards of an episode, either sign, that a table may hold
 
 _COLLISIONS = {
     Contact.NONE: "collision",  # of an environment, where fault is not known
@@ -143,10 +140,7 @@ def _filled(
     width = first + len(measured) * len(names)
     seeds: list[int] = []
     labels: list[list[str]] = []
-    totals: list[np.ndarray] = []
-    kinds: list[np.ndarray] = []
-    lengths: list[np.ndarray] = []
-    lost: list[np.ndarray] = []
+    episodes: list[tuple[np.ndarray, ...]] = []  # totals, kinds, lengths and losses of all drivers
     for row in rows:
         if len(row) != width:
             raise ValueError(f"row {len(seeds) + 1} has {len(row)} columns, not {width}")
@@ -156,33 +150,24 @@ def _filled(
         pairs = np.array([list(map(float, cell)) for cell in cells[:2]]).T
         if not (np.abs(pairs) <= LARGEST_REWARD).all():
             raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
-        totals.append(pairs)
-        kinds.append(np.array([_KINDS[cell] for cell in cells[2]], np.int8))
-        lengths.append(np.array(list(map(int, cells[3])), np.int64))
-        lost += [np.array(list(map(float, cells[4])))] if len(cells) > len(MEASURED) else []
-        if lost and not (np.abs(lost[-1]) <= LARGEST_REWARD).all():
+        kinds = np.array([_KINDS[cell] for cell in cells[2]], np.int8)
+        lengths = np.array(list(map(int, cells[3])), np.int64)
+        losses = [np.array(list(map(float, cell))) for cell in cells[len(MEASURED) :]]
+        if not all((np.abs(lost) <= LARGEST_REWARD).all() for lost in losses):
             raise ValueError(f"row {len(seeds)} has a loss that is no audit's")
+        episodes.append((pairs, kinds, lengths, *losses))
     if not seeds:
         raise ValueError("no episodes")
-    drivers = []
+    drivers, values = [], list(zip(*episodes, strict=True))
     for driver, name in enumerate(names):
-        ending, contact = np.array([row[driver] for row in kinds]).T.copy()
-        outcomes = Outcomes(
-            name,
-            np.array([row[driver] for row in totals]),
-            ending,
-            contact,
-            np.array([row[driver] for row in lengths]),
-            *attributes.get(name, ReferenceAttributes()),
-            np.array([row[driver] for row in lost]) if lost else None,
-        )
-        drivers.append(outcomes)
+        totals, kind, length, *lost = (np.array([row[driver] for row in rows]) for rows in values)
+        fixed = attributes.get(name, ReferenceAttributes())
+        drivers.append(Outcomes(name, totals, *kind.T.copy(), length, *fixed, *lost))
     columns = map(np.array, zip(*labels, strict=True))
     return np.array(seeds, np.int64), dict(zip(strata, columns, strict=True)), drivers
 
 
 CONTEXTS = "contexts.csv"
-
 _FIRST = ("episode", "context", "decisions", "declared")
 
 

@@ -29,7 +29,6 @@ LARGEST_SEED = 2**31
 """Environments are reset with the seed of an episode modulo this: not all take larger ones."""
 
 _REPEATED = 50  # steps for the check that the seed determines an episode
-
 _OWN = ("gymnasium", "socialiq")
 
 
@@ -38,15 +37,10 @@ class Environment(World):
     """A Gymnasium environment with a reward pair, and its name in a declaration.
 
     It shows policies no time, and its episodes are run one by one.
-
-    Attributes:
-        name: Name as for `worlds.environment.make_environment`.
-        options: Its keyword arguments.
-        env: The environment.
     """
 
-    name: str
-    options: Mapping[str, Any]
+    name: str  # as for `worlds.environment.make_environment`
+    options: Mapping[str, Any]  # its keyword arguments
     env: gymnasium.Env[Any, Any]
 
     shows_time: ClassVar[bool] = False
@@ -55,10 +49,8 @@ class Environment(World):
     @staticmethod
     def of(name: str, options: Mapping[str, Any], allow_code: bool) -> Environment:
         """Make the environment, as `make_environment` does."""
-        env = make_environment(
-            name, options, allow_code=allow_code, needs_pair=True, continuous=True
-        )
-        return Environment(name, options, env)
+        how = {"allow_code": allow_code, "needs_pair": True, "continuous": True}
+        return Environment(name, options, make_environment(name, options, **how))
 
     @property
     def n_features(self) -> int:
@@ -86,11 +78,10 @@ class Environment(World):
     ) -> str:
         """Name, options, spaces, time limit, sources and versions as JSON with sorted keys.
 
-        Of continuous actions the bounds are included, in the environment's units.
-
-        The sources are those of the files that define the environment's class, its wrappers, its
-        registered entry point or the named function, and the functions of the pair; of the files
-        that they import, only the versions of installed packages are included.
+        Of continuous actions the bounds are included, in the environment's units. The sources are
+        those of the files that define the environment's class, its wrappers, its registered entry
+        point or the named function, and the functions of the pair; of the files that they import,
+        only the versions of installed packages are included.
         """
         spec, module = self.env.spec, self.name.rpartition(":")[0]
         # The file of the module in the name.
@@ -169,9 +160,8 @@ def _module_of(defined: Any) -> str:
 
 def _foreign(objects: list[Any]) -> list[Any]:
     """Return the parts that are neither of Gymnasium nor of this package."""
-    bare = (
-        defined.func if isinstance(defined, functools.partial) else defined for defined in objects
-    )
+    partial = functools.partial
+    bare = (code.func if isinstance(code, partial) else code for code in objects)
     return [defined for defined in bare if _module_of(defined).split(".")[0] not in _OWN]
 
 

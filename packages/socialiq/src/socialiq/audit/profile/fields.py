@@ -14,26 +14,19 @@ from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.registry import NAMES
 
 Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule", "range"]
-
 FORMAT = 1
 
 RULE, CLIP = "angle_rule", "clip"
 """Tables that a declaration may lack: of a rule of the angle, and of limits of the rewards."""
 
 LONGEST_TEXT = 200  # characters
-
 MOST_OPTIONS = 64
-
-LAST_DIRECTION = 90.0
-"""Angles from 0 to this one, in degrees, may have a width."""
-
+LAST_DIRECTION = 90.0  # angles from 0 to this one, in degrees, may have a width
 LARGEST_NUMBER = 1e6  # of a reward or an option; usual numbers are far smaller
 
 # No control characters (C0, C1) and none that reorder or hide text of a report.
 _HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
-
 TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
-
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
 WORLD_PATTERN = (
@@ -196,7 +189,6 @@ FIELDS = (
 changes the hash of every new declaration."""
 
 BY_PATH = {field.path: field for field in FIELDS}
-
 TABLES = tuple(dict.fromkeys(field.path.split(".")[0] for field in FIELDS if "." in field.path))
 
 

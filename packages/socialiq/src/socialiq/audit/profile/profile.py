@@ -24,9 +24,7 @@ from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
 MOST_VEHICLES = 200
-
 MOST_SUB_STEPS = 100  # per second
-
 WORLD_SUFFIX = ".safetensors"
 
 

@@ -20,9 +20,7 @@ from socialiq.worlds.situation import check_rule
 from socialiq.worlds.world import World
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
-
 _LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
-
 _MOST_DOTS = 250
 
 
@@ -250,7 +248,6 @@ def _quoted(value: Any, quoted: bool = True) -> str:
 
 
 _TABLE = re.compile(r"^\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
-
 _KEY = re.compile(r"^\s*([A-Za-z0-9_\-\"'. ]+?)\s*=")
 
 

@@ -24,13 +24,10 @@ from socialiq.worlds.highway.scenes import scene_of
 from socialiq.worlds.intersection.views import JUNCTION
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 
-HELD = 1.5
-"""Seconds for which the last frame is held before the picture begins again."""
-
+HELD = 1.5  # seconds for which the last frame is held before the picture begins again
 _BESIDE = 8.0  # m around what is shown of a scene
 _WIDEST = 110.0  # m
 _FOLLOWED = 64.0  # m of the view along an axis on which it follows the ego
-
 _AWAY = "translate(-9999px,0px)"
 
 

@@ -30,7 +30,6 @@ _ORDER = (
 )
 
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
-
 _OF_VERDICT = ("decision", "reason", "episodes", "needed", "error")
 _TESTS = (
     *("regret", "direction", "character", "rationalised", "alpha_hat", "identifiability"),

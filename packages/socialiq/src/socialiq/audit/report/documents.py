@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
 from socialiq.audit.profile.profile import is_recorded
@@ -22,28 +22,15 @@ INTERSECTION, CONTINUOUS = "intersection", "intersection with continuous actions
 JUNCTION = "recorded junction"
 
 
-@dataclass(frozen=True)
-class Conformance:
-    """A comparison of the compiled intersection with highway-env, decision by decision.
-
-    Episodes and decisions are those of all runs, which vary the compared options of the world.
-    """
-
-    command: str
-    runs: str
-    episodes: int
-    decisions: int
-    compared: tuple[str, ...]
-
-
-CONFORMANCE = Conformance(
+CONFORMANCE = SimpleNamespace(
     command="socialiq conformance --episodes 150 --seed 50000",
     runs="with --population highway_env and thesis, each with and without --connected",
     episodes=600,
     decisions=7282,
     compared=("population", "connected_lanes"),
 )
-"""The run that docs/worlds/intersection.md describes: no difference in any field."""
+"""Comparison of the compiled intersection with highway-env, decision by decision: no difference in
+any field (docs/worlds/intersection.md). Counts are of all runs, which vary the compared options."""
 
 _YIELDING = (
     "Other vehicles follow the Intelligent Driver Model and yield by highway-env's rules; none "
@@ -116,7 +103,6 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 Status = Literal["supported", "contradicted", "undecided", "to be filled"]
-
 _OF: dict[str, Status] = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
 _NO_EVIDENCE: Status = "to be filled"
 
@@ -202,8 +188,7 @@ def mermaid(tree: list[Claim]) -> str:
     return "\n".join(["flowchart TD", *nodes, *edges])
 
 
-_CODE = ("process", "python", "rule")
-"""Kinds of policies that are not one file."""
+_CODE = ("process", "python", "rule")  # kinds of policies that are not one file
 
 
 def materials(report: Mapping[str, Any]) -> bytes:

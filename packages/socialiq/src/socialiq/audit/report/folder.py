@@ -23,18 +23,13 @@ from socialiq.policies.interface import sha256_of
 from socialiq.storage import write_atomically
 
 REPORT, EVIDENCE, PROFILE = "report.json", "episodes.csv", "profile.toml"
-
 MANIFEST, STATEMENT = "MANIFEST.sha256", "statement.intoto.json"
 
 SIGNATURES = "statement.dsse.json"
 """Envelope of the signed statement. It is made after the manifest, which does not list it."""
 
-SEALS = frozenset({MANIFEST, STATEMENT, SIGNATURES})
-"""Files that are no subjects of the statement."""
-
-PREDICATE_TYPE = "https://socialiq.example/audit/v1"
-"""A name, as in-toto requires; not an address."""
-
+SEALS = frozenset({MANIFEST, STATEMENT, SIGNATURES})  # files that are no subjects of the statement
+PREDICATE_TYPE = "https://socialiq.example/audit/v1"  # a name, as in-toto requires; not an address
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 
 

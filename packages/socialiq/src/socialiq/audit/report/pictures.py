@@ -64,10 +64,8 @@ class Scale:
         box = self.box
         length = box.right - box.left if axis == 0 else box.bottom - box.top
         low, high = self.low[axis], self.low[axis] + length / self.factor
-        return [
-            Tick(self.at(number, number)[axis], text)
-            for number, text in round_steps(low, high, about)
-        ]
+        steps = round_steps(low, high, about)
+        return [Tick(self.at(number, number)[axis], text) for number, text in steps]
 
 
 def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, str]]:
@@ -75,9 +73,8 @@ def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, st
     least = (high - low) / about
     power = 10.0 ** math.floor(math.log10(least))
     # The smallest of 1, 2, 5 times a power of ten that is not below the distance asked for.
-    step = power * next(
-        step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1 - 1e-9)
-    )
+    enough = least * (1 - 1e-9)
+    step = power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= enough)
     numbers = [step * row for row in range(math.ceil(low / step), math.floor(high / step) + 1)]
     return [(number, f"{number + 0.0:g}".replace("-", "−")) for number in numbers]
 
@@ -89,10 +86,8 @@ def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
 
 
 BOX = Box(44, 10, 352, 258)
-
 _ROUND = 72  # points of an ellipse
 _APART = 10.0  # units of the picture between marks whose numbers can be read
-
 Point = tuple[float, float]
 
 
@@ -157,11 +152,8 @@ def means(report: Mapping[str, Any]) -> Panel:
 def episodes(report: Mapping[str, Any]) -> Panel:
     """Return single episodes of the policy around their mean."""
     scale = scale_of(report)
-    return _panel(
-        scale,
-        _of(report["policy"]["means"]),
-        cloud=tuple(scale.at(*point) for point in _cloud(report)),
-    )
+    cloud = tuple(scale.at(*point) for point in _cloud(report))
+    return _panel(scale, _of(report["policy"]["means"]), cloud=cloud)
 
 
 def scale_of(report: Mapping[str, Any]) -> Scale:
@@ -239,10 +231,8 @@ class AnglePicture:
 def angles(report: Mapping[str, Any]) -> AnglePicture:
     """Return the picture of a report."""
     test, rationalised = report["tests"]["regret"], report["tests"]["rationalised"]
-    margin, declared = (
-        float(test["margin"]),
-        -wrapped(-float(report["declaration"]["angle"]), 180.0),
-    )
+    margin = float(test["margin"])
+    declared = -wrapped(-float(report["declaration"]["angle"]), 180.0)
     curve = [(angle, regret_at(report, angle)) for angle in map(float, range(-180, 181))]
     lowest = min(0.0, test["low"], *(regret for _, regret in curve))
     highest = _ROOM * max(1.3 * margin, test["high"], test["regret"], rationalised["least"])
@@ -270,9 +260,7 @@ def angles(report: Mapping[str, Any]) -> AnglePicture:
         box=BOX,
         x_ticks=[Tick(at(angle, 0.0)[0], label) for angle, label in labels.items()],
         ends=(at(0.0, 0.0)[0], at(90.0, 0.0)[0]),
-        y_ticks=[
-            Tick(round(height(regret), 2), text) for regret, text in round_steps(bottom, highest)
-        ],
+        y_ticks=[Tick(round(height(row), 2), text) for row, text in round_steps(bottom, highest)],
         allowed=round(height(margin), 2),
         curve=path([at(*point) for point in curve]),
         within=tuple(path([at(*point) for point in run]) for run in runs if len(run) > 1),

@@ -210,12 +210,8 @@ def differences(
     differ by a relative part of the larger, or of 1 if both are smaller; by default they agree to
     the last digit, as they do on the same machine with the same versions.
     """
-
-    def rank(path: str) -> int:
-        ranks = (number for number, above in enumerate(_FIRST) if path.startswith(above))
-        return next(ranks, len(_FIRST))
-
-    return sorted(_differences(old, new, ignored, relative, "report"), key=rank)
+    paths = _differences(old, new, ignored, relative, "report")
+    return sorted(paths, key=lambda path: [not path.startswith(above) for above in _FIRST])
 
 
 _FIRST = ("report.verdict", "report.tests.regret", "report.tests.competence", "report.tests")

@@ -13,6 +13,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
@@ -30,10 +31,8 @@ PASSPHRASE = "SOCIALIQ_KEY_PASSPHRASE"
 
 PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
 PublicKey = Ed25519PublicKey | ec.EllipticCurvePublicKey
-
 MOST_SIGNATURES = 16
 _LARGEST_KEY = 64 * 1024  # bytes
-_KINDS = "Ed25519 or ECDSA on the curve P-256"
 
 
 def encoded(payload_type: str, payload: bytes) -> bytes:
@@ -69,9 +68,7 @@ def read_private_key(path: Path) -> PrivateKey:
         raise UserError(
             f"{path} is not a private key in PEM, or {PASSPHRASE} is not its passphrase"
         ) from error
-    if isinstance(key, Ed25519PrivateKey) or _is_p256(key):
-        return key  # pyright: ignore[reportReturnType]
-    raise UserError(f"{path} is a key of another kind: use {_KINDS}")
+    return _of_known_kind(key, path)
 
 
 def read_public_key(path: Path) -> PublicKey:
@@ -82,15 +79,17 @@ def read_public_key(path: Path) -> PublicKey:
         raise UserError(
             f"{path} is not a public key in PEM: `openssl pkey -in PRIVATE -pubout` writes it"
         ) from error
-    if isinstance(key, Ed25519PublicKey) or _is_p256(key):
-        return key  # pyright: ignore[reportReturnType]
-    raise UserError(f"{path} is a key of another kind: use {_KINDS}")
+    return _of_known_kind(key, path)
 
 
-def _is_p256(key: object) -> bool:
-    if not isinstance(key, ec.EllipticCurvePrivateKey | ec.EllipticCurvePublicKey):
-        return False
-    return isinstance(key.curve, ec.SECP256R1)
+def _of_known_kind(key: Any, path: Path) -> Any:
+    if isinstance(key, ec.EllipticCurvePrivateKey | ec.EllipticCurvePublicKey):
+        known = isinstance(key.curve, ec.SECP256R1)
+    else:
+        known = isinstance(key, Ed25519PrivateKey | Ed25519PublicKey)
+    if not known:
+        raise UserError(f"{path} is a key of another kind: use Ed25519 or ECDSA on the curve P-256")
+    return key
 
 
 def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> bytes:

@@ -88,7 +88,6 @@ def fault_of(value: Any, schema: dict[str, Any]) -> str:
 
 
 MOST_FILES = 100
-
 LARGEST_FOLDER = 4 * 1024**3  # bytes; a million episodes of 13 drivers in 3 traffics have half
 
 

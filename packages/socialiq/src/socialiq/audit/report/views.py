@@ -16,8 +16,6 @@ from socialiq.physics import wrapped
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
 
-_KEPT = ("seed", "r_env", "r_social", "ending", "decisions")
-
 
 class Replays(NamedTuple):
     """Script that replays episodes in a page, its data as JSON, and the sources that are allowed.
@@ -34,7 +32,7 @@ def replays(report: Mapping[str, Any]) -> Replays | None:
     """Return the replays of a report's episodes; None where none has decisions."""
     rows = [
         {"kind": kind, "number": number, "actions": row["trace"]["actions"]}
-        | {name: row[name] for name in _KEPT}
+        | {name: row[name] for name in ("seed", "r_env", "r_social", "ending", "decisions")}
         for kind, rows in sorted(report["episodes"].items(), reverse=True)
         for number, row in enumerate(rows, 1)
         if row["trace"] and row["trace"]["actions"]
@@ -49,8 +47,7 @@ def replays(report: Mapping[str, Any]) -> Replays | None:
     return Replays(script, data, f"{source_hash(script)} 'wasm-unsafe-eval'")
 
 
-Real = int | float
-"""A number of JSON, where a whole number is an int."""
+Real = int | float  # a number of JSON, where a whole number is an int
 
 
 VERDICTS = {

@@ -18,9 +18,7 @@ from socialiq.physics import wrapped
 from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
 
-OPTIMUM = "optimum_"
-"""Beginning of the names of exact optima (`evidence.drive.exact_optima`)."""
-
+OPTIMUM = "optimum_"  # beginning of the names of exact optima (`evidence.drive.exact_optima`)
 _SIMPLER = "simpler network, "
 
 _TRAINED = {

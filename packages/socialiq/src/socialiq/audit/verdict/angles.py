@@ -83,23 +83,11 @@ def followed_angles(
         by_angle, declared = losses.by_angle[:, number], losses.declared[:, number]
         least = by_angle[:, int(by_angle.mean(axis=0).argmin())]
         interval = paired_difference(declared, np.zeros_like(declared), confidence)
-        rows = [
-            CandidateLoss(
-                angle,
-                float(loss.mean()),
-                bool(paired_difference(loss, least, confidence).low <= 0.0),
-            )
-            for angle, loss in zip(candidates, by_angle.T, strict=True)
-        ]
-        followed.append(
-            FollowedAngle(
-                context=context,
-                declared=angle_words(rule.angles[number]),
-                decisions=float(losses.decisions[:, number].mean()),
-                loss=interval.mean,
-                low=interval.low,
-                high=interval.high,
-                by_angle=tuple(rows),
-            )
-        )
+        rows = list[CandidateLoss]()
+        for angle, loss in zip(candidates, by_angle.T, strict=True):
+            compatible = bool(paired_difference(loss, least, confidence).low <= 0.0)
+            rows.append(CandidateLoss(angle, float(loss.mean()), compatible))
+        words, count = angle_words(rule.angles[number]), float(losses.decisions[:, number].mean())
+        declared_loss = (interval.mean, interval.low, interval.high)
+        followed.append(FollowedAngle(context, words, count, *declared_loss, tuple(rows)))
     return tuple(followed)

@@ -235,8 +235,7 @@ class CharacterTest:
     needed: int | None
 
 
-TOLERANCE = 2.0
-"""Margins of regret by which an episode has to be beyond an end to count."""
+TOLERANCE = 2.0  # margins of regret by which an episode has to be beyond an end to count
 
 
 def character_test(

@@ -64,21 +64,10 @@ def floor_tests(
         # Near 0 and 1 a share varies little: the deviation at the limit avoids too small a number.
         deviation = max(chance * (1.0 - chance) for chance in (share, limit)) ** 0.5
         error = pass_error if good else fail_error
-        test = FloorTest(
-            name=name,
-            decision=Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE,
-            side="at least" if least else "at most",
-            limit=limit,
-            count=count,
-            episodes=episodes,
-            share=share,
-            low=low,
-            high=high,
-            pass_error=pass_error,
-            fail_error=fail_error,
-            needed=intervals.episodes_needed(share - limit, deviation, error),
-        )
-        tests.append(test)
+        decision = Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE
+        needed = intervals.episodes_needed(share - limit, deviation, error)
+        counted = (limit, count, episodes, share, low, high, pass_error, fail_error, needed)
+        tests.append(FloorTest(name, decision, "at least" if least else "at most", *counted))
     return tuple(tests)
 
 

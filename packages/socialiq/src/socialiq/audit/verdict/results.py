@@ -86,17 +86,10 @@ def shift_of(
     shifts = []
     for variant, evidence in zip(traffic, there, strict=True):
         decisive = decide(profile, evidence, seed, resamples, error)
-        shifts.append(
-            Shift(
-                variant.name,
-                dict(variant.options),
-                scenario_sha256(variant.world),
-                evidence.episodes,
-                decisive.decision,
-                decisive.regret.best,
-                changes(declared, evidence, profile.angle, confidence),
-            )
-        )
+        traffic_there = variant.name, dict(variant.options), scenario_sha256(variant.world)
+        outcome = evidence.episodes, decisive.decision, decisive.regret.best
+        changed = changes(declared, evidence, profile.angle, confidence)
+        shifts.append(Shift(*traffic_there, *outcome, changed))
     return tuple(shifts)
 
 
@@ -247,9 +240,7 @@ def discriminate(
     drivers += [(driver, True) for driver in evidence.trivial]
     decided = []
     for driver, trivial in drivers:
-        references = tuple(
-            reference for reference in evidence.references if reference is not driver
-        )
+        references = tuple(row for row in evidence.references if row is not driver)
         if references:
             swapped = replace(evidence, policy=driver, references=references, trivial=())
             as_policy = replace(driver, name=evidence.policy.name)  # it stays a reference too
