@@ -139,11 +139,11 @@ class Verify(Printing):
         world = parse(files[PROFILE], PROFILE).scenario.world
         source = self.policy or str(report["policy"]["record"]["source"])
         references = tuple(self.reference or report["reference_files"])
-        asked = [(world, "--world")] if ":" in world and self.world != world else []
-        asked += [(source, "--policy")] if not self.policy and is_code(source) else []
-        named = () if self.reference else references
-        asked += [(reference, "--reference") for reference in named if is_code(reference)]
-        for what, option in asked[:1]:
+        code = [(world, "--world")] if ":" in world and self.world != world else []
+        code += [(source, "--policy")] if not self.policy and is_code(source) else []
+        reported = () if self.reference else references
+        code += [(reference, "--reference") for reference in reported if is_code(reference)]
+        for what, option in code[:1]:
             raise UserError(
                 f"this report asks to run '{one_line(what)}': if you trust that, give it as "
                 f"{option} yourself"

@@ -161,8 +161,9 @@ def _filled(
     drivers, values = [], list(zip(*episodes, strict=True))
     for driver, name in enumerate(names):
         totals, kind, length, *lost = (np.array([row[driver] for row in rows]) for rows in values)
-        fixed = attributes.get(name, ReferenceAttributes())
-        drivers.append(Outcomes(name, totals, *kind.T.copy(), length, *fixed, *lost))
+        ending, contact = kind.T.copy()
+        fixed, loss = attributes.get(name, ReferenceAttributes()), lost[0] if lost else None
+        drivers.append(Outcomes(name, totals, ending, contact, length, *fixed, loss))
     columns = map(np.array, zip(*labels, strict=True))
     return np.array(seeds, np.int64), dict(zip(strata, columns, strict=True)), drivers
 

@@ -68,7 +68,7 @@ def read_private_key(path: Path) -> PrivateKey:
         raise UserError(
             f"{path} is not a private key in PEM, or {PASSPHRASE} is not its passphrase"
         ) from error
-    return _of_known_kind(key, path)
+    return _usable(key, path)
 
 
 def read_public_key(path: Path) -> PublicKey:
@@ -79,15 +79,15 @@ def read_public_key(path: Path) -> PublicKey:
         raise UserError(
             f"{path} is not a public key in PEM: `openssl pkey -in PRIVATE -pubout` writes it"
         ) from error
-    return _of_known_kind(key, path)
+    return _usable(key, path)
 
 
-def _of_known_kind(key: Any, path: Path) -> Any:
+def _usable(key: Any, path: Path) -> Any:
     if isinstance(key, ec.EllipticCurvePrivateKey | ec.EllipticCurvePublicKey):
-        known = isinstance(key.curve, ec.SECP256R1)
+        usable = isinstance(key.curve, ec.SECP256R1)
     else:
-        known = isinstance(key, Ed25519PrivateKey | Ed25519PublicKey)
-    if not known:
+        usable = isinstance(key, Ed25519PrivateKey | Ed25519PublicKey)
+    if not usable:
         raise UserError(f"{path} is a key of another kind: use Ed25519 or ECDSA on the curve P-256")
     return key
 

@@ -265,11 +265,11 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
     pages, names = templates("socialiq.audit.report", most=most), words.names_of(report)
     pages.filters.update(FILTERS)
     pages.globals.update(is_known=is_known, blank=blank)
-    others = report["discrimination"]["drivers"]
+    drivers = report["discrimination"]["drivers"]
     return pages.get_template(template).render(
         report=report,
         name_of=lambda name: names.get(name, name),
-        would_pass={driver["name"]: driver["decision"] for driver in others},
+        would_pass={driver["name"]: driver["decision"] for driver in drivers},
         other_passes=other_passes,
         compatible=compatible(report),
         headline=headline(report),
