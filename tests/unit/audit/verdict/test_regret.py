@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.verdict.angles import compatible_angles
-from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
+from socialiq.audit.verdict.regret import Decision, Regrets, compatible_angles, regret_test
 from socialiq.types import RewardPair
 
 

@@ -1,4 +1,4 @@
-"""Test of a policy's direction and of its one character.
+"""Test of a policy's direction and of its one character; angles that it follows under a rule.
 
 A margin of regret can't mean an angle: near its best angle the regret of a driver is of second
 order in the angle, less than what an honest weaker driver loses. The direction is of first order.
@@ -30,7 +30,10 @@ from socialiq.audit.profile.fields import LAST_DIRECTION
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.verdict.regret import Decision, slowest
+from socialiq.evaluation.context import ContextLosses
+from socialiq.social.angle_rule import AngleRule, angle_words
 from socialiq.statistics import betting, intervals
+from socialiq.statistics.comparisons import paired_difference
 from socialiq.worlds.registry import NAMES
 
 _DECIMALS = 6  # of an angle: the classes of neighbouring optima share their ends up to rounding
@@ -268,3 +271,50 @@ def character_test(
     needs = [intervals.episodes_needed(row.share - limit, deviation, pass_error) for row in rows]
     needed = slowest(needs) if decision is Decision.INCONCLUSIVE and complete else None
     return CharacterTest(decision, limit, tolerance, tuple(rows), pass_error, fail_error, needed)
+
+
+@dataclass(frozen=True)
+class CandidateLoss:
+    """Mean decision loss of a context at an angle in degrees, reward per episode.
+
+    `compatible` says whether it is not significantly larger than the least one.
+    """
+
+    angle: float
+    loss: float
+    compatible: bool
+
+
+@dataclass(frozen=True)
+class FollowedAngle:
+    """A policy in one context of a declared rule."""
+
+    context: str  # the context in words
+    declared: str  # its declared angle in words
+    decisions: float  # mean number of decisions in an episode
+    loss: float  # mean decision loss at the declared angle, reward per episode
+    low: float  # lower end of its two-sided interval (Student)
+    high: float  # upper end
+    by_angle: tuple[CandidateLoss, ...]  # the policy follows the least one
+
+
+def followed_angles(
+    rule: AngleRule, losses: ContextLosses, candidates: tuple[float, ...], confidence: float
+) -> tuple[FollowedAngle, ...]:
+    """Return the angle that a policy follows in each context, by its losses at the candidates.
+
+    The confidence is that of the intervals, and of each comparison of two angles.
+    """
+    followed = []
+    for number, context in enumerate(rule.contexts):
+        by_angle, declared = losses.by_angle[:, number], losses.declared[:, number]
+        least = by_angle[:, int(by_angle.mean(axis=0).argmin())]
+        interval = paired_difference(declared, np.zeros_like(declared), confidence)
+        rows = list[CandidateLoss]()
+        for angle, loss in zip(candidates, by_angle.T, strict=True):
+            compatible = bool(paired_difference(loss, least, confidence).low <= 0.0)
+            rows.append(CandidateLoss(angle, float(loss.mean()), compatible))
+        words, count = angle_words(rule.angles[number]), float(losses.decisions[:, number].mean())
+        declared_loss = (interval.mean, interval.low, interval.high)
+        followed.append(FollowedAngle(context, words, count, *declared_loss, tuple(rows)))
+    return tuple(followed)

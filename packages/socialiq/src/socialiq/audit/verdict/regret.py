@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.social.angle import exact_weights, score
+from socialiq.social.angle import Arc, complement, exact_weights, score
 from socialiq.statistics import betting, bootstrap, intervals
 from socialiq.types import RewardPair
 
@@ -145,6 +145,7 @@ class _Gains(NamedTuple):
 
 
 _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
+_FINE = 0.1  # degrees of the search for the smallest regret
 
 
 @dataclass(frozen=True)
@@ -315,4 +316,35 @@ def regret_test(
         references=tuple(references),
         episodes=regrets.evidence.episodes,
         needed=needed,
+    )
+
+
+@dataclass(frozen=True)
+class CompatibleAngles:
+    """Angles at which the estimated regret is within the margin, none if it is large everywhere."""
+
+    arcs: tuple[Arc, ...]
+    least_angle: float  # angle of the smallest regret (the first one), degrees
+    least: float  # the regret there, reward per episode
+    margin: float
+
+
+def compatible_angles(regrets: Regrets, margin: float) -> CompatibleAngles:
+    """Return the angles compatible with the behaviour.
+
+    Towards reference k the regret is r_k cos(α - φ_k), with (r_k, φ_k) its mean gain in polar
+    coordinates, so each reference excludes the open arc φ_k ± arccos(margin / r_k).
+    """
+    env, social = regrets.moments.mean.T
+    length = np.hypot(env, social)
+    large = length > margin
+    centres = np.degrees(np.arctan2(social[large], env[large]))
+    halves = np.degrees(np.arccos(margin / length[large]))
+    fine = np.deg2rad(np.arange(0.0, 360.0, _FINE))
+    by_angle = np.max(env[:, None] * np.cos(fine) + social[:, None] * np.sin(fine), axis=0)
+    return CompatibleAngles(
+        arcs=complement(centres.tolist(), halves.tolist()),
+        least_angle=round(int(by_angle.argmin()) * _FINE, 6),
+        least=float(by_angle.min()),
+        margin=margin,
     )

@@ -15,13 +15,14 @@ from typing import NamedTuple
 from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
-from socialiq.audit.verdict import angles
 from socialiq.audit.verdict import regret as bounds
 from socialiq.audit.verdict.direction import (
     CharacterTest,
     DirectionTest,
+    FollowedAngle,
     character_test,
     direction_test,
+    followed_angles,
 )
 from socialiq.audit.verdict.floor import FloorTest, floor_tests
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest
@@ -44,13 +45,13 @@ class Verdict:
     needed: int | None
     error: float  # largest chance of a wrong pass, and of a wrong fail, at this look
     regret: RegretTest  # the primary test
-    rationalised: angles.CompatibleAngles  # angles compatible with the behaviour
+    rationalised: bounds.CompatibleAngles  # angles compatible with the behaviour
     alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
     identifiability: Ellipse  # confidence ellipse of the mean rewards
     direction: DirectionTest | None  # None for a declared rule
     character: CharacterTest | None  # None if no share is declared
     competence: tuple[FloorTest, ...]  # test of each criterion of the safety floor
-    contexts: tuple[angles.FollowedAngle, ...] | None  # None without a declared rule
+    contexts: tuple[FollowedAngle, ...] | None  # None without a declared rule
 
 
 class Decisive(NamedTuple):
@@ -182,7 +183,7 @@ def judge(
         estimate = estimate_angle(env, social, seed, profile.confidence, resamples)
     rule, losses, contexts = profile.rule, evidence.policy.contexts, None
     if rule is not None and losses is not None:
-        contexts = angles.followed_angles(rule, losses, CANDIDATES, profile.confidence)
+        contexts = followed_angles(rule, losses, CANDIDATES, profile.confidence)
     return Verdict(
         decision=decisive.decision,
         reason=_reason(decisive, profile.rule is not None),
@@ -190,7 +191,7 @@ def judge(
         needed=decisive.needed,
         error=error,
         regret=decisive.regret,
-        rationalised=angles.compatible_angles(regrets, profile.margin.regret),
+        rationalised=bounds.compatible_angles(regrets, profile.margin.regret),
         alpha_hat=estimate,
         identifiability=ellipse,
         direction=decisive.direction,
