@@ -203,19 +203,21 @@ def test_ctrl_c_is_heard_though_a_library_drops_it():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["collect", "audit"])
-def test_ctrl_c_leaves_nothing(tmp_path, ok, command):
-    out = tmp_path / "out"
+def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch, ok, command):
+    cache, place = tmp_path / "cache", tmp_path / "place"
+    place.mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     words = {
         "collect": ["collect", "crossing7", "--episodes", "900000"],
         "audit": ["audit", ok / "policy.safetensors", "--profile", ok / "profile.toml", "--no-log"],
     }[command]
     words += ["--episodes", "900000"] if command == "audit" else []
-    process = started(*words, "--out", out)
-    wait_until(lambda: list(tmp_path.iterdir()))  # it has claimed its output
+    process = started(*words, "--out", place / "out")
+    wait_until(lambda: list(cache.rglob("*.claim")))  # it has claimed its output
     time.sleep(1.0)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=HANG)
     # Python ends by the signal itself if Ctrl-C came while it compiled a text, as `dataclass` does.
     assert process.returncode in (130, -signal.SIGINT), errors
     assert errors.endswith("socialiq: stopped; nothing was saved\n")
-    assert list(tmp_path.iterdir()) == []
+    assert list(place.iterdir()) == []
