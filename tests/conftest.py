@@ -7,13 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# XLA's older emitter of fused loops compiles in a third of the time, and a program that is not
-# split for threads of the compiler in three quarters. Read when XLA starts, so they must be set
-# before; processes that tests start inherit them.
-os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
-    " --xla_cpu_parallel_codegen_split_count=1"
-)
+# XLA's older emitter of fused loops compiles in a third of the time. Read when XLA starts, so it
+# must be set before; processes that tests start inherit it.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 
 import jax
 import jaxtyping
