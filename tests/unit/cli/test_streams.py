@@ -129,7 +129,7 @@ def failed_audit(tmp_path_factory):
         "--profile",
         profile,
         "--episodes",
-        "60",
+        "400",
     ]
 
 

@@ -65,7 +65,12 @@ def _started(kind: Callable[..., Made], *arguments: Any, **options: Any) -> Made
     """Make a client or a cluster; try twice."""
     for _ in range(2):  # Dask asserts that its event loop runs in 10 s, which a busy machine misses
         with suppress(AssertionError):
-            return kind(*arguments, **options)
+            try:
+                return kind(*arguments, **options)
+            except RuntimeError as error:
+                if isinstance(error.__cause__, OSError):  # a full disk, for instance
+                    raise error.__cause__ from None
+                raise
     raise UserError("Dask's event loop did not start: the machine is too busy; try again later")
 
 

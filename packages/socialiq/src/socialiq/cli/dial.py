@@ -77,7 +77,8 @@ class Dial(Printing):
         if self.world in CONTINUOUS:
             if self.calibrated:
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
-            rows, summary, _ = self.rolled(ActorDial.load(self.policy))
+            dial = ActorDial.load(self.policy)
+            rows, summary, _ = self.rolled(dial)
         else:
             if kind_of(self.policy) == ActorDial.KIND:
                 worlds = ", ".join(CONTINUOUS)
@@ -87,6 +88,11 @@ class Dial(Printing):
             rows, summary, evaluated = measure(dial)
             if self.calibrated:
                 calibrated(dial, evaluated).save(self.calibrated, replace=False)
+        if isinstance(dial, DialPolicy) and self.world in registry.GRIDWORLDS:
+            world = gridworld_of(self.world, dial)
+        else:
+            world = road_named(self.world)
+        complain_if_it_stands(str(self.policy), dial, observed(world, dial))
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
@@ -103,7 +109,6 @@ class Dial(Printing):
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
         states = gridworld_of(self.world, dial).reachable_part()
-        complain_if_it_stands(str(self.policy), dial, states.observations())
         evaluated, best = sweep(dial, states, self.readout), Optimum(states)
         regrets = evaluated.regrets(best.attainable)
         names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
@@ -138,7 +143,6 @@ class Dial(Printing):
         check_seed(self.seed)
         world = road_named(self.world)
         refuse_misfit(str(self.policy), dial, world)
-        complain_if_it_stands(str(self.policy), dial, observed(world, dial))
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = world.batch(min(max(self.episodes, 1), 512))
