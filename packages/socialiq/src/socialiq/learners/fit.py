@@ -70,7 +70,7 @@ def fit(
         if callbacks.checkpoint is None:
             raise UserError("nothing to resume from: name the run's folder")
         runs, history = load_checkpoint(callbacks.checkpoint, fingerprint, runs)
-    failures: tuple[str, ...] | None = None
+    names = term_names(learner, hyperparameters, runs)
     done = history.updates[-1] if history.updates else 0
     clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
     with stop_requests() as stop:
@@ -80,11 +80,11 @@ def fit(
             steps = min(chunk, total - done)
             runs, terms = _advance(learner, hyperparameters, runs, steps)
             done += steps
-            record = {name: np.asarray(terms[name]) for name in _in_order(terms)}
-            failures = failure_lines(runs, tuple(record), callbacks.run_names, hyperparameters)
+            record = dict(zip(names, np.asarray(terms).T, strict=True))
             monitored = callbacks.monitor(runs.state) if callbacks.monitor else {}
             history.add(done, record | monitored)
             if callbacks.on_report:
+                failures = failure_lines(runs, names, callbacks.run_names, hyperparameters)
                 callbacks.on_report(clock.report(done, record, monitored, failures))
             if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
                 save_checkpoint(callbacks.checkpoint, fingerprint, runs, history)
@@ -92,11 +92,7 @@ def fit(
                 after = f"stopped after {done} of {total} updates"
                 saved = ": go on with --resume" if callbacks.checkpoint else "; nothing was saved"
                 raise Stopped(after + saved)
-    if failures is None:  # nothing was left to do
-        update = jax.vmap(learner.update)
-        _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
-        failures = failure_lines(runs, _in_order(terms), callbacks.run_names, hyperparameters)
-    return runs, history, failures
+    return runs, history, failure_lines(runs, names, callbacks.run_names, hyperparameters)
 
 
 def release_programs(most: int | None = None) -> None:
@@ -114,10 +110,17 @@ def release_programs(most: int | None = None) -> None:
         return
 
 
+def term_names(learner: Any, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
+    """Return the names of a learner's terms, in the order of `Runs.failed_term`."""
+    update = jax.vmap(learner.update)
+    _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
+    return _in_order(terms)
+
+
 def failure_lines(
     runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...], hyperparameters: Any
 ) -> tuple[str, ...]:
-    """Return one line for each run that stopped; `names` are in the order of `failed_term`."""
+    """One line for each run that stopped: which, when, which term, and what to lower."""
     causes, lower = (*names, "parameters"), "learning_rate"
     weights = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
     if weights:
@@ -153,9 +156,7 @@ def _start_all(learner: Any, hyperparameters: Any) -> Runs:
     return jax.vmap(start)(hyperparameters)
 
 
-def _advance(
-    learner: Any, hyperparameters: Any, runs: Runs, steps: int
-) -> tuple[Runs, dict[str, Array]]:
+def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tuple[Runs, Array]:
     """Train all runs for one chunk; return them and the means of their terms, NaN for broken runs.
 
     The second program is compiled when a run breaks. Until then the runs as they were before the
@@ -168,8 +169,7 @@ def _advance(
         checked = _chunk(learner, hyperparameters, runs, steps, _checked)
         after, terms = _choose_runs(breaks, checked, (after, terms))
     if stopped.any():
-        broken = {name: jnp.full_like(means, jnp.nan) for name, means in terms.items()}
-        unchanged = runs._replace(updates=after.updates), broken
+        unchanged = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
         after, terms = _choose_runs(stopped, unchanged, (after, terms))
     return after, terms
 
@@ -183,31 +183,24 @@ def _chunk(
 
 def _unchecked(
     learner: Any, hyperparameters: Any, run: Runs, *, steps: int
-) -> tuple[Runs, dict[str, Array], Array]:
+) -> tuple[Runs, Array, Array]:
     """Train one run for one chunk; return the mean of each term, and whether all is finite."""
-    names: list[str] = []
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
-        names[:] = _in_order(terms)
         after = run._replace(state=state, carry=carry, updates=run.updates + 1)
         return after, _values(terms)
 
     run, values = jax.lax.scan(body, run, None, length=steps)
     means = values.mean(axis=0)
-    is_finite = jnp.isfinite(means).all() & _all_finite(run.state)
-    return run, dict(zip(names, means, strict=True)), is_finite
+    return run, means, jnp.isfinite(means).all() & _all_finite(run.state)
 
 
-def _checked(
-    learner: Any, hyperparameters: Any, run: Runs, *, steps: int
-) -> tuple[Runs, dict[str, Array]]:
+def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tuple[Runs, Array]:
     """As `_unchecked`, but keep the last finite state; means are NaN once the run has broken."""
-    names: list[str] = []
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
-        names[:] = _in_order(terms)
         values = _values(terms)
         finite = jnp.append(jnp.isfinite(values), _all_finite(state))
         sound = run.failed_at < 0
@@ -222,7 +215,7 @@ def _checked(
         return after, jnp.where(sound, values, jnp.nan)
 
     run, values = jax.lax.scan(body, run, None, length=steps)
-    return run, dict(zip(names, values.mean(axis=0), strict=True))
+    return run, values.mean(axis=0)
 
 
 def _values(terms: dict[str, Array]) -> Array:
@@ -242,7 +235,7 @@ def _choose_runs(condition: np.ndarray, yes: Any, no: Any) -> Any:
     return jax.vmap(_choose)(jnp.asarray(condition), yes, no)
 
 
-def save_checkpoint(path: str | Path, fingerprint: str, runs: Runs, history: History) -> None:
+def save_checkpoint(path: Path, fingerprint: str, runs: Runs, history: History) -> None:
     """Write the resumable state of a run; a reader finds the previous state or this one.
 
     Raises:
@@ -254,7 +247,7 @@ def save_checkpoint(path: str | Path, fingerprint: str, runs: Runs, history: His
     save_arrays(path, "checkpoint", CHECKPOINT_VERSION, arrays, {"fingerprint": fingerprint})
 
 
-def load_checkpoint(path: str | Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
+def load_checkpoint(path: Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
     """Read the state of the same run, in the form of freshly initialised ones.
 
     Raises:
