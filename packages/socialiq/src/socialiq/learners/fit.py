@@ -235,7 +235,7 @@ def _choose_runs(condition: np.ndarray, yes: Any, no: Any) -> Any:
     return jax.vmap(_choose)(jnp.asarray(condition), yes, no)
 
 
-def save_checkpoint(path: Path, fingerprint: str, runs: Runs, history: History) -> None:
+def save_checkpoint(path: str | Path, fingerprint: str, runs: Runs, history: History) -> None:
     """Write the resumable state of a run; a reader finds the previous state or this one.
 
     Raises:
@@ -247,7 +247,7 @@ def save_checkpoint(path: Path, fingerprint: str, runs: Runs, history: History) 
     save_arrays(path, "checkpoint", CHECKPOINT_VERSION, arrays, {"fingerprint": fingerprint})
 
 
-def load_checkpoint(path: Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
+def load_checkpoint(path: str | Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
     """Read the state of the same run, in the form of freshly initialised ones.
 
     Raises:
